@@ -70,6 +70,11 @@ SCRIPTS = (
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
     Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
+    Script(
+        "canonical_averages.py",
+        "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps",
+        110,
+    ),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
@@ -94,7 +99,7 @@ SCRIPTS = (
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
     Script(
-        "certify.py", "certify passes right heat baths and fails planted faults", 150, peers=("physical_validation",)
+        "certify.py", "certify passes 200 right runs and fails 18 planted faults", 190, peers=("physical_validation",)
     ),
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),

@@ -39,7 +39,8 @@ def ensemble_checks(
     """Test whether one or two runs sample the canonical ensemble; an `EnsembleChecks`.
 
     Each run gives the mean, the width and the whole distribution of the kinetic energy, and the temperature of each
-    axis and each species. Two runs of one system at neighbouring temperatures, or pressures, also give the ratio of
+    axis and each species. A run with a barostat gives the mean pressure. Two runs of one system at neighbouring
+    temperatures, or pressures, also give the ratio of
     their distributions of potential energy, enthalpy or volume. A run of constant energy, without a heat bath, gives
     only the temperatures of axes and species relative to the mean temperature.
 
@@ -174,7 +175,17 @@ def _canonical(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
         ("temperature from the width of its distribution", width, len(kinetic)),
         ("shape of its distribution", canonical.distribution(kinetic, run.freedom, run.point), len(kinetic)),
         *_groups(run, run.point),
+        *_pressure(run),
     ]
+
+
+def _pressure(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
+    """The mean pressure beside the barostat's. The volume settles later than the velocities."""
+    if run.pressure is None or run.pressures is None:
+        return []
+    settled = run.pressures[canonical.equilibrated(run.pressures) :]
+    found = canonical.mean_of(settled, run.pressure, f"{run.name}: pressure")
+    return [("mean pressure", found, found.samples)]
 
 
 def _even(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
