@@ -51,7 +51,7 @@ SCRIPTS = (
         "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
-    Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 60),
+    Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
