@@ -30,7 +30,8 @@ from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.equation_of_state import FORCES, STATES, equation
 from kickdrift_validation.heat_baths import EQUATION, OPTIONS, SIGMAS, SIGNIFICANT, STATE, STRONG, fluid, options_of
 
-BATHS = tuple(dict.fromkeys(row.name for row in INTEGRATORS.values() if row.bath and row.name != "brownian"))
+OTHERS = ("brownian", "respa-baoab")  # without velocities; for forces in groups
+BATHS = tuple(dict.fromkeys(row.name for row in INTEGRATORS.values() if row.bath and row.name not in OTHERS))
 REPLICAS, TIMES = 16, 10
 POINTS = tuple(state for state in STATES if state != STATE)
 EQUATION_ERROR = 0.0087  # of the pressure, see equation_of_state.py
