@@ -73,7 +73,7 @@ SCRIPTS = (
     Script(
         "canonical_averages.py",
         "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps",
-        110,
+        50,
     ),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
@@ -105,7 +105,7 @@ SCRIPTS = (
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
-    Script("kills.py", "runs that are killed leave files that go on to the same bits", 60),
+    Script("kills.py", "runs that are killed leave files that go on to the same bits", 160),
     Script(
         "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
     ),

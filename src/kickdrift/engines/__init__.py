@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from kickdrift.engines.job import Job
 
 NATIVE = "native"
+OWN = "own"  # noise of a run that is not refined
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,8 @@ class Engine:
             return f"compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
             return f"precision: {self.name} does not offer {MIXED!r}"
+        if job.options.get("noise") not in (None, OWN):
+            return f"noise: {self.name} draws its own, which cannot be refined"
         found: str | None = self.module.refusal(job)
         return found
 
