@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from kickdrift.engines.job import Job
 
 NATIVE = "native"
-OWN = "own"  # noise of a run that is not refined
+ALONE = {"noise": "own", "splitting": "velocity-verlet"}  # values of options that other programs have
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,9 @@ class Engine:
             return f"compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
             return f"precision: {self.name} does not offer {MIXED!r}"
-        if job.options.get("noise") not in (None, OWN):
-            return f"noise: {self.name} draws its own, which cannot be refined"
+        for option, only in ALONE.items():
+            if job.options.get(option) not in (None, only):
+                return f"{option}: {self.name} has {only!r} alone"
         found: str | None = self.module.refusal(job)
         return found
 
