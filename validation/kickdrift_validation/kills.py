@@ -10,6 +10,9 @@ frames must be those of the run that was not killed, to the last bit, and `kickd
 bits of that one: every frame, every observable, the report's energies.
 
 A kill while the file is being made may come before there is one; that is counted by itself.
+
+Most runs are at constant energy. As many as 50 have heat baths in turn: their noise, and the state of a chain, must go
+on as well.
 """
 
 from __future__ import annotations
@@ -33,6 +36,10 @@ from kickdrift_validation.claim import Claim, claim, main
 PHASES = ("starting", "creation", "running", "flush", "close", "over")
 STEPS, EVERY, CELLS, PAUSE = 1600, 20, 6, 2e-3
 SHORT, LONG, SEED = 20, 200, 1  # kills
+BATHS: dict[str, dict[str, float]] = {
+    "baoab": {"friction": 1.0}, "csvr": {"tau": 0.5}, "nose-hoover": {"tau": 0.5}, "andersen": {"collision_rate": 1.0},
+}  # fmt: skip
+IN_BATHS, PLAIN = 50, "velocity-verlet"
 LEAST_INSIDE = 20  # of the long set
 SHARE = {"creation": 0.2, "running": 0.25, "flush": 0.4, "close": 0.15}
 
@@ -46,14 +53,15 @@ def liquid() -> kd.System:
     return kd.System(grid * 1.06, rng.normal(size=grid.shape), box=(edge,) * 3, forces=[force])
 
 
-def run(path: str | None, observe: Callable[[Any], None] | None = None) -> Any:
+def run(path: str | None, observe: Callable[[Any], None] | None = None, method: str = PLAIN) -> Any:
     """The run that all children begin; its report."""
-    sim = kd.Simulation(liquid(), dt=0.004)
+    options = {"temperature": 1.0, **BATHS[method]} if method in BATHS else {}
+    sim = kd.Simulation(liquid(), method, 0.004, **options)  # type: ignore[arg-type]
     file = kd.FileOptions(flush=1e-9, write=("images",)) if path else None
     return sim.run(STEPS, every=EVERY, output=path, file=file, observe=observe)
 
 
-def child(path: str, where_it_is: mmap.mmap) -> None:
+def child(path: str, where_it_is: mmap.mmap, method: str = PLAIN) -> None:
     """Run, and say all the time in which phase."""
     from kickdrift.trajectory import h5md, openfile, storage
 
@@ -79,15 +87,15 @@ def child(path: str, where_it_is: mmap.mmap) -> None:
             sleep(PAUSE)
 
     storage.PagedFile._put = slow_put  # type: ignore[method-assign]
-    run(path)
+    run(path, method=method)
     where_it_is[0] = PHASES.index("over")
 
 
-def killed(path: Path, phase: str, rng: np.random.Generator) -> str:
+def killed(path: Path, phase: str, rng: np.random.Generator, method: str = PLAIN) -> str:
     """Begin a run into the file and kill it there; the phase that it died in."""
     with mmap.mmap(-1, 2) as where_it_is:
         where_it_is[1] = int(rng.random() < 0.2)
-        process = multiprocessing.get_context("fork").Process(target=child, args=(str(path), where_it_is))
+        process = multiprocessing.get_context("fork").Process(target=child, args=(str(path), where_it_is, method))
         process.start()
         wanted = PHASES.index(phase)
         flushes = int(rng.integers(1, 60)) if phase in ("running", "flush") else 1
@@ -132,45 +140,72 @@ def same_beginning(path: Path, truth: kd.trajectory.reader.Run) -> int:  # type:
         return len(found)
 
 
+class Kills:
+    """Kills of runs with one method, and what they left."""
+
+    def __init__(self, folder: Path, method: str) -> None:
+        self.method, self.path, whole = method, folder / "run.h5md", folder / f"whole-{method}.h5md"
+        run(str(whole), method=method)  # compiles, too: children are forked from here
+        self.truth, self.reference = content(whole), kd.open(whole)
+        self.died, self.wrong = Counter[str](), Counter[str]()
+        self.opened = self.resumed = self.none = self.frames = 0
+
+    def kill(self, phase: str, rng: np.random.Generator) -> None:
+        """Begin a run, kill it in that phase, and resume it."""
+        path = self.path
+        for old in path.parent.glob("*run.h5md*"):
+            old.unlink()
+        self.died[killed(path, phase, rng, self.method)] += 1
+        if not path.exists():
+            self.none += 1
+            return
+        try:
+            self.frames += same_beginning(path, self.reference)
+            self.opened += 1
+            sim = kd.resume(path)
+            sim.run()  # also where nothing is left but the report
+            assert content(path) == self.truth, "other bits"
+            self.resumed += 1
+        except Exception as error:
+            self.wrong[f"{type(error).__name__}: {error}"] += 1
+
+    @property
+    def files(self) -> int:
+        """How many kills left a file."""
+        return self.died.total() - self.none
+
+    def tell(self) -> None:
+        """Print where runs died, and what went wrong."""
+        died = ", ".join(f"{phase} {self.died[phase]}" for phase in PHASES if self.died[phase])
+        print(f"  {self.method} died in: {died}; no file yet: {self.none}; frames read: {self.frames}", flush=True)
+        for text, count in self.wrong.most_common(5):
+            print(f"  {count} times {text}", file=sys.stderr)
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
     """Counts of what the kills left."""
     rng, kills = np.random.default_rng(SEED), LONG if long else SHORT
     phases = [phase for phase, share in SHARE.items() for _ in range(round(share * kills))]
-    died: Counter[str] = Counter()
-    opened = resumed = none = frames = 0
-    wrong: Counter[str] = Counter()
+    truth = "the run that was not killed"
     with tempfile.TemporaryDirectory() as folder:
-        whole, path = Path(folder) / "whole.h5md", Path(folder) / "run.h5md"
-        run(str(whole))  # compiles, too: children are forked from here
-        truth = content(whole)
-        with kd.open(whole) as reference:
-            for phase in rng.permutation(phases):
-                for old in Path(folder).glob("*run.h5md*"):
-                    old.unlink()
-                died[killed(path, str(phase), rng)] += 1
-                if not path.exists():
-                    none += 1
-                    continue
-                try:
-                    frames += same_beginning(path, reference)
-                    opened += 1
-                    sim = kd.resume(path)
-                    sim.run()  # also where nothing is left but the report
-                    assert content(path) == truth, "other bits"
-                    resumed += 1
-                except Exception as error:
-                    wrong[f"{type(error).__name__}: {error}"] += 1
-    print("  died in: " + ", ".join(f"{phase} {died[phase]}" for phase in PHASES if died[phase]))
-    print(f"  no file yet: {none}; frames read after the kills: {frames}")
-    for text, count in wrong.most_common(5):
-        print(f"  {count} times {text}", file=sys.stderr)
-    inside = died["flush"]
-    least = LEAST_INSIDE * kills // LONG
-    yield claim("kills inside a flush", inside, f"at least {least}", inside >= least, "the child's own word")
-    files = sum(died.values()) - none
-    yield claim(f"files that open, of {files}", opened, f"all {files}", opened == files, "the run that was not killed")
-    text = f"resumes that end in the same bits, of {files}"
-    yield claim(text, resumed, f"all {files}", resumed == files, "the run that was not killed")
+        plain = Kills(Path(folder), PLAIN)
+        for phase in rng.permutation(phases):
+            plain.kill(str(phase), rng)
+        plain.tell()
+        inside, files = plain.died["flush"], plain.files
+        least = LEAST_INSIDE * kills // LONG
+        yield claim("kills inside a flush", inside, f"at least {least}", inside >= least, "the child's own word")
+        yield claim(f"files that open, of {files}", plain.opened, f"all {files}", plain.opened == files, truth)
+        text = f"resumes that end in the same bits, of {files}"
+        yield claim(text, plain.resumed, f"all {files}", plain.resumed == files, truth)
+        baths = [Kills(Path(folder), method) for method in BATHS]
+        for k, phase in enumerate(rng.choice([*SHARE], IN_BATHS, p=[*SHARE.values()])):
+            baths[k % len(baths)].kill(str(phase), rng)
+        for each in baths:
+            each.tell()
+        files, resumed = sum(each.files for each in baths), sum(each.resumed for each in baths)
+        text = f"resumes of runs in heat baths that end in the same bits, of {files}"
+        yield claim(text, resumed, f"all {files}", 0 < files == resumed, f"{truth}; {', '.join(BATHS)}")
 
 
 if __name__ == "__main__":

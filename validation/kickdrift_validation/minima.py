@@ -7,7 +7,9 @@ that they publish: LJ13 is an icosahedron, LJ38 a truncated octahedron cut from 
 icosahedron. Each cluster begins with its nearest neighbours 1.2 sigma apart and relaxes in open space without a cutoff
 that matters. The energy is that of a direct sum in NumPy, not of kickdrift's forces.
 
-Random starts: 1000 particles, rho* = 0.85, at places drawn independently of each other, so that many overlap.
+Random starts: 1000 particles, rho* = 0.85, at places drawn independently of each other, so that many overlap. Some
+relax to forces of 1e-6 and equilibrate at constant energy. A hundred relax to forces of 0.01 and equilibrate in a heat
+bath (baoab).
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ METHODS = ("fire", "l-bfgs")
 SHORT, LONG = 5, 100  # random starts
 PARTICLES, DENSITY, DT = 1000, 0.85, 0.004
 TEMPERATURE, EQUILIBRATION_TIME, STEPS = 1.44, 5.0, 1000
+IN_BATHS, SOFT = 100, 0.01  # random starts that equilibrate in a heat bath, and the forces to which they relax
+FRICTION, BATH_TIME, BATH_STEPS = 5.0, 1.0, 250
 NEAR = 0.1  # bound on the relative difference of a run's mean temperature from that of its equilibration
 
 
@@ -126,10 +130,38 @@ def random_starts(count: int) -> Iterator[Claim]:
     print(f"most steps: {most}", flush=True)
 
 
+def starts_in_baths() -> Iterator[Claim]:
+    """Relax every start a little, equilibrate it in a heat bath, and run."""
+    relaxed = finished = 0
+    hottest = 0.0
+    for seed in range(1, IN_BATHS + 1):
+        found = kd.Simulation(random_start(seed), dt=DT).minimize(force=SOFT)
+        relaxed += found.converged
+        start = found.system.with_velocities(temperature=TEMPERATURE, seed=seed)
+        sim = kd.Simulation(start, "baoab", DT, temperature=TEMPERATURE, friction=FRICTION)
+        try:
+            sim.equilibrate(TEMPERATURE, BATH_TIME)
+            report = sim.run(BATH_STEPS)
+        except kd.RunError as error:
+            print(f"start {seed}: {error}", flush=True)
+            continue
+        finished += 1
+        hottest = largest(hottest, abs(float(report.temperature) / TEMPERATURE - 1.0))
+    where = f"{IN_BATHS} random starts of {PARTICLES} particles, rho* = {DENSITY:g}"
+    bound = f"all {IN_BATHS}"
+    yield claim(f"random starts that relaxed to forces of {SOFT:g}", relaxed, bound, relaxed == IN_BATHS, where)
+    yield claim("starts that equilibrated in a heat bath and ran", finished, bound, finished == IN_BATHS, where)
+    yield claim(
+        "largest relative difference of the mean temperature in a heat bath", hottest, f"under {NEAR:g}",
+        hottest < NEAR, where,
+    )  # fmt: skip
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Claims on the clusters and on a few random starts; on a hundred in the long set."""
+    """Claims on the clusters, on a few random starts (on a hundred in the long set), and on a hundred in a bath."""
     yield from clusters()
     yield from random_starts(LONG if long else SHORT)
+    yield from starts_in_baths()
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ SCRIPTS = (
         "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
     ),
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
-    Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 60),
+    Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
@@ -72,6 +72,11 @@ SCRIPTS = (
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
     Script("langevin_orders.py", "strong and weak order of each Langevin word on three potentials", 90),
     Script("sampling_errors.py", "errors of means against the step, from coupled paths: oscillators, a liquid", 90),
+    Script(
+        "canonical_averages.py",
+        "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps",
+        50,
+    ),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
@@ -96,13 +101,13 @@ SCRIPTS = (
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
     Script(
-        "certify.py", "certify passes right heat baths and fails planted faults", 150, peers=("physical_validation",)
+        "certify.py", "certify passes 200 right runs and fails 18 planted faults", 190, peers=("physical_validation",)
     ),
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
-    Script("kills.py", "runs that are killed leave files that go on to the same bits", 60),
+    Script("kills.py", "runs that are killed leave files that go on to the same bits", 160),
     Script(
         "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
     ),

@@ -112,11 +112,15 @@ def mean_temperature(kinetic: Floats, freedom: float, point: Point, name: str) -
     """Temperature from the mean of correlated kinetic energies, beside the expected temperature.
 
     physical_validation has no test of an axis. Raises InputError for too few independent samples."""
-    g = inefficiency(kinetic)
-    count = enough(len(kinetic) / g, len(kinetic), name)
-    scale = 2 / (freedom * point.boltzmann)
-    found, error = scale * float(kinetic.mean()), scale * float(kinetic.std()) * math.sqrt(g / len(kinetic))
-    return Deviation(found, point.temperature, (found - point.temperature) / error, count)
+    return mean_of(kinetic * (2 / (freedom * point.boltzmann)), point.temperature, name)
+
+
+def mean_of(series: Floats, expected: float, name: str) -> Deviation:
+    """Mean of correlated samples beside the expected mean. Raises InputError for too few independent samples."""
+    g = inefficiency(series)
+    count = enough(len(series) / g, len(series), name)
+    found, error = float(series.mean()), float(series.std()) * math.sqrt(g / len(series))
+    return Deviation(found, expected, (found - expected) / error, count)
 
 
 def mean_and_width(kinetic: Floats, freedom: float, point: Point) -> tuple[Deviation, Deviation]:

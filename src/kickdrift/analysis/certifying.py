@@ -16,7 +16,10 @@ from kickdrift.analysis.canonical import Deviation, Point
 from kickdrift.analysis.certificate import FAIL, PASS, Check, EnsembleChecks
 from kickdrift.analysis.sampled_run import BAR, SampledRun, sampled_run
 from kickdrift.analysis.vectors import Source
+from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import unpacked
 from kickdrift.model.checks import whole_number
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -36,7 +39,8 @@ def ensemble_checks(
     """Test whether one or two runs sample the canonical ensemble; an `EnsembleChecks`.
 
     Each run gives the mean, the width and the whole distribution of the kinetic energy, and the temperature of each
-    axis and each species. Two runs of one system at neighbouring temperatures, or pressures, also give the ratio of
+    axis and each species. A run with a barostat gives the mean pressure. Two runs of one system at neighbouring
+    temperatures, or pressures, also give the ratio of
     their distributions of potential energy, enthalpy or volume. A run of constant energy, without a heat bath, gives
     only the temperatures of axes and species relative to the mean temperature.
 
@@ -93,20 +97,35 @@ def engine_checks(
     every: int | None = None,
     progress: Callable[..., Any] | None = None,
     *,
-    temperature: float | None = None,
+    temperature: float | Sequence[float] | None = None,
     **options: Any,
 ) -> EnsembleChecks:
     """Run a System on an engine and test the run, which is written to a temporary file; an `EnsembleChecks`.
 
-    Engines without a heat bath run at constant energy, so that only axes and species are tested. Raises InputError if
-    the engine cannot run the system or the integrator."""
+    ``temperature`` is that of an integrator's heat bath; two temperatures make two runs. A run at constant energy tests
+    axes and species alone, unless ``temperature`` says what to compare with. Raises InputError if the engine cannot
+    run the system or the integrator."""
     canonical.packages()
-    sim = Simulation(system, integrator, engine=engine, **options)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{system.name}.h5md"
-        sim.run(steps, every=every, output=path, progress=progress)
-        run = replace(sampled_run(path), name=f"{system.name} on {engine}")
-    return checked([run if temperature is None else replace(run, temperature=temperature)])
+    count = 1 if temperature is None else np.size(temperature)
+    if count > 2:
+        raise InputError(f"temperature: expected one or two, got {count}")
+    asked = _each("temperature", temperature, count)
+    found = []
+    for each in asked:
+        given = {**options, "temperature": each} if each is not None and _bath(system, engine, integrator) else options
+        sim = Simulation(system, integrator, engine=engine, **given)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "run.h5md"
+            sim.run(steps, every=every, output=path, progress=progress)
+            run = replace(sampled_run(path), name=f"{system.name} on {engine}")
+        found.append(run if each is None else replace(run, temperature=each))
+    return checked(found)
+
+
+def _bath(system: System, engine: str, integrator: Any) -> bool:
+    """Whether the integrator of a run on an engine has a heat bath."""
+    name = unpacked(integrator, {})[0] or system.run.integrator
+    return name is not None and method_named(engine_named(engine).method_name(name)).bath
 
 
 def checked(runs: Sequence[SampledRun], level: float = LEVEL) -> EnsembleChecks:
@@ -156,7 +175,17 @@ def _canonical(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
         ("temperature from the width of its distribution", width, len(kinetic)),
         ("shape of its distribution", canonical.distribution(kinetic, run.freedom, run.point), len(kinetic)),
         *_groups(run, run.point),
+        *_pressure(run),
     ]
+
+
+def _pressure(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:
+    """The mean pressure beside the barostat's. The volume settles later than the velocities."""
+    if run.pressure is None or run.pressures is None:
+        return []
+    settled = run.pressures[canonical.equilibrated(run.pressures) :]
+    found = canonical.mean_of(settled, run.pressure, f"{run.name}: pressure")
+    return [("mean pressure", found, found.samples)]
 
 
 def _even(run: SampledRun) -> list[tuple[str, Deviation | float, int]]:

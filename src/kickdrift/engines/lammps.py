@@ -1,4 +1,4 @@
-"""LAMMPS: its lj/cut with fix nve, in this process or in several processes started by mpiexec.
+"""LAMMPS: its lj/cut with fix nve and its heat baths, in this process or in several processes started by mpiexec.
 
 LAMMPS' units "lj" have no constants, so they hold the system's own numbers in any units, with coherent masses (see
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.engines.job import Job
+from kickdrift.engines.lammps_baths import fixes
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Session, Trouble
@@ -49,8 +50,8 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return kinds, which.reshape(-1)
 
 
-def model_of(job: Job) -> Model:
-    """Model for LAMMPS."""
+def model_of(job: Job, seed: int) -> Model:
+    """Model for LAMMPS. ``seed`` is that of a heat bath."""
     system, dt = job.system, job.options.dt
     assert dt is not None
     force: Any = system.forces[0]
@@ -69,6 +70,7 @@ def model_of(job: Job) -> Model:
         tail=force.tail,
         dt=dt,
         dimensions=system.dimensions,
+        fixes=fixes(job, seed),
     )
 
 
@@ -77,7 +79,7 @@ class LammpsSession(Session):
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
-        self._model = model_of(job)
+        self._model = model_of(job, self.seed)
         self._world: Any = None
 
     def reset(self, phase: Floats, time: float) -> None:
@@ -85,6 +87,7 @@ class LammpsSession(Session):
         wrapped = box.wrap(x)
         self._crossed = np.round(box.fractional(x - wrapped))
         self._seen = np.zeros(x.shape, np.int32)
+        self._model = self._model._replace(fixes=fixes(self.job, self.seed))
         self._ask("reset", self._model, wrapped, np.ascontiguousarray(phase[1].T))
         self._kinetic = self._ask("kinetic_energy")
         self._count(self._seen)
@@ -155,6 +158,10 @@ class LammpsSession(Session):
             return None
         virial = virial if self._model.box.periodic else np.nan
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
+
+    @property
+    def heat(self) -> float:
+        return float(self._ask("heat"))
 
     def close(self) -> None:
         if self._world is not None:

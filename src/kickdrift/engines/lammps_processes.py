@@ -138,6 +138,10 @@ class Processes:
         """See World."""
         return float(self._all("kinetic_energy"))
 
+    def heat(self) -> float:
+        """See World."""
+        return float(self._all("heat"))
+
     def images(self) -> Any:
         """See World."""
         return self._all("images")

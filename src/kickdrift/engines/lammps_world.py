@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.lammps_baths import BATH, FIXES
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
@@ -27,6 +28,7 @@ class Model(NamedTuple):
     pairs : (type, type, epsilon, sigma) for each pair of types
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
+    fixes : commands of the fixes that take a step
     """
 
     box: Box
@@ -38,6 +40,7 @@ class Model(NamedTuple):
     tail: bool
     dt: float
     dimensions: int = 3
+    fixes: tuple[str, ...] = FIXES["velocity-verlet"]
 
 
 class World:
@@ -80,7 +83,7 @@ class World:
             *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
             f"neighbor {skin!r} bin",
             "neigh_modify every 1 delay 0 check yes one 20000 page 400000",  # no pair is missed
-            "fix move all nve",
+            *model.fixes,
             f"timestep {model.dt!r}",
             "compute pull all pressure NULL virial",
             "thermo 1000000000",  # only at the end of each run
@@ -105,6 +108,10 @@ class World:
     def kinetic_energy(self) -> float:
         """Kinetic energy of all particles. LAMMPS itself stops at NaN positions."""
         return float(self.lmp.get_thermo("ke"))
+
+    def heat(self) -> float:
+        """Energy that the heat bath has given."""
+        return -float(self.lmp.extract_fix(BATH, 0, 0))
 
     def images(self) -> NDArray[np.int32]:
         """Counts of box crossings (n, 3), modulo 1024."""

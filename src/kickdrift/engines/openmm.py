@@ -1,4 +1,4 @@
-"""OpenMM: a CustomNonbondedForce with velocity Verlet as a CustomIntegrator, on the Reference platform.
+"""OpenMM: a CustomNonbondedForce on the Reference platform; ``openmm_steps`` has the integrators.
 
 The Reference platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps,
 u, kJ/mol) are coherent, and the formulas here have only the system's own constants. So the system's numbers stand
@@ -16,6 +16,7 @@ import numpy as np
 
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.openmm_steps import integrator
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
@@ -37,6 +38,8 @@ def refusal(job: Job) -> str | None:
         system.box.cuboid("box: OpenMM")  # whose lists miss pairs near the cutoff in boxes of other shapes
     except InputError as error:
         return str(error)
+    if job.method.bath and system.dimensions == 2:
+        return "two dimensions: OpenMM's heat baths act along z too"
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
@@ -60,29 +63,32 @@ class OpenmmSession(Session):
     def reset(self, phase: Floats, time: float) -> None:
         import openmm
 
-        system, dt = self.job.system, self.job.options.dt
-        assert dt is not None
-        force: Any = system.forces[0]
+        made = self._made()
+        self._steps, self._heat = integrator(self.job, made, self.seed)
+        self._context = _context(made, self._steps, phase)
+        # A CustomIntegrator draws noise when OpenMM asks for its kinetic energy, so samples have another Context.
+        self._probe = _context(self._made(), openmm.VerletIntegrator(1.0), phase) if self.job.method.bath else None
+        self._begun = False
+
+    def _made(self) -> Any:
+        """OpenMM's System."""
+        import openmm
+
+        system, force = self.job.system, self.job.system.forces[0]
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
         if system.box.periodic:
             made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
         made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
-        verlet = openmm.CustomIntegrator(dt)
-        verlet.addComputePerDof("v", "v + 0.5*dt*f/m")
-        verlet.addComputePerDof("x", "x + dt*v")
-        verlet.addComputePerDof("v", "v + 0.5*dt*f/m")
-        self._verlet = verlet
-        self._context = openmm.Context(made, verlet, openmm.Platform.getPlatformByName("Reference"))
-        self._context.setPositions(phase[0].T)
-        self._context.setVelocities(phase[1].T)
+        return made
 
     def advance(self, steps: int, until: float) -> int:
         import openmm
 
         try:
-            self._verlet.step(steps)
+            self._steps.step(steps)
+            self._begun = True
         except openmm.OpenMMException as error:
             raise Trouble(f"OpenMM: {' '.join(str(error).split())}") from None
         return steps
@@ -91,13 +97,30 @@ class OpenmmSession(Session):
         state = self._context.getState(positions=True, velocities=True)
         return np.array([_plain(state.getPositions(asNumpy=True)).T, _plain(state.getVelocities(asNumpy=True)).T])
 
+    @property
+    def heat(self) -> float:
+        assert self._heat is not None
+        return self._heat() if self._begun else 0.0  # OpenMM's chain has no energy before its first step
+
     def measure(self, time: float) -> Measured | None:
-        state = self._context.getState(energy=True, forces=True, parameterDerivatives=True)
+        context = self._probe or self._context
+        if self._probe:
+            context.setPositions(self._context.getState(positions=True).getPositions(asNumpy=True))
+        state = context.getState(energy=True, forces=True, parameterDerivatives=True)
         forces, energy = _plain(state.getForces(asNumpy=True)), float(_plain(state.getPotentialEnergy()))
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
         virial = -float(state.getEnergyParameterDerivatives()["s"])
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
+
+
+def _context(made: Any, steps: Any, phase: Floats) -> Any:
+    import openmm
+
+    found = openmm.Context(made, steps, openmm.Platform.getPlatformByName("Reference"))
+    found.setPositions(phase[0].T)
+    found.setVelocities(phase[1].T)
+    return found
 
 
 def _plain(quantity: Any) -> Any:

@@ -9,17 +9,20 @@ formulas have no constant with a unit, so nothing is converted and nothing round
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound import Measured
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.bath import bath_warnings, bathed
 from kickdrift.integrators.flow import Flow
+from kickdrift.integrators.option import FRICTION, RATE, SEED, TAU, TEMPERATURE
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
@@ -29,6 +32,8 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
+
+SEEDS = 899_999_999  # largest seed; LAMMPS takes no larger one
 
 
 class Trouble(Exception):
@@ -45,6 +50,7 @@ class Session:
     time: float = 0.0
     last_step: float = 0.0
     hint: float = 0.0  # length of the next step; 0 leaves it to the program
+    seed: int = 1  # of the noise of a heat bath, 1 to SEEDS; set before ``reset``
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -73,6 +79,11 @@ class Session:
         """Accelerations, potential energy and virial from the program's own code; None if they are not finite."""
         raise NotImplementedError
 
+    @property
+    def heat(self) -> float:
+        """Energy that the heat bath has given since ``reset``, from a program that tells it."""
+        raise NotImplementedError
+
     def close(self) -> None:
         """End the program; ``reset`` starts another."""
 
@@ -86,6 +97,9 @@ class Program(Protocol):
     @property
     def warnings(self) -> list[str]: ...
 
+    @property
+    def baths(self) -> Mapping[str, EngineBath]: ...
+
     def session(self, job: Job) -> Session:
         """Start the program."""
 
@@ -93,13 +107,15 @@ class Program(Protocol):
 class EngineFlow(ParticleStates):
     """A System's particles in another program. Samples come from the program."""
 
+    freedom: float | None = None  # degrees of freedom in a heat bath
+
     def __init__(self, system: System) -> None:
         super().__init__(system)
         self.stepper: EngineStepper  # the stepper in use
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
         """Sample in ParticleFlow's way, with the program's own energies."""
-        looks.fill(take_sample(self.subject, self.stepper, step, time, y))
+        looks.fill(take_sample(self.subject, self.stepper, step, time, y, self.freedom))
         last[...] = y
         return OK
 
@@ -138,8 +154,10 @@ class EngineStepper:
         self._engine = engine
         with self._one_line():
             self._session = engine.session(job)
-        self.warnings = engine.warnings
-        self._evaluations = 0
+        self.warnings, self._bath = list(engine.warnings), engine.baths.get(job.method.name)
+        if self._bath:
+            self.warnings += filter(None, [self._bath.remark, *bath_warnings(self._dt, job.options)])
+        self._evaluations, self._given = 0, 0.0
         flow.stepper = self
 
     # --- present state ---
@@ -169,7 +187,15 @@ class EngineStepper:
         """Force evaluations, if each step has the same number."""
         return Counts(self._evaluations)
 
+    @property
+    def heat(self) -> float | None:
+        """Energy that the heat bath has given since the state was set; None if the program does not tell it."""
+        if not (self._bath and self._bath.tells):
+            return None
+        return self._given + (0.0 if self._waiting else self._session.heat)
+
     def reset(self, y: Floats, time: float, steps: int) -> None:
+        self._given = 0.0
         self._known = y
         self._last = y
         self._z = float(y[0, 2, 0]) if self._job.system.dimensions == 2 else 0.0  # of the plane; the program has zero
@@ -199,10 +225,19 @@ class EngineStepper:
         if self._waiting:
             phase = self.y.copy()
             phase[0, 2] -= self._z
+            if self._bath:
+                self._session.seed = self._seed()
             with self._one_line():
                 self._session.reset(phase, self.time)
             self._waiting = False
         return self._session
+
+    def _seed(self) -> int:
+        """Seed of the program's noise from here on: a function of the run's seed and of the steps done."""
+        own = self._job.options.get(SEED.name)
+        own = (self._job.system.seed or 0) if own is None else own
+        words = np.random.SeedSequence([own, abs(self.steps_done), int(self.steps_done < 0)])
+        return 1 + int(words.generate_state(1)[0]) % SEEDS
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if not steps:
@@ -256,7 +291,7 @@ class EngineStepper:
         hint = 0.0 if self._waiting else self._session.hint
         return {
             "y": by_value(self.y), "time": self.time, "begin": self._begin, "steps_done": self.steps_done,
-            "hint": hint, "evaluations": self._evaluations,
+            "hint": hint, "evaluations": self._evaluations, "heat": self.heat or 0.0,
         }  # fmt: skip
 
     def recall(self, memory: Memory) -> None:
@@ -265,9 +300,13 @@ class EngineStepper:
         if self._dt:
             self._begin = memory["begin"]
         self._session.hint, self._evaluations = memory["hint"], memory["evaluations"]
+        self._given = memory.get("heat", 0.0)
 
 
 def begin(engine: Program, job: Job) -> tuple[EngineFlow, Any]:
     """The flow and the stepper of a System on another program."""
     flow = EngineFlow(job.system)
+    if job.method.bath:
+        needed = [option for option in (TEMPERATURE, FRICTION, TAU, RATE) if option in job.method.declared]
+        flow.freedom = bathed(flow, job.options, needed, conserving=not job.method.drags).freedom  # type: ignore[arg-type]
     return flow, EngineStepper(flow, engine, job)

@@ -116,8 +116,12 @@ class Measuring(Protocol):
 
 
 @unwarned
-def take_sample(system: System, forces: Measuring, step: int, time: float, phase: Floats) -> Sample:
-    """Return a sample at ``phase`` (2, 3, n). Raises RunError if forces or energy are not finite."""
+def take_sample(
+    system: System, forces: Measuring, step: int, time: float, phase: Floats, freedom: float | None = None
+) -> Sample:
+    """Return a sample at ``phase`` (2, 3, n). ``freedom`` replaces the system's degrees of freedom.
+
+    Raises RunError if forces or energy are not finite."""
     measured = forces.measure(time, phase)
     if measured is None:
         raise RunError(f"step {step} (t = {time:g}): the forces at these positions are not finite")
@@ -128,7 +132,7 @@ def take_sample(system: System, forces: Measuring, step: int, time: float, phase
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
     collides = any(isinstance(force, PairForce) for force in system.forces)
-    degrees = system.degrees_of_freedom
+    degrees = system.degrees_of_freedom if freedom is None else freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     room = system.dimensions * system.volume
     pressure = (2 * kinetic + measured.virial) / room if np.isfinite(room) else float("nan")

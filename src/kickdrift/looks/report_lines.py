@@ -78,4 +78,4 @@ def _size(energy: Mapping[str, Any], length: float) -> str:
 
 
 def _are_numbers(values: Mapping[str, Any], *keys: str) -> bool:
-    return all(isinstance(values.get(key), int | float) for key in keys)
+    return all(isinstance(value := values.get(key), int | float) and not math.isnan(value) for key in keys)

@@ -149,6 +149,12 @@ class Integration:
         return self._job.processes
 
     @property
+    def heat(self) -> float | None:
+        """Energy that a heat bath has given since the state was set; None without a bath, and where the engine does not
+        tell it."""
+        return self.stepper.heat if self.method.bath else None  # type: ignore[union-attr]
+
+    @property
     def foreign(self) -> bool:
         """Whether another program takes the steps."""
         return self.engine.foreign

@@ -42,8 +42,8 @@ class Sampler:
         record, flow, y, safe = run.record, run.flow, run.y, run.safe
         looks, step, time = record.looks, run.steps_done, run.time
         new = again or not looks.at(step, time)
-        if run.method.bath:
-            record.taken = Taken(-run.stepper.heat, 0.0, 0.0)  # type: ignore[union-attr]
+        if (heat := run.heat) is not None:
+            record.taken = Taken(-heat, 0.0, 0.0)
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -35,7 +36,8 @@ from kickdrift.statistics.drift import EnergyError, energy_error
 class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
 
-    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved.
+    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved. They are nan,
+    and the verdict says so, if an engine does not tell the heat.
 
     Attributes
     ----------
@@ -126,7 +128,8 @@ class Report(ShownReport):
     errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
     "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
-    bath gave, None without a bath. ``options`` holds the options except dt and tolerances.
+    bath gave, None without a bath and if the engine does not tell it. ``options`` holds the options except dt and
+    tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
     from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
     the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
@@ -278,6 +281,7 @@ def report(sim: Reported) -> Report:
     record, system = sim.record, sim.system
     series = record.series()
     of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
+    told = record.taken is not NOTHING  # whether energy that has left is known
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
@@ -309,7 +313,9 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(series, even, system),
+        energy=_energy(
+            series, even, system, "" if told or not bath else f"not judged: {sim.engine} does not tell the heat"
+        ),
         momentum_error=None
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
@@ -320,9 +326,9 @@ def report(sim: Reported) -> Report:
         pressure=_finite(series.pressure) if of_particles else None,
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
-        energy_taken=None if record.taken is NOTHING or bath else record.taken.energy,
+        energy_taken=None if bath or not told else record.taken.energy,
         stopped=sim.stopped,
-        heat=-record.taken.energy if bath else None,
+        heat=-record.taken.energy if bath and told else None,
         warnings=[*record.warnings, *melted],
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped),
     )
@@ -354,11 +360,15 @@ def seconds_of(record: Record) -> dict[str, float | None]:
     }
 
 
-def _energy(series: Series, even: bool, system: System | Problem) -> EnergyReport | None:
+def _energy(series: Series, even: bool, system: System | Problem, unknown: str = "") -> EnergyReport | None:
+    """Conservation of the energy; nan for its errors if they are unknown, for the reason given."""
     total, kinetic = series.total, series.kinetic
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
+    if unknown:
+        error = replace(error, rms_relative_error=math.nan, max_relative_error=math.nan)
+        return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown))
     working = system.acting("works") if isinstance(system, System) else []
 
     def judged() -> tuple[float, float, str]:

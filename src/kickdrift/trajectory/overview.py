@@ -163,6 +163,8 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
             total = total + seen["energy_taken"]
         found["energy"] = _energy(run, samples, total, float(seen["kinetic_energy"][0]))
         found["energy"] |= {"final": float(seen["total_energy"][-1])} if found["energy"] else {}
+        if method and method.bath and "heat" not in found and found["energy"]:
+            found["energy"] = {key: found["energy"][key] for key in ("initial", "final")}
     for key in ("temperature", "pressure"):
         if key in seen and len(seen[key]):
             found[key] = float(np.mean(seen[key]))

@@ -16,7 +16,7 @@ import kickdrift as kd
 from kickdrift.analysis import canonical, ensemble_checks
 from kickdrift.analysis.canonical import Point, distribution, independent, mean_and_width, ratio
 from kickdrift.analysis.certifying import checked, engine_checks
-from kickdrift.analysis.sampled_run import kinetic_groups, sampled_run
+from kickdrift.analysis.sampled_run import SampledRun, kinetic_groups, sampled_run
 from kickdrift.errors import InputError
 from kickdrift.integrators import ornstein_uhlenbeck
 from tests.refusals import assert_refused
@@ -168,6 +168,40 @@ def test_a_run_at_constant_energy_compares_its_axes():
     assert found.rows[0].expected == found.rows[2].expected
 
 
+def test_two_runs_in_the_bath_of_another_program():
+    found = engine_checks(fluid(), "lammps", "csvr", 8_000, 10, dt=0.004, temperature=(1.0, 1.4), tau=0.05)
+    assert found.passed
+    assert {row.run for row in found.rows} >= {f"{fluid().name} on lammps (1)", f"{fluid().name} on lammps (2)"}
+    assert found.rows[-1].expected == pytest.approx(1 - 1 / 1.4)
+    assert "3 N - 3 degrees of freedom: csvr conserves the total momentum" in found.notes
+
+
+def test_a_bath_that_counts_too_many_degrees_of_freedom_fails():
+    """ASE's Nosé-Hoover chain counts 3 N; the kinetic energies are drawn from what the chain then samples."""
+    rng = np.random.default_rng(3)
+    velocities = rng.normal(size=(4000, N, 3)) * math.sqrt(N / (N - 1))
+    velocities -= velocities.mean(axis=1, keepdims=True)
+    groups = kinetic_groups(lambda: [velocities], np.ones(N), np.array(["A"] * N), 3, True)
+    kinetic = 0.5 * (velocities**2).sum(axis=(1, 2))
+    run = replace(sampled_run_of(kinetic, 3.0 * N - 3.0), groups=groups)
+    assert "temperature from the mean kinetic energy" in [row.test for row in checked([run]).failed]
+
+
+def sampled_run_of(kinetic, freedom):
+    """A run at T* = 1 with these kinetic energies."""
+    return SampledRun("run", 1.0, N, freedom, kinetic, (), None, np.full(len(kinetic), 1.0), 1.0, None, True, ("run",))
+
+
+def test_the_mean_pressure_of_a_barostat():
+    rng = np.random.default_rng(4)
+    kinetic = stats.gamma(1.5 * N).rvs(2000, random_state=1)
+    run = replace(sampled_run_of(kinetic, 3.0 * N), pressure=2.0, pressures=rng.normal(2.0, 0.5, 2000))
+    assert [row.test for row in checked([run]).rows][-1] == "mean pressure"
+    assert checked([run]).passed
+    assert [row.test for row in checked([replace(run, pressure=2.06)]).failed] == ["mean pressure"]
+    assert "mean pressure" not in [row.test for row in checked([replace(run, pressures=None)]).rows]
+
+
 # --- statistics, beside known distributions ---
 
 POINT = Point(2.0, None, 1.0, 30, 1.0)
@@ -292,5 +326,8 @@ def test_certify_refuses_bad_input(runs, tmp_path, kickdrift):
     assert_refused(kickdrift("certify", runs[0], "--steps", "5"), "are for --engine: a file has its own")
     assert_refused(kickdrift("certify", *runs, "--engine", "lammps"), "--engine runs one system")
     assert_refused(
-        kickdrift("certify", "lj-1000", "--engine", "ase", "--integrator", "baoab", "--steps", "5"), "only native can"
+        kickdrift("certify", "lj-1000", "--engine", "openmm", "--integrator", "csvr", "--steps", "5"),
+        "native, ase and lammps can",
     )
+    several = [word for each in (1, 2, 3) for word in ("--temperature", each)]
+    assert_refused(kickdrift("certify", "lj-1000", "--engine", "native", *several), "expected one or two, got 3")

@@ -19,12 +19,15 @@ MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
 
 
 class Contestant(NamedTuple):
-    """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``."""
+    """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``.
+
+    A program with a heat bath has noise of its own, so its path and its energy are not compared with others'."""
 
     name: str
     make: Callable[[Any], Runner]
     horizon: float = inf
     starts: int = 100
+    bath: bool = False
 
 
 class Goal(NamedTuple):
@@ -80,6 +83,12 @@ class Command(NamedTuple):
 def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
     """kickdrift in a liquid."""
     return Contestant(name, partial(liquids.kickdrift, **options))
+
+
+def in_bath(integrator: str, **options: float) -> Contestant:
+    """kickdrift in a liquid at constant temperature."""
+    make = partial(liquids.in_bath, integrator=integrator, **options)
+    return Contestant(f"kickdrift {integrator}", make, bath=True)
 
 
 def moved_by(integrator: str, name: str = "kickdrift", **options: Any) -> Contestant:
@@ -148,6 +157,25 @@ ENTRIES: tuple[Group | Command, ...] = (
             Contestant("ASE", Ase, horizon=60),
         ),
         (Goal("LAMMPS", 3.5), Goal("LAMMPS", 5.0, ours="kickdrift mixed"), Goal("ASE", 150.0)), overhead=25.0,
+    ),
+    Group(
+        "lj-1000-baths", "the same 1000 particles at constant temperature, beside constant energy",
+        partial(liquid, 1000, MELT), "steps", 2000,
+        (
+            of_ours(),
+            in_bath("baoab", friction=1.0),
+            in_bath("nose-hoover", tau=0.5),
+            in_bath("csvr", tau=0.5),
+            Contestant("LAMMPS opt", partial(Lammps, style="opt")),
+            Contestant("fix langevin, LAMMPS plain", partial(Lammps, friction=1.0), bath=True),
+            Contestant("fix langevin, LAMMPS opt", partial(Lammps, style="opt", friction=1.0), bath=True),
+        ),
+        (
+            Goal("kickdrift", 0.85, ours="kickdrift baoab"),
+            Goal("kickdrift", 0.95, ours="kickdrift nose-hoover"),
+            Goal("kickdrift", 0.95, ours="kickdrift csvr"),
+            Goal("fix langevin", 3.0, ours="kickdrift baoab"),
+        ),
     ),
     Group(
         "lj-1000-threads", "the same 1000 particles on two threads", partial(liquid, 1000, MELT), "steps", 2000,

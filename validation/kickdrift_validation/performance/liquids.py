@@ -1,4 +1,4 @@
-"""Programs that move a Lennard-Jones liquid at constant energy, each as a good user of it would set it up.
+"""Programs that move a Lennard-Jones liquid, most at constant energy, each as a good user of it would set it up.
 
 All take velocity Verlet's steps or the same in leapfrog's form, cut the potential at 2.5 sigma and find every pair at
 every step: LAMMPS checks at every step whether its list must be made anew, which is its default. What each prints of
@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 from contextlib import redirect_stderr
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -19,16 +20,24 @@ from kickdrift_validation.performance.melt import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
 
 
-def kickdrift(start: Liquid, threads: int = 1, precision: str = "float64") -> Native:
-    """Ours; ``precision`` is Simulation's where it is not the default."""
-    options = {} if precision == "float64" else {"precision": precision}
+def kickdrift(start: Liquid, threads: int = 1, precision: str = "float64", **options: Any) -> Native:
+    """Ours; ``precision`` is Simulation's where it is not the default, and ``options`` are its others."""
+    options |= {} if precision == "float64" else {"precision": precision}
     return Native(start.simulation(threads, **options), precision)
 
 
-class Lammps(Runner):
-    """LAMMPS' lj/cut of a style: plain (""), opt or omp; or in several processes, then with opt."""
+def in_bath(start: Liquid, **options: Any) -> Native:
+    """Ours at the temperature that the liquid has."""
+    return kickdrift(start, temperature=start.temperature, **options)
 
-    def __init__(self, start: Liquid, style: str = "", threads: int = 1, processes: int = 1) -> None:
+
+class Lammps(Runner):
+    """LAMMPS' lj/cut of a style: plain (""), opt or omp; or in several processes, then with opt. A ``friction`` adds
+    fix langevin, without the tally of the heat."""
+
+    def __init__(
+        self, start: Liquid, style: str = "", threads: int = 1, processes: int = 1, friction: float = 0.0
+    ) -> None:
         from kickdrift.engines.lammps_world import SKIN, Model, World
 
         self.start, self.version, self.skin = start, ENGINES["lammps"].version or "", f"{SKIN:g}"
@@ -37,13 +46,18 @@ class Lammps(Runner):
         n = len(start.positions)
         model = Model(
             Box(start.edges), np.ones(n, np.int32), (1.0,), ((1, 1, 1.0, 1.0),), CUTOFF, shifted=True, tail=False,
-            dt=start.dt,
+            dt=start.dt, fixes=self._fixes(start.temperature, friction),
         )  # fmt: skip
         try:
             self.world = World(flags) if processes == 1 else self._several(processes)
         except ImportError:
             raise Missing(ENGINES["lammps"].install) from None
         self.world.reset(model, start.positions, start.velocities)
+
+    @staticmethod
+    def _fixes(temperature: float, friction: float) -> tuple[str, ...]:
+        move = "fix move all nve"
+        return (move, f"fix bath all langevin {temperature} {temperature} {1.0 / friction} 1") if friction else (move,)
 
     @staticmethod
     def _several(processes: int):

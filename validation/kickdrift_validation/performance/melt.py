@@ -25,7 +25,12 @@ class Liquid(NamedTuple):
     def simulation(self, threads: int = 1, **options: Any) -> kd.Simulation:
         """kickdrift from here; ``options`` are Simulation's."""
         system = kd.System(self.positions, self.velocities, box=self.edges, forces=[FORCE])
-        return kd.Simulation(system, "velocity-verlet", self.dt, threads, **options)
+        return kd.Simulation(system, **{"integrator": "velocity-verlet", "dt": self.dt, "threads": threads, **options})
+
+    @property
+    def temperature(self) -> float:
+        """Of these velocities."""
+        return float((self.velocities**2).sum() / (3 * len(self.velocities) - 3))
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
         """Of any positions and velocities, in float64, by the same code for all programs."""

@@ -8,7 +8,8 @@ once warmed up, so that whatever else the machine does falls on all of them. A f
 the ratio of kickdrift's speed to the other's, with its quartiles. Before, each goes over the same length of physical
 time (a slow one over less, which is said), and its energy is looked at on the way: the energies of all are computed by
 one function, from the positions and velocities that they hand out, in float64 or better, so that nobody is fast by
-being sloppy. With fixed steps positions must agree after ten steps, or a program is left out.
+being sloppy. With fixed steps positions must agree after ten steps, or a program is left out. Programs with a heat
+bath are timed alone: each has its own noise.
 
 Compiling, setting up and reading files is not timed, of no program. groups.py says what takes part, and by how much
 kickdrift is to be ahead; with several styles of one program the fastest counts.
@@ -141,6 +142,10 @@ def prepared(
     """A contestant ready for its turns, what is known of it by then (who it is, and how it errs), and positions after
     some fixed steps, which must be the ``first`` one's."""
     horizon, starts = min(group.horizon, contestant.horizon), min(group.starts, contestant.starts)
+    if contestant.bath:
+        runner = contestant.make(start)
+        row = dict.fromkeys(("energy_error", "energy_error_at_end", "position_error"))
+        return runner, row | named(contestant, runner) | {"horizon": 0.0, "starts": 1}, first
     errors, off = [], None
     for seed in reversed(range(starts)):
         begin = start.moved(seed) if starts > 1 else start
@@ -153,12 +158,17 @@ def prepared(
     elif start.reference and horizon >= start.reference[0]:
         off = start.apart(contestant.make(start).at(start.reference[0])[0], start.reference[1])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    row = {
-        "name": contestant.name, "version": runner.version, "precision": runner.precision, "skin": runner.skin,
+    row = named(contestant, runner) | {
         "energy_error": float(np.sqrt(np.mean(rms**2))), "energy_error_at_end": float(rms[-1]), "horizon": horizon,
         "starts": starts, "position_error": off,
     }  # fmt: skip
     return runner, row, first
+
+
+def named(contestant: Contestant, runner: Runner) -> dict[str, Any]:
+    """Who a runner is."""
+    about = {"version": runner.version, "precision": runner.precision, "skin": runner.skin}
+    return {"name": contestant.name, **about}
 
 
 def agreed(runner: Runner, start: Any, first: np.ndarray | None) -> np.ndarray:
@@ -252,13 +262,18 @@ def table(group: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
         spread = f"{ratio['median']:.3g} ({ratio['low']:.3g} to {ratio['high']:.3g})"
         cells = [
             row["name"], f"{row['speed']:.4g}", spread if row is not group["rows"][0] else "1",
-            f"{row['energy_error']:.1e}", f"{row['horizon']:g} {unit}", row["precision"], row["skin"] or "–",
+            *_error_cells(row, unit), row["precision"], row["skin"] or "–",
             row["version"],
         ]  # fmt: skip
         if placed:
             cells.insert(5, "–" if row["position_error"] is None else f"{row['position_error']:.1e}")
         rows.append(cells)
     return columns, rows
+
+
+def _error_cells(row: dict[str, Any], unit: str) -> tuple[str, str]:
+    error = row["energy_error"]
+    return ("–", "–") if error is None else (f"{error:.1e}", f"{row['horizon']:g} {unit}")
 
 
 def goals_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:

@@ -61,7 +61,7 @@ def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
         axes.axhline(y, color=INK, linewidth=0.5)
         heads.append(len(places))
         places.append(y)
-        labels.append(f"{group['name']} ({ours['energy_error']:.0e})")
+        labels.append(labelled(group["name"], ours))
         for k, row in enumerate(others, 1):
             ratio = row["ratio"]
             axes.plot([ratio["least"], ratio["most"]], [y + k, y + k], color=COLOURS[0], linewidth=1.5)
@@ -71,7 +71,7 @@ def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
                 color=INK,
             )  # fmt: skip
             places.append(y + k)
-            labels.append(f"{row['name']} ({row['energy_error']:.0e})")
+            labels.append(labelled(row["name"], row))
         y += len(group["rows"]) + 0.4
     axes.axvline(1.0, color=INK, linewidth=0.8)
     axes.set_xscale("log")
@@ -81,6 +81,11 @@ def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
     for k in heads:
         axes.get_yticklabels()[k].set_fontweight("bold")
     axes.grid(False, axis="y")
+
+
+def labelled(name: str, row: dict[str, Any]) -> str:
+    """A name with the energy error in brackets; a heat bath has none."""
+    return name if row["energy_error"] is None else f"{name} ({row['energy_error']:.0e})"
 
 
 def main() -> int:

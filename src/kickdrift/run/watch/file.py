@@ -41,7 +41,7 @@ class File(Watcher):
         run = self._run
         self._writer: Any = self._open()
         self._told = len(run.record.events)
-        self._acting = run.method.bath or (run.events is not None and run.events.acting)
+        self._acting = run.heat is not None or (run.events is not None and run.events.acting)
         if run.events:
             self._writer.absorbed = run.events.absorbed
 

@@ -1,0 +1,51 @@
+"""Heat baths of the engines: kickdrift's method, and the program's own that stands for the method."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class EngineBath(NamedTuple):
+    """A heat bath of another program.
+
+    Attributes
+    ----------
+    name : the program's own name
+    tells : whether the program tells the heat, so that conservation can be judged
+    remark : the difference from kickdrift's method, if there is one
+    """
+
+    name: str
+    tells: bool = True
+    remark: str = ""
+
+
+ASE = {
+    "baoab": EngineBath("LangevinBAOAB", tells=False),
+    "csvr": EngineBath("Bussi", remark="ASE's Bussi rescales velocities once a step, before velocity Verlet"),
+    "nose-hoover": EngineBath(
+        "NoseHooverChainNVT",
+        remark="ASE's NoseHooverChainNVT counts 3 N degrees of freedom, although 3 N - 3 move: "
+        "the temperature is N / (N - 1) times the one asked for",
+    ),
+    "andersen": EngineBath(
+        "Andersen", tells=False, remark="ASE's Andersen draws each velocity component by itself, inside the step"
+    ),
+}
+LAMMPS = {
+    "baoab": EngineBath(
+        "fix langevin",
+        remark="LAMMPS' fix langevin adds drag and noise to the forces; it is not BAOAB, so errors of the step differ",
+    ),
+    "csvr": EngineBath("fix temp/csvr", remark="LAMMPS' fix temp/csvr rescales velocities once a step, at the end"),
+    "nose-hoover": EngineBath("fix nvt"),
+}
+OPENMM = {
+    **{name: EngineBath("CustomIntegrator") for name in ("baoab", "obabo", "aboba", "oabao")},
+    "baoa": EngineBath("LangevinMiddleIntegrator", tells=False),
+    "nose-hoover": EngineBath(
+        "NoseHooverIntegrator",
+        remark="OpenMM's NoseHooverIntegrator has its chain in the middle of the drift, so errors of the step differ",
+    ),
+    "andersen": EngineBath("AndersenThermostat"),
+}
