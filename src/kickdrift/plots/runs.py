@@ -207,10 +207,12 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
     count = max(1, min(RDF_FRAMES, len(run), RDF_PARTICLES // n))
     # The frames nearest the end of each of `count` equal parts, without the start, which often is a lattice.
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
-    positions = np.array([run[int(index)].positions for index in chosen])
+    frames = [run[int(index)] for index in chosen]
+    positions, boxes = np.array([frame.positions for frame in frames]), [frame.box for frame in frames]
     around = RDF_NEIGHBOURS * size / n
     reach = (around / math.pi) ** (1 / 2) if plane else (around * 3 / (4 * math.pi)) ** (1 / 3)
-    found = radial_distribution(positions, run.box, r_max=min(reach, float(run.box.heights.min()) / 2))
+    half = min(float(box.heights.min()) for box in boxes) / 2
+    found = radial_distribution(positions, boxes, r_max=min(reach, half))
     return found.r, found.g, len(chosen)
 
 

@@ -132,7 +132,7 @@ def system_of(
             start[0].T,
             start[1].T,
             run.masses,
-            run.box,
+            run.box if frame is None else run[frame].box,
             [force_of(given) for given in record.forces] if forces is None else forces,
             run.units,
             [run.species[k] for k in run.species_index],
