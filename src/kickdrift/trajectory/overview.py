@@ -19,7 +19,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
-from kickdrift.trajectory.info import alarms, goal, info_of
+from kickdrift.trajectory.info import alarms, goal, info_of, room_lines
 from kickdrift.trajectory.problems.header import ENERGY, Y
 from kickdrift.trajectory.problems.info import MOST
 from kickdrift.trajectory.problems.info import info as info_of_problem
@@ -64,6 +64,8 @@ def overview_of(run: Run) -> Lines:
         )  # fmt: skip
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
+    if rooms := room_lines(found, units["length"]):
+        lines.append(("volume", ", density ".join(text for _, text in rooms)))
     lines.append(("frames", _state(found)))
     return lines + alarms(found)
 

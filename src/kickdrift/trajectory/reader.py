@@ -125,7 +125,14 @@ class Run(Recorded, Frames, ShownRun):
     @cached_property
     def box_varies(self) -> bool:
         """Whether any frame has another box than the System that the run began with."""
-        return any(box is not self.box for box in self.boxes_of(range(len(self))))
+        return any(box is not self.box for box in self.whole_boxes()[2])
+
+    def whole_boxes(self) -> tuple[NDArray[np.int64], Floats, list[Box]]:
+        """Steps, times and boxes of the frames that are not damaged."""
+        whole, found = ~self._wrong_clock, [self.box] * len(self)
+        if self.box.periodic:
+            found = edges.boxes(self._contents, self.box, self._factors.length, slice(len(self)), whole)
+        return self.all_steps[whole], self.all_times[whole], [found[k] for k in np.flatnonzero(whole)]
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
         """Stored vectors (f, k, 3) of frames. Raises an InputError that names the first damaged frame."""

@@ -13,6 +13,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.trajectory.formats import FORMATS
 from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.overview import overview
 from tests.oracle import h5md_reader
 from tests.run_files import ANGSTROM, EVERY, METHOD, N, breathing, make_system, states, write
 
@@ -162,3 +164,24 @@ def test_a_fixed_box_is_one_object(tmp_path):
         assert not run.box_varies
         assert all(box is run.box for box in run.boxes)
         assert "box" not in run.to_xarray()
+
+
+def test_info_says_the_mean_volume_and_density(tmp_path):
+    path, system = tmp_path / "run.h5md", make_system("lj")
+    written = write(path, system, breathing(states(system, range(0, 40 * EVERY, EVERY))))
+    volumes = np.array([state.box.volume for state in written])
+    found = info(path)
+    assert found["volume"]["mean"] == pytest.approx(volumes.mean(), rel=1e-14)
+    assert found["density"]["mean"] == pytest.approx((N / volumes).mean(), rel=1e-14)
+    assert 0 < found["volume"]["error"] < volumes.std()
+    text = describe(found)
+    assert "at the start" in text
+    assert "density" in text
+    with h5py.File(path, "r+") as file:
+        file[EDGES][39, 1] *= 2
+    assert info(path)["volume"]["mean"] == pytest.approx(volumes[:-1].mean(), rel=1e-14)
+    lines = dict(overview(path))
+    assert "density" in lines["volume"]
+    write(path, system)
+    assert "volume" not in info(path)
+    assert "volume" not in dict(overview(path))
