@@ -153,7 +153,7 @@ def equilibrated(subject: Subject, threads: int, bar: Callable[[str], Progress] 
         return subject.state
     wanted = subject.equilibration
     sim = Simulation(subject, "velocity-verlet", threads=threads)
-    sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar and bar("equilibrating"))
+    sim.equilibrate(**wanted.said(), progress=bar and bar("equilibrating"))
     return sim.state
 
 

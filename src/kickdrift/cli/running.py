@@ -123,8 +123,7 @@ def run(
     warn_of_version(sim, quiet)
     with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
-            wanted = chosen.equilibration
-            sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
+            sim.equilibrate(**chosen.equilibration.said(), progress=bar("equilibrating"))
         ahead = wanted_length()
         stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(

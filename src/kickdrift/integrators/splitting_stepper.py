@@ -54,14 +54,27 @@ class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
-        rows = [FLOWS[letter] for letter in method.further]
-        self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
-        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        self._rows, self._options = [FLOWS[letter] for letter in method.further], options
+        self._table = np.zeros((len(self._rows), 3), np.int64)
+        self._bind(flow, options)
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
-        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
-        word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
+        word = Word(method.stages, Further(method.further_stages, self._table) if self._rows else None)
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
+
+    def _bind(self, flow: Flow, options: Options) -> None:
+        """Bind the further flows, and write where they are into the table that the loop reads."""
+        rows = self._rows
+        self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
+        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        for place, bound, row in zip(self._table, self._bound, rows, strict=True):
+            place[...] = bound.address, bound.work, row.moves
+
+    def heat_to(self, temperature: float) -> None:
+        """Go on with heat baths of another temperature, which keep their memory."""
+        memory = by_value(self.baths)
+        self._bind(self._flow, self._options.changed(temperature=temperature))
+        self.baths = memory
 
     @property
     def heat(self) -> float:

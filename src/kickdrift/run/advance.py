@@ -286,6 +286,15 @@ class Integration:
         if self.foreign:
             stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
 
+    def heat_to(self, temperature: float) -> None:
+        """Set the heat bath to another temperature, until the next one."""
+        if self.foreign:
+            raise InputError(
+                f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {self.engine.name}"
+            )
+        stepper: Any = self.stepper
+        stepper.heat_to(temperature)
+
     # --- steps ---
 
     @contextmanager

@@ -148,6 +148,19 @@ def time_of(sim: Planned, value: float | str | None, key: str) -> float | None:
     return found
 
 
+def goal_of(sim: Planned, steps: int | None, until: float | str | None, time: float | str | None) -> float | None:
+    """The time that a run goes to: ``until``, or now and ``time`` more; None where ``steps`` say how long it is."""
+    if time is None:
+        return time_of(sim, until, "until")
+    if until is not None or steps is not None:
+        other = "until" if steps is None else "steps"
+        raise InputError(f"run: give steps, until or time, not {other} and time")
+    more = time_of(sim, time, "time")
+    if more is None or not np.isfinite(number(more)):
+        raise InputError(f"run: time must be a finite time, got {shown(time)}")
+    return sim.time + more
+
+
 def begin(sim: Begun, backward: bool, until: float | None, exact: Exact) -> None:
     """Turn the run to its direction of time, and note a time between two steps in its record."""
     notes = _rounding_note(sim, until, exact)

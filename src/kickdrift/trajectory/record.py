@@ -66,7 +66,7 @@ def record_of(system: System) -> dict[str, Any]:
         "events": [{"kind": event.kind, **_described(event)} for event in system.events],
         "forces": [_described(force) for force in system.forces],
         "run": run_record(system.run),
-        "equilibration": system.equilibration,
+        "equilibration": system.equilibration and system.equilibration.said(),
         "invariants": system.invariants,
         "seed": system.seed,
         "time": system.state.time,
