@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEXTS, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
@@ -160,9 +160,12 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
 
 
 def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSystem | None) -> dict[str, Any]:
-    """The options asked for, with times in ``units`` where they are text such as "2 fs"; a Problem has no units."""
-    times = {each.name for each in options if each.dimension == "time"}
-    return {key: time_in(value, units, key) if key in times else value for key, value in asked.items()}
+    """The options asked for, with times and pressures in ``units`` where they are text such as "2 fs" or "1 bar"; a
+    Problem has no units."""
+    texts = {each.name: each.dimension for each in options if each.dimension in TEXTS}
+    return {
+        key: time_in(value, units, key, texts[key]) if key in texts else value for key, value in asked.items()
+    }
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:

@@ -20,17 +20,17 @@ from numba import types
 
 from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.cursor import FRESH as FRESH
+from kickdrift.integrators.cursor import REJECTED as REJECTED
+from kickdrift.integrators.cursor import STAGE as STAGE
+from kickdrift.integrators.cursor import STEP as STEP
+from kickdrift.integrators.pressing import evaluate, press
 from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
-
-# Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y,
-# rejected steps.
-STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
-
 
 @inlined
 def add_scaled(y, factor, dy):
@@ -96,11 +96,14 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
     kick, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
+        status = press(word.barostat, bound, start, first + cursor[STEP], dt, x, v, work, cursor)
+        if status != OK:
+            return status
         for stage in range(cursor[STAGE], kick.size):
             if kick[stage] != 0.0:
                 if not cursor[FRESH]:
                     t = start + (first + cursor[STEP] + passed[stage]) * dt
-                    status = fill_accelerations(bound, t, x, v, work, None, cursor)
+                    status = evaluate(word.barostat, bound, t, x, v, work, first + cursor[STEP], cursor)
                     if status != OK:
                         cursor[STAGE] = stage
                         return status

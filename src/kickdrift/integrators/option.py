@@ -22,8 +22,10 @@ DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 DIMENSIONS = {
     "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
-    "temperature": "the system's unit of temperature",
+    "temperature": "the system's unit of temperature", "pressure": "the system's unit of pressure",
+    "compressibility": "one over the system's unit of pressure",
 }  # fmt: skip
+TEXTS = ("time", "pressure", "compressibility")  # dimensions of options that may be text with a unit
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
@@ -42,7 +44,8 @@ class Option:
     help : one line about the effect
     default : value if none is given; None if there is no single default
     choices : allowed values; () if they cannot be listed
-    dimension : "time", "rate" or "temperature" for a number in the system's units, "" for a pure number
+    dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, "" for
+        a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
@@ -112,8 +115,8 @@ class Option:
     def parsed(self, text: str) -> Any:
         """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
 
-        A time with a unit stays text: only a System has the units that it is to be converted to."""
-        if self.dimension == "time" and has_unit(text):
+        A time or a pressure with a unit stays text: only a System has the units that it is to be converted to."""
+        if self.dimension in TEXTS and has_unit(text):
             return text
         try:
             if self.type is bool:
@@ -231,6 +234,29 @@ TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.
 RATE = Option(
     "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
 )  # fmt: skip
+PRESSURE = Option(
+    "pressure", float, "Pressure of the box, whose edges then change; by default they do not.", dimension="pressure",
+    above=0.0,
+)
+C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
+BAROSTAT = Option(
+    "barostat", str, "What holds the pressure.", choices=(C_RESCALE, MTK, MONTE_CARLO), written=False
+)  # fmt: skip
+COUPLING = Option(
+    "coupling", str, "Edges that change together: all, those along x and y, or none.",
+    choices=("isotropic", "semi-isotropic", "per-axis"), written=False,
+)  # fmt: skip
+PRESSURE_TAU = Option(
+    "pressure_tau", float, "Time in which the barostat relaxes the volume.", dimension="time", above=0.0
+)
+COMPRESSIBILITY = Option(
+    "compressibility", float, "Isothermal compressibility, about; sets the speed of c-rescale and the moves of "
+    "monte-carlo, and not the averages.", dimension="compressibility", above=0.0,
+)  # fmt: skip
+PRESSURE_EVERY = Option(
+    "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
+)
+OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53

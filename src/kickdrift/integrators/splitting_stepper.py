@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.barostat import Barostat, pressure_warnings
 from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
+from kickdrift.integrators.option import PRESSURE
+from kickdrift.integrators.pressing import Pressed
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
 from kickdrift.model.memory import Memory, by_value
@@ -25,6 +28,7 @@ class Word(NamedTuple):
 
     stages: Floats  # see Splitting.stages
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
+    barostat: Pressed | None = None  # None in a box that keeps its size
 
 
 class Further(NamedTuple):
@@ -49,37 +53,60 @@ class Composition(Protocol):
     @property
     def ends_fresh(self) -> bool: ...
 
+    @property
+    def drags(self) -> bool: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
-        self._rows, self._options = [FLOWS[letter] for letter in method.further], options
-        self._table = np.zeros((len(self._rows), 3), np.int64)
-        self._bind(flow, options)
+        self._method, self._options = method, options
+        self.barostat: Barostat | None = None
+        word = self._word(flow, options)
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
-        word = Word(method.stages, Further(method.further_stages, self._table) if self._rows else None)
+        if self.barostat:
+            self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
         super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
         self.ends_fresh = method.ends_fresh
 
-    def _bind(self, flow: Flow, options: Options) -> None:
-        """Bind the further flows, and write where they are into the table that the loop reads."""
-        rows = self._rows
+    def _word(self, flow: Flow, options: Options) -> Word:
+        """Bind the further flows and the barostat with these options."""
+        method, rows = self._method, [FLOWS[letter] for letter in self._method.further]
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
-        for place, bound, row in zip(self._table, self._bound, rows, strict=True):
-            place[...] = bound.address, bound.work, row.moves
+        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
+        if options.get(PRESSURE.name) is not None:
+            self.barostat = Barostat(flow, options, method.drags)
+        return Word(
+            method.stages,
+            Further(method.further_stages, np.array(table, np.int64)) if table else None,
+            self.barostat.pressed if self.barostat else None,
+        )
 
     def heat_to(self, temperature: float) -> None:
-        """Go on with heat baths of another temperature, which keep their memory."""
-        memory = by_value(self.baths)
-        self._bind(self._flow, self._options.changed(temperature=temperature))
-        self.baths = memory
+        """Go on with heat baths and a barostat of another temperature, which keep their memory."""
+        baths, barostat = by_value(self.baths), self.barostat and self.barostat.memory()
+        self._stages = self._word(self._flow, self._options.changed(temperature=temperature))
+        self._addresses = None
+        self.baths = baths
+        if self.barostat and barostat:
+            self.barostat.recall(barostat)
 
     @property
     def heat(self) -> float:
         """Energy that baths have given since the state was set."""
         return float(sum(bound.parts.bath.heat[0] for bound in self._baths))
+
+    @property
+    def work(self) -> float:
+        """Energy that the particles have got from the change of their box since the state was set."""
+        return self.barostat.work if self.barostat else 0.0
+
+    @property
+    def trouble(self) -> str:  # type: ignore[override]
+        """Why the barostat stopped."""
+        return self.barostat.trouble if self.barostat else ""
 
     @property
     def baths(self) -> list[Floats]:
@@ -99,16 +126,23 @@ class SplittingStepper(FixedStepper):
         super().reset(y, time, steps)
         for array in self.baths:
             array[...] = 0.0
+        if self.barostat:
+            self.barostat.reset()
 
     def memory(self) -> Memory:
         """See Stepper. The memory of a word without baths is that of version 0.1.0."""
-        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {})
+        pressed = {"barostat": self.barostat.memory()} if self.barostat else {}
+        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {}) | pressed
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
+        if self.barostat:
+            self.barostat.recall(memory["barostat"])  # the lists of the forces need the box
         super().recall(memory)
         if self._baths:
             self.baths = memory["baths"]
+        if self.barostat:
+            self.barostat.recall(memory["barostat"])
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]

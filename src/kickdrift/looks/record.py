@@ -102,6 +102,7 @@ class Record:
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
+    work: float = 0.0  # energy that the change of the box has given
 
     def count(self, cost: Counted) -> None:
         """Add the cost of some steps."""

@@ -18,13 +18,14 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
 from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.option import MIXED, PRESSURE
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
+from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
@@ -49,6 +50,7 @@ class Safe:
     y: Floats  # its own buffer
     time: float
     step: int
+    box: Box | None = None  # of a run with a barostat
 
 
 class Integration:
@@ -118,7 +120,7 @@ class Integration:
         if self.engine.foreign:
             return begin(self.engine, replace(self._job, system=system, options=options))
         mixed = options.precision == MIXED
-        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed, varies=self.box_varies)
         if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
@@ -147,6 +149,11 @@ class Integration:
     def processes(self) -> int:
         """Number of processes, for an engine that runs on several."""
         return self._job.processes
+
+    @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box."""
+        return self._job.options.get(PRESSURE.name) is not None
 
     @property
     def foreign(self) -> bool:
@@ -237,6 +244,8 @@ class Integration:
     def begin_at(self, state: Any) -> None:
         """Start again from a state, with a new record."""
         y = self.flow.array(state)
+        if self.box_varies:
+            self.flow.box = state.box  # type: ignore[union-attr]
         self._from_start = isinstance(self.system, System) and np.array_equal(y[0], self.system.state.phase[0])
         self._reset(y, state.time, state.steps_done)
         self.begin_record()
@@ -272,7 +281,7 @@ class Integration:
 
     def keep(self) -> None:
         """Store the current state as the last good state."""
-        self.safe = Safe(self.y.copy(), self.time, self.steps_done)
+        self.safe = Safe(self.y.copy(), self.time, self.steps_done, self.box)
 
     def sample(self) -> Sample:
         """Return a sample of the current state."""
@@ -286,14 +295,10 @@ class Integration:
         if self.foreign:
             stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
 
-    def heat_to(self, temperature: float) -> None:
-        """Set the heat bath to another temperature, until the next one."""
-        if self.foreign:
-            raise InputError(
-                f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {self.engine.name}"
-            )
-        stepper: Any = self.stepper
-        stepper.heat_to(temperature)
+    @property
+    def box(self) -> Box | None:
+        """The box now, if a barostat changes the box; else None."""
+        return self.flow.box if self.box_varies else None  # type: ignore[union-attr]
 
     # --- steps ---
 
@@ -388,6 +393,8 @@ class Integration:
         self.record.steps -= stepper.steps_done - safe.step
         self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
         self.replaced = True
+        if safe.box is not None:
+            self.flow.box = safe.box  # type: ignore[union-attr]
         stepper.reset(safe.y.copy(), safe.time, safe.step)
         self.at = None
         raise error from cause

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.stepper import Stepper
+from kickdrift.model.box import Box
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -21,6 +23,7 @@ class Point(Protocol):
     y: Floats
     time: float
     step: int
+    box: Box | None
 
 
 class Failing(Protocol):
@@ -57,6 +60,8 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     time = stepper.time + (-dt if run.backward else dt) * inside_step
     with_step = "" if run.method.chooses_steps else f", dt = {run.dt:g}"
     last = run.flow.state(safe.y, safe.time, safe.step)
+    if safe.box is not None:
+        last = replace(last, box=safe.box)  # type: ignore[type-var]
     if stopped:
         message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
     else:

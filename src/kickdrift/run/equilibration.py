@@ -10,6 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.option import TEMPERATURE
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks import positive, unwarned, whole_number
 from kickdrift.model.limits import steps_in
@@ -17,6 +18,7 @@ from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.model.units import time_in
+from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
@@ -155,7 +157,7 @@ def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress
     """Equilibrate in another Simulation, and go on from its state."""
     made.state = sim.state
     made.equilibrate(asked.temperature, asked.time, asked.interval, progress, to=asked.to, steps=asked.steps)
-    sim.state = made.state
+    _move(sim, made.state)
 
 
 def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:
@@ -195,15 +197,37 @@ def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
             while count * stair // stairs <= count + sim.steps_done:
                 stair += 1
             first, last = count * (stair - 1) // stairs, count * stair // stairs
-            run.heat_to(ramp.at(0.5 * (first + last)))
+            _heat_to(run, ramp.at(0.5 * (first + last)))
             ahead = last - first
         sim.advance(min(ahead, -sim.steps_done))
         if progress:
             progress(count + sim.steps_done, count)
     if not ramp.flat:
-        run.heat_to(ramp.end)
+        _heat_to(run, ramp.end)
     _restart(sim)
     run.record.compile_seconds = compile_seconds
+
+
+def _heat_to(run: Integration, temperature: float) -> None:
+    """Set the heat bath to another temperature."""
+    if run.foreign:
+        raise InputError(f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s")
+    stepper: Any = run.stepper
+    stepper.heat_to(temperature)
+
+
+def _move(sim: Heated, state: State) -> None:
+    """Go on from a state, which a barostat of the equilibration may have left in another box."""
+    run = sim.integration
+    if not run.box_varies and state.box != sim.system.box:
+        with compiling_for(run.purpose):
+            stepper = run.stepper_for(sim.system.at(state.phase, 0.0, box=state.box))
+        for force in sim.system.forces:
+            force.check(sim.system)
+        run.stepper = stepper
+        if run.events:
+            run.stepper = run.events = WatchedStepper(run, stepper, run.watched)
+    sim.state = state
 
 
 def _restart(sim: Heated) -> None:

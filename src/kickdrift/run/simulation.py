@@ -136,6 +136,11 @@ class Simulation(Present):
         self._stability.begin_anew(check_at=0)
 
     @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box; ``state.box`` is the box of now."""
+        return self.integration.box_varies
+
+    @property
     def method_state(self) -> Any:
         """State of a method that moves more than positions and velocities. Other methods raise InputError.
 
