@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -211,7 +211,9 @@ def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
 def _heat_to(run: Integration, temperature: float) -> None:
     """Set the heat bath to another temperature."""
     if run.foreign:
-        raise InputError(f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s")
+        raise InputError(
+            f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s"
+        )
     stepper: Any = run.stepper
     stepper.heat_to(temperature)
 
@@ -220,10 +222,11 @@ def _move(sim: Heated, state: State) -> None:
     """Go on from a state, which a barostat of the equilibration may have left in another box."""
     run = sim.integration
     if not run.box_varies and state.box != sim.system.box:
+        system = sim.system.at(state.phase, 0.0, box=state.box)
+        for force in system.forces:
+            force.check(system)
         with compiling_for(run.purpose):
-            stepper = run.stepper_for(sim.system.at(state.phase, 0.0, box=state.box))
-        for force in sim.system.forces:
-            force.check(sim.system)
+            stepper = run.stepper_for(system)
         run.stepper = stepper
         if run.events:
             run.stepper = run.events = WatchedStepper(run, stepper, run.watched)
