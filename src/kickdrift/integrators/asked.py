@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEXTS, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, TEXTS, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
@@ -175,7 +175,22 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Optio
     value that an option cannot have."""
     said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
+    refuse_other_baths(method, said)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+
+
+def refuse_other_baths(method: Method, given: Iterable[str], prefix: str = "") -> None:
+    """Raise InputError for an option that only other heat baths take."""
+    for name in given:
+        if name in (DT.name, PRECISION.name, *method.tunable):
+            continue
+        those = [method_named(each) for each in takers(name)]
+        if those and all(each.bath for each in those) and not (name == TEMPERATURE.name and not method.bath):
+            why = "and a run has one heat bath" if method.bath else f"and {method.name} has no heat bath"
+            takes = ", ".join((DT.name, *method.tunable))
+            raise InputError(
+                f"{prefix}{name}: {method.name} does not take it; it takes {takes}; {takers_text(name)} {name}, {why}"
+            )
 
 
 def draws_noise(run: RunDefaults) -> bool:

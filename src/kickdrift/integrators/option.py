@@ -257,6 +257,9 @@ PRESSURE_EVERY = Option(
     "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
 )
 OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
+ALLOW_GRAVITY = Option(
+    "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
+)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53

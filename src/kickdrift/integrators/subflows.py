@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import CHAIN, FRICTION, OF_PRESSURE, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.option import ALLOW_GRAVITY, CHAIN, FRICTION, OF_PRESSURE, RATE, SEED, TAU, TEMPERATURE, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -56,7 +56,7 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
         bound: BoundSubflow = modules[letter].bind(flow, options)
         return bound
 
-    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options, *OF_PRESSURE), bind)
+    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options, *OF_PRESSURE, ALLOW_GRAVITY), bind)
 
 
 FLOWS = {

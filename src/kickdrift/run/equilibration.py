@@ -154,10 +154,16 @@ def _with_own_method(
 
 
 def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress | None) -> None:
-    """Equilibrate in another Simulation, and go on from its state."""
+    """Equilibrate in another Simulation, and go on from its state. A total momentum that a heat bath has left goes,
+    where the run would conserve it: the run counts its degrees of freedom without that momentum."""
     made.state = sim.state
     made.equilibrate(asked.temperature, asked.time, asked.interval, progress, to=asked.to, steps=asked.steps)
-    _move(sim, made.state)
+    state = made.state
+    if made.method.drags and not sim.method.drags and not sim.system.acting("external"):
+        state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
+    _move(sim, state)
+    said = sim.integration.record.warnings
+    said += [f"equilibrate: {line}" for line in made.integration.record.warnings if line not in said]
 
 
 def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:

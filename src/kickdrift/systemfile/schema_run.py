@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.asked import known_options, meant
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
 from kickdrift.integrators.option import DT, OPTIONS, Option
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.other_names import other_name
@@ -92,7 +93,10 @@ def run_keys() -> list[str]:
 def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
     """Checked values of ``[run]``; without ``units``, of an ODE."""
     table = _table(tuple(known_options().values()), units is not None)
-    return RunDefaults(**checked(table, given, units, "run").model_dump())
+    found = RunDefaults(**checked(table, given, units, "run").model_dump())
+    if found.integrator in INTEGRATORS:
+        refuse_other_baths(INTEGRATORS[found.integrator], found.options, "run.")
+    return found
 
 
 def equilibration_of(given: Mapping[str, Any], units: UnitSystem) -> Equilibration:
