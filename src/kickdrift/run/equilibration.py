@@ -163,7 +163,7 @@ def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress
         state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
     _move(sim, state)
     said = sim.integration.record.warnings
-    said += [f"equilibrate: {line}" for line in made.integration.record.warnings if line not in said]
+    said += [f"equilibrate: {line}" for line in getattr(made.integration.stepper, "warnings", ())]
 
 
 def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:
