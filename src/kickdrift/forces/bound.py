@@ -54,10 +54,12 @@ def _compiled(force: BoundForce) -> BoundForce:
         raise not_compiled(law or type(force.parts), error) from None
 
 
-def sharing(force: BoundForce, lengths: Floats) -> BoundForce:
-    """Return the bound force with the edge lengths of its box in this memory."""
+def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
+    """Return the bound force with the edge lengths of its box in this memory. If edges change ``apart``, the force also
+    sums its virial along each axis."""
     if isinstance(force, PairKernel):
-        return force.with_list(live=lengths)
+        made = force.with_list(live=lengths)
+        return PairKernel(made.parts._replace(along=np.zeros((len(made.parts.sums), 3)))) if apart else made
     cell = getattr(force.parts, "cell", None)
     return force if cell is None else BoundForce(force.parts._replace(cell=cell._replace(edges=lengths)))
 
@@ -79,7 +81,7 @@ class BoundForces:
     instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
     has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
     With ``mixed``, pair forces are in mixed precision. ``lengths`` (3,) is memory that holds the edge lengths of a box
-    that varies.
+    that varies, with ``apart`` each edge by itself.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class BoundForces:
         thin: bool = False,
         mixed: bool = False,
         lengths: Floats | None = None,
+        apart: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]
@@ -101,7 +104,7 @@ class BoundForces:
         )
         self._varies = lengths is not None
         if lengths is not None:
-            self.forces = tuple(sharing(force, lengths) for force in self.forces)
+            self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
@@ -148,6 +151,12 @@ class BoundForces:
         if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
             dy[...] = np.nan
         return dy
+
+    @property
+    def virials_along(self) -> list[Floats]:
+        """Memory (chunks, 3) of each pair force with the virial along each axis at the last evaluation with sums."""
+        kernels = [force for force in self.forces if isinstance(force, PairKernel)]
+        return [force.parts.along for force in kernels if force.parts.along is not None]
 
     def tune(self, stride: float) -> None:
         """Choose the cheapest pair lists; the next evaluation makes them.

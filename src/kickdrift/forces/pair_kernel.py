@@ -62,6 +62,7 @@ class PairWork(NamedTuple):
     tail_volume: float  # of the box that these belong to
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
     pairs: ClusterList
     chunks: Chunks
 

@@ -2,35 +2,79 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import Springs
 from kickdrift.forces.pair_law import PairForce
+from kickdrift.integrators import c_rescale, monte_carlo, mtk
 from kickdrift.integrators.bath import SHORTEST_TAU, bathed
 from kickdrift.integrators.option import (
+    APART,
     BAROSTAT,
+    C_RESCALE,
     COMPRESSIBILITY,
-    COUPLING,
+    MONTE_CARLO,
+    MTK,
     PRESSURE,
     PRESSURE_EVERY,
     PRESSURE_TAU,
     TEMPERATURE,
+    coupling_of,
 )
 from kickdrift.integrators.piston import TOO_SHORT, Piston
 from kickdrift.integrators.pressing import ACTED, Pressed
+from kickdrift.integrators.splitting import rows_of
 from kickdrift.integrators.subflow_code import BoundSubflow
 from kickdrift.model.memory import Memory, by_value
+from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
 
+TAKES = {  # options that each needs, and others
+    C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),
+    MTK: ((PRESSURE_TAU.name,), ()),
+    MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
+}
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
 NEVER = np.iinfo(np.int64).min
+
+
+class Lettered(Protocol):
+    """A method as its barostat sees it; see ``Splitting``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def word(self) -> str: ...
+
+    @property
+    def weights(self) -> tuple[float, ...]: ...
+
+    @property
+    def further(self) -> str: ...
+
+    @property
+    def drags(self) -> bool: ...
+
+
+def check_options(kind: str, options: Options, method: Lettered) -> None:
+    """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
+    if kind == MTK and method.further != "N":
+        raise InputError(f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath")
+    needed, taken = TAKES[kind]
+    for name in needed:
+        if options.get(name) is None:
+            raise InputError(f"{name} is needed: barostat {kind} has no default {name}")
+    for option in (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY):
+        if option.name not in (*needed, *taken) and options.get(option.name) is not None:
+            raise InputError(f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}")
 
 
 def check_pressed(system: Any, options: Options) -> None:
@@ -45,8 +89,13 @@ def check_pressed(system: Any, options: Options) -> None:
     for force in system.forces:
         if not isinstance(force, PairForce | Springs):
             raise InputError(f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces")
-    if system.dimensions == 2 and options.get(COUPLING.name) == "semi-isotropic":
+    coupling = coupling_of(options)
+    if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
+    if coupling in APART and any(isinstance(force, Springs) for force in system.forces):
+        raise InputError(f"coupling: {coupling} needs pair forces alone; springs take isotropic")
+    if coupling in APART and sum(isinstance(force, PairForce) for force in system.forces) > 1:
+        raise InputError(f"coupling: {coupling} takes one pair force; give it the parameters of all species")
 
 
 class Barostat:
@@ -55,37 +104,54 @@ class Barostat:
     Attributes
     ----------
     pressed : its numbers for the loop of splitting methods
+    flows : flows that it adds to the word of the method, by letter; empty if it acts between steps
     """
 
-    def __init__(self, flow: Flow, options: Options, drags: bool) -> None:
+    def __init__(self, flow: Flow, options: Options, method: Lettered) -> None:
         system: Any = flow.subject
         check_pressed(system, options)
-        self._options, self._live = options, flow.live  # type: ignore[union-attr]
-        self._system = system
-        n, coupling = len(system), options.get(COUPLING.name) or "isotropic"
+        self._kind = options.get(BAROSTAT.name) or C_RESCALE
+        check_options(self._kind, options, method)
+        self._live: Any = flow.live  # type: ignore[union-attr]
+        coupling = coupling_of(options)
         group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[coupling], self._live.lengths, strict=True)]
-        every = int(options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default)
         cutoffs = [force.cutoff for force in system.forces if isinstance(force, PairForce)]
-        bath = bathed(flow, options, (TEMPERATURE,), conserving=not drags)
+        along = flow.forces.virials_along if coupling in APART else []
         self.piston = Piston(
-            bath, self._live.lengths, np.array(group), np.bincount([g for g in group if g >= 0]).astype(float),
-            float(options[PRESSURE.name]), 2.0 * max(cutoffs, default=0.0), np.zeros(3), None, np.zeros(3), np.zeros(1),
-            np.zeros(8), np.zeros(8),
+            bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), self._live.lengths,
+            np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
+            float(options[PRESSURE.name]), 2.0 * max(cutoffs, default=0.0), np.zeros(3),
+            along[0] if along else None, np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
         )  # fmt: skip
-        self._bound = self._made().ready()
+        self.flows: dict[str, BoundSubflow] = {}
+        at, every = (0, 0), 1
+        if self._kind == MTK:
+            self.flows = {letter: bound.ready() for letter, bound in mtk.flows(self.piston, options).items()}
+        else:
+            every = int(options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default)
+            n = len(system)
+            of = c_rescale.action(self.piston, options) if self._kind == C_RESCALE else None
+            self._action = (of or monte_carlo.action(self.piston, options, n)).ready()
+            at = self._action.address, self._action.work
         self.pressed = Pressed(
-            np.array([self._bound.address, self._bound.work]), every, np.zeros(3, np.int64), self.piston.sums,
-            np.zeros((3, n)),
-        )  # fmt: skip
+            np.array(at, np.int64), every, np.zeros(3, np.int64), self.piston.sums, np.zeros((3, len(system)))
+        )
 
-    def _made(self) -> BoundSubflow:
-        from kickdrift.integrators.c_rescale import Rescale
+    def rows(self, method: Lettered) -> Floats:
+        """Rows (6, stages) of the method's word with the flows of the box; see `splitting.rows_of`."""
+        word, weights = mtk.word_with_box(method.word, method.weights) if self.flows else (method.word, method.weights)
+        return rows_of(word, weights, method.further + "".join(self.flows))
 
-        for option in (PRESSURE_TAU, COMPRESSIBILITY):
-            if self._options.get(option.name) is None:
-                raise InputError(f"{option.name} is needed: a barostat has no default {option.name}")
-        rate = float(self._options[COMPRESSIBILITY.name] / self._options[PRESSURE_TAU.name])
-        return BoundSubflow(Rescale(self.piston, rate, np.arange(8), np.zeros((2, 8))))
+    @property
+    def added(self) -> list[tuple[BoundSubflow, bool]]:
+        """The flows with whether each moves positions, in the order of their letters."""
+        return [(bound, letter == mtk.STRETCH) for letter, bound in self.flows.items()]
+
+    @property
+    def accepted(self) -> float | None:
+        """Part of the Monte Carlo moves that were accepted; None without any."""
+        tried, taken = self.piston.state[[monte_carlo.TRIED, monte_carlo.ACCEPTED]]
+        return float(taken / tried) if self._kind == MONTE_CARLO and tried else None
 
     @property
     def work(self) -> float:
@@ -109,7 +175,9 @@ class Barostat:
         return {
             "lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums,
             "work": self.piston.work, "state": self.piston.state,
-        }  # fmt: skip
+        } | {  # fmt: skip
+            f"chain {letter}": bound.parts.chain.state for letter, bound in self.flows.items() if hasattr(bound.parts, "chain")
+        }
 
     def reset(self) -> None:
         """Begin anew in the box of now."""

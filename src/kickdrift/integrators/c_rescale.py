@@ -14,12 +14,13 @@ is exact where the force is linear, however long the time between two actions.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.option import COMPRESSIBILITY, PRESSURE_TAU
 from kickdrift.integrators.piston import (
     MOST,
     STOPPED,
@@ -31,15 +32,17 @@ from kickdrift.integrators.piston import (
     volume,
 )
 from kickdrift.integrators.pressing import PROPOSE
-from kickdrift.integrators.subflow_code import subflow_body
+from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.jit.memory import store
 from kickdrift.jit.random import normals, uniforms
 from kickdrift.model.state import Floats
 
+if TYPE_CHECKING:
+    from kickdrift.integrators.options import Options
+
 STAGE = 1 << 11  # of the noise: beyond those of heat baths
 BEGUN = 3  # slot of the state after the last half actions of three groups
-SLOTS = 4
 
 
 class Rescale(NamedTuple):
@@ -105,3 +108,9 @@ def c_rescale(parts, t, x, v, span, step, stage):
     state[BEGUN] = 1.0
     piston.work[0] += piston.sums[0] + kinetic_now(piston, v) - piston.room[0]
     return OK
+
+
+def action(piston: Piston, options: Options) -> BoundSubflow:
+    """Return the barostat of a run."""
+    rate = float(options[COMPRESSIBILITY.name] / options[PRESSURE_TAU.name])
+    return BoundSubflow(Rescale(piston, rate, np.arange(8), np.zeros((2, 8))))

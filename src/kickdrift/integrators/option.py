@@ -6,7 +6,7 @@ from these declarations. `Method.declared` says which options a method takes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
@@ -256,6 +256,7 @@ COMPRESSIBILITY = Option(
 PRESSURE_EVERY = Option(
     "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
 )
+APART = ("semi-isotropic", "per-axis")  # couplings that need the pressure along each axis
 OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
 ALLOW_GRAVITY = Option(
     "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
@@ -264,6 +265,14 @@ CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
 )
+
+
+def coupling_of(options: Mapping[str, Any]) -> str:
+    """Which edges of the box change together in a run with these options; "" if the box keeps its size."""
+    if options.get(PRESSURE.name) is None:
+        return ""
+    return options.get(COUPLING.name) or "isotropic"
+
 
 # In the order of run files.
 OPTIONS: dict[str, Option] = {

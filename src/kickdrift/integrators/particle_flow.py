@@ -10,6 +10,7 @@ from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.jacobian import difference_jacobian
+from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.looks.looking import FREEDOM, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
@@ -23,11 +24,13 @@ from kickdrift.model.system import System
 class ParticleFlow(ParticleStates):
     """A System's particles under its forces."""
 
-    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, varies: bool = False) -> None:
+    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
-        self.live = LiveBox(system.box) if varies else None
+        self.live = LiveBox(system.box) if coupling else None
         lengths = self.live.lengths if self.live else None
-        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed, lengths=lengths)
+        self.forces = BoundForces(
+            system, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART
+        )
         self._aside = BoundForces(
             system, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists

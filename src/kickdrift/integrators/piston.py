@@ -39,7 +39,7 @@ class Piston(NamedTuple):
     pressure: float
     shortest: float  # least edge length that the forces allow
     sums: Floats  # (3,) potential energy, virial and pairs at the particles
-    along: Any  # (forces, chunks, 3) virial along each axis, None if all edges scale together
+    along: Any  # (chunks, 3) virial along each axis, None if all edges scale together
     trouble: Floats  # (3,) cause of a stop, the axis and the length, or the factor
     work: Floats  # (1,) energy that the particles have got
     state: Floats  # (slots,) of the barostat
@@ -111,9 +111,8 @@ def _virial_along(along, piston, axis):
         whole = own = 0.0
         for k in range(3):
             part = 0.0
-            for force in range(along.shape[0]):
-                for c in range(along.shape[1]):
-                    part += along[force, c, k]
+            for c in range(along.shape[0]):
+                part += along[c, k]
             whole += part
             own = part if k == axis else own
         return own + (piston.sums[1] - whole) / piston.bath.axes  # tail corrections are the same along all axes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, zip_longest
@@ -140,21 +141,7 @@ class Splitting(Method):
 
     @cached_property
     def _rows(self) -> Floats:
-        slots = {KICK: 0, DRIFT: 1}
-        stages: list[list[float]] = []
-        last, passed = len(slots), 0.0  # index of the slot that was filled last
-        for letter, weight in zip(self.word, self.weights, strict=True):
-            if not weight:
-                continue
-            slot = slots.get(letter, len(slots))
-            if slot <= last:
-                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0])
-            if letter in slots:
-                stages[-1][slot] = weight
-            else:
-                stages[-1][3:] = weight, passed, self.further.index(letter)
-            last, passed = slot, passed + weight * (letter == DRIFT)
-        return np.array(stages, dtype=np.float64).T
+        return rows_of(self.word, self.weights, self.further)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper
@@ -174,6 +161,26 @@ class Splitting(Method):
         from kickdrift.integrators.batch_stepping import FixedLanes
 
         return FixedLanes(members, batch_splitting_loop, self.stages, members.y.shape[2:])
+
+
+def rows_of(word: str, weights: Sequence[float], further: str) -> Floats:
+    """Rows (6, stages) of a word for compiled loops: those of `Splitting.stages`, then those of
+    `Splitting.further_stages`, whose flows have the letters ``further``."""
+    slots = {KICK: 0, DRIFT: 1}
+    stages: list[list[float]] = []
+    last, passed = len(slots), 0.0  # index of the slot that was filled last
+    for letter, weight in zip(word, weights, strict=True):
+        if not weight:
+            continue
+        slot = slots.get(letter, len(slots))
+        if slot <= last:
+            stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0])
+        if letter in slots:
+            stages[-1][slot] = weight
+        else:
+            stages[-1][3:] = weight, passed, further.index(letter)
+        last, passed = slot, passed + weight * (letter == DRIFT)
+    return np.array(stages, dtype=np.float64).T
 
 
 def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:

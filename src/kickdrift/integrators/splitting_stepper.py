@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.barostat import Barostat, pressure_warnings
+from kickdrift.integrators.barostat import Barostat, Lettered, pressure_warnings
 from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.option import PRESSURE
@@ -38,23 +38,17 @@ class Further(NamedTuple):
     table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
 
 
-class Composition(Protocol):
+class Composition(Lettered, Protocol):
     """Rows of a word over flows, as its steps use them; see ``Splitting``."""
 
     @property
     def stages(self) -> Floats: ...
 
     @property
-    def further(self) -> str: ...
-
-    @property
     def further_stages(self) -> Floats: ...
 
     @property
     def ends_fresh(self) -> bool: ...
-
-    @property
-    def drags(self) -> bool: ...
 
 
 class SplittingStepper(FixedStepper):
@@ -76,13 +70,13 @@ class SplittingStepper(FixedStepper):
         self._bound = [row.bind(flow, options).ready() for row in rows if row.bind]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
+        stages, further_stages, pressed = method.stages, method.further_stages, None
         if options.get(PRESSURE.name) is not None:
-            self.barostat = Barostat(flow, options, method.drags)
-        return Word(
-            method.stages,
-            Further(method.further_stages, np.array(table, np.int64)) if table else None,
-            self.barostat.pressed if self.barostat else None,
-        )
+            self.barostat = Barostat(flow, options, method)
+            stages, further_stages = np.split(self.barostat.rows(method), 2)
+            table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
+            pressed = self.barostat.pressed
+        return Word(stages, Further(further_stages, np.array(table, np.int64)) if table else None, pressed)
 
     def heat_to(self, temperature: float) -> None:
         """Go on with heat baths and a barostat of another temperature, which keep their memory."""

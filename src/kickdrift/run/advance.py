@@ -18,7 +18,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
 from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.option import MIXED, PRESSURE
+from kickdrift.integrators.option import MIXED, PRESSURE, coupling_of
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
@@ -120,7 +120,7 @@ class Integration:
         if self.engine.foreign:
             return begin(self.engine, replace(self._job, system=system, options=options))
         mixed = options.precision == MIXED
-        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed, varies=self.box_varies)
+        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed, coupling=coupling_of(options))
         if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
