@@ -141,7 +141,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--quiet": "export(progress)",
     },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
-    "show": {"system": "load(name_or_path)"},
+    "show": {"system": "load(name_or_path)", "--frame": "Run.system"},
     "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
 }
 

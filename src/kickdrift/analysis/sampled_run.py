@@ -185,6 +185,8 @@ def _of_simulation(sim: Simulation) -> SampledRun:
     system, name = sim.system, "the Simulation"
     if not isinstance(system, System):
         raise InputError(f"{name} runs a Problem, and an ensemble needs particles")
+    if sim.box_varies:
+        raise InputError(f"{name} has a barostat, and its samples hold no box; give the run's file, which has each box")
     samples = sim.record.samples
     samples = samples[even_stretch(np.array([each.step for each in samples]))]
     if len(samples) < 2:

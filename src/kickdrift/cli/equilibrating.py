@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.limits import whole_text
 from kickdrift.model.problem import Problem
-from kickdrift.model.run_defaults import with_equilibration
 from kickdrift.model.system import System
 from kickdrift.text import shown
 
@@ -36,7 +36,9 @@ def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
     for one, other in (("steps", "time"), ("time", "steps")):
         if one in given and other not in given:
             said.pop(other, None)
-    return with_equilibration(chosen, equilibration_of(said | given, chosen.units))
+    other = copy(chosen)
+    object.__setattr__(other, "equilibration", equilibration_of(said | given, chosen.units))
+    return other
 
 
 def _value(key: str, text: str) -> int | float | str:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from typing import Any, Protocol, runtime_checkable
 
 
 @runtime_checkable
@@ -116,10 +112,3 @@ class Equilibration:
         own = {each.name for each in fields(cls)} - {"options"}
         options = {key: value for key, value in said.items() if key not in own and value is not None}
         return cls(**{key: value for key, value in said.items() if key in own}, options=options)
-
-
-def with_equilibration(system: System, equilibration: Equilibration | None) -> System:
-    """Return the system with another ``[equilibrate]``."""
-    other = copy(system)
-    object.__setattr__(other, "equilibration", equilibration)
-    return other
