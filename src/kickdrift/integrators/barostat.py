@@ -18,6 +18,7 @@ from kickdrift.integrators.option import (
     COMPRESSIBILITY,
     MONTE_CARLO,
     MTK,
+    OF_PRESSURE,
     PRESSURE,
     PRESSURE_EVERY,
     PRESSURE_TAU,
@@ -42,6 +43,7 @@ TAKES = {  # options that each needs, and others
     MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
 }
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
+FEWEST_ACTIONS = 5  # in a time constant
 NEVER = np.iinfo(np.int64).min
 
 
@@ -75,6 +77,13 @@ def check_options(kind: str, options: Options, method: Lettered) -> None:
     for option in (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY):
         if option.name not in (*needed, *taken) and options.get(option.name) is not None:
             raise InputError(f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}")
+
+
+def check_unpressed(options: Options) -> None:
+    """Refuse options of a barostat without a pressure."""
+    for option in OF_PRESSURE:
+        if options.get(option.name) is not None:
+            raise InputError(f"{option.name}: is an option of a barostat, which needs a pressure; give pressure too")
 
 
 def check_pressed(system: Any, options: Options) -> None:
@@ -113,7 +122,7 @@ class Barostat:
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
         check_options(self._kind, options, method)
         self._live: Any = flow.live  # type: ignore[union-attr]
-        coupling = coupling_of(options)
+        self._coupling = coupling = coupling_of(options)
         group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[coupling], self._live.lengths, strict=True)]
         cutoffs = [force.cutoff for force in system.forces if isinstance(force, PairForce)]
         along = flow.forces.virials_along if coupling in APART else []
@@ -164,9 +173,14 @@ class Barostat:
         cause, which, value = self.piston.trouble
         if cause == TOO_SHORT:
             cutoff = 0.5 * self.piston.shortest
+            advice = (
+                "a fluid does not hold the shape of its box, so take coupling = isotropic"
+                if self._coupling in APART
+                else "take more particles or another pressure"
+            )
             return (
                 f"the barostat would make box edge {'xyz'[int(which)]} {value:.6g}, shorter than twice the cutoff, "
-                f"2 x {cutoff:.6g} = {2 * cutoff:.6g}; take more particles or a lower temperature"
+                f"2 x {cutoff:.6g} = {2 * cutoff:.6g}; {advice}"
             )
         return f"the barostat would change the volume by a factor of {which:.3g} at once; give a longer pressure_tau"
 
@@ -208,6 +222,13 @@ def pressure_warnings(dt: float, options: Options, system: Any) -> list[str]:
     tau = options.get(PRESSURE_TAU.name)
     if tau is not None and tau < SHORTEST_TAU * dt:
         found.append(f"pressure_tau = {tau:g} is {tau / dt:.3g} steps; use {SHORTEST_TAU} steps or more")
+    every = options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default
+    if tau is not None and options.get(COMPRESSIBILITY.name) is not None and tau < FEWEST_ACTIONS * every * dt:
+        actions = tau / (every * dt)
+        found.append(
+            f"pressure_tau = {tau:g} is {actions:.3g} actions of the barostat; use {FEWEST_ACTIONS} or more, "
+            f"or a pressure_every below {every}"
+        )
     for force in system.forces:
         if isinstance(force, PairForce) and force.truncation == "cut" and not force.tail:
             found.append(

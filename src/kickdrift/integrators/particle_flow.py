@@ -13,7 +13,7 @@ from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
-from kickdrift.looks.looking import FREEDOM, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
+from kickdrift.looks.looking import CHANGING, FREEDOM, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.live_box import LiveBox
@@ -81,6 +81,7 @@ class ParticleFlow(ParticleStates):
         """See ParticleStates."""
         row = looks.free()
         if self.live:
+            self._desk[CHANGING] = self.live.volume
             self._desk[VOLUMES] = self.subject.dimensions * self.live.volume
         return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
 

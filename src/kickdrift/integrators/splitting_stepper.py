@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.barostat import Barostat, Lettered, pressure_warnings
+from kickdrift.integrators.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.option import PRESSURE
@@ -76,6 +76,8 @@ class SplittingStepper(FixedStepper):
             stages, further_stages = np.split(self.barostat.rows(method), 2)
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
+        elif self._baths:
+            check_unpressed(options)
         return Word(stages, Further(further_stages, np.array(table, np.int64)) if table else None, pressed)
 
     def heat_to(self, temperature: float) -> None:

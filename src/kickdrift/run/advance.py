@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -32,8 +32,9 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.blow_up import failure
+from kickdrift.run.blow_up import Safe, failure
 from kickdrift.run.purpose import purpose_of
+from kickdrift.run.shortened import shortened_step
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -41,16 +42,6 @@ if TYPE_CHECKING:
     from kickdrift.model.events import Event
 
 CHUNK_SECONDS = 0.1  # time in compiled code between two checks for Ctrl-C
-
-
-@dataclass
-class Safe:
-    """The last state known to be good. A run that blows up goes back to this state."""
-
-    y: Floats  # its own buffer
-    time: float
-    step: int
-    box: Box | None = None  # of a run with a barostat
 
 
 class Integration:
@@ -174,7 +165,7 @@ class Integration:
         y, time, steps = self.y.copy(), self.time, self.steps_done
         old: Any = self.stepper
         with compiling_for(self.purpose):
-            flow, self.stepper = self._stepper_in(backward, self.options)
+            flow, self.stepper = self.stepper_in(backward, self.options)
         self.flow = self.flow if backward else flow
         self._reset(y, time, steps)
         if hasattr(old, "method_state"):
@@ -182,7 +173,7 @@ class Integration:
         self._compiled = False
         self.begin_record()
 
-    def _stepper_in(self, backward: bool, options: Options) -> tuple[RunFlow, Any]:
+    def stepper_in(self, backward: bool, options: Options) -> tuple[RunFlow, Any]:
         """A flow of the current bodies in this direction of time, and a new stepper."""
         flow, stepper = self._made(mirrored(self.system) if backward else self.system, options)
         return flow, BackwardStepper(stepper, flow) if backward else stepper
@@ -363,7 +354,7 @@ class Integration:
         With fixed steps, a shortened step of another stepper gives y at that time."""
         stepper: Any = self.stepper
         self.moving.forget_errors()
-        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened(time)
+        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else shortened_step(self, time)
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
@@ -372,17 +363,6 @@ class Integration:
         if counted:
             self.record.count(cost)
         self.at, self._present = time, (time, y)
-
-    def _shortened(self, time: float) -> tuple[int, Floats, Counts]:
-        """Take one step to ``time`` in a copy, which leaves the run on its grid. Return a status, y and the cost."""
-        assert self.dt is not None
-        rest = abs(time - self.stepper.time)
-        _, stepper = self._stepper_in(self.backward, self.options.changed(dt=rest))
-        stepper.reset(self.stepper.y.copy(), self.stepper.time, self.stepper.steps_done)
-        before = stepper.counts
-        status = stepper.advance(1)
-        self.record.unfinished = self.dt - rest
-        return status, stepper.y.copy(), stepper.counts - before
 
     def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Go back to the last good state, and raise an error that says what blew up.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from kickdrift.engines.session import RunFlow
@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 
-class Point(Protocol):
-    """A state of the run."""
+@dataclass
+class Safe:
+    """The last state known to be good. A run that blows up goes back to this state."""
 
-    y: Floats
+    y: Floats  # its own buffer
     time: float
     step: int
-    box: Box | None
+    box: Box | None = None  # of a run with a barostat
 
 
 class Failing(Protocol):
@@ -44,7 +45,7 @@ class Failing(Protocol):
     def integrator(self) -> str: ...
 
     @property
-    def safe(self) -> Point: ...
+    def safe(self) -> Safe: ...
 
 
 @unwarned

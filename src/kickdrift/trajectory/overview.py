@@ -57,10 +57,10 @@ def overview_of(run: Run) -> Lines:
         lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:
-        heat = report.get("heat")
+        heat, work = report.get("heat"), report.get("work")
         lines += energy_lines(
             energy, units["energy"], units["time"], found["time"][1] - found["time"][0],
-            heat=heat if _is_number(heat) else None,
+            heat=heat if _is_number(heat) else None, work=work if _is_number(work) else None,
         )  # fmt: skip
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
@@ -128,10 +128,16 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
     if _is_number(pressure):
         unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
         text = mean_text(pressure, _error(report, "pressure"), unit)
+        options, verdict = report.get("options"), report.get("pressure_verdict")
+        asked = options.get("pressure") if isinstance(options, dict) and isinstance(verdict, str) else None
+        text += verdict_text(asked if _is_number(asked) else None, verdict, unit)
         joined = f"{lines[0][1]}, pressure {text}" if lines else ""
         if joined and not said and len(joined) <= FITS:
             return [("temperature", joined)]
         lines.append(("pressure", text))
+    if _is_number(volume := report.get("volume")):
+        unit = f"{units['length']}^{dimensions}" if units["length"] else ""
+        lines.append(("volume", mean_text(volume, _error(report, "volume"), unit)))
     return lines
 
 
