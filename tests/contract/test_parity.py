@@ -141,7 +141,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--quiet": "export(progress)",
     },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
-    "show": {"system": "load(name_or_path)", "--frame": "Run.system"},
+    "show": {"system": "load(name_or_path)", "--frame": "open().system"},
     "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
 }
 

@@ -185,8 +185,6 @@ def _of_simulation(sim: Simulation) -> SampledRun:
     system, name = sim.system, "the Simulation"
     if not isinstance(system, System):
         raise InputError(f"{name} runs a Problem, and an ensemble needs particles")
-    if sim.box_varies:
-        raise InputError(f"{name} has a barostat, and its samples hold no box; give the run's file, which has each box")
     samples = sim.record.samples
     samples = samples[even_stretch(np.array([each.step for each in samples]))]
     if len(samples) < 2:
@@ -201,11 +199,11 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         kinetic=np.array([each.energies.kinetic for each in samples]),
         groups=(),
         potential=np.array([each.energies.potential for each in samples]),
-        volume=np.full(len(samples), system.volume),
+        volume=np.array([each.volume if sim.box_varies else system.volume for each in samples]),
         temperature=_number(sim.options.get("temperature"), name),
         pressure=_number(sim.options.get("pressure"), name),
         bath=bath,
-        likeness=_likeness(system, True),
+        likeness=_likeness(system, not sim.box_varies),
         notes=(note, f"{name} keeps no velocities: axes and species are tested from a run's file"),
     )
 

@@ -36,9 +36,9 @@ def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
     for one, other in (("steps", "time"), ("time", "steps")):
         if one in given and other not in given:
             said.pop(other, None)
-    other = copy(chosen)
-    object.__setattr__(other, "equilibration", equilibration_of(said | given, chosen.units))
-    return other
+    made = copy(chosen)
+    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units))
+    return made
 
 
 def _value(key: str, text: str) -> int | float | str:

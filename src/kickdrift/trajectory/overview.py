@@ -64,8 +64,7 @@ def overview_of(run: Run) -> Lines:
         )  # fmt: skip
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
-    if rooms := room_lines(found, units["length"]):
-        lines.append(("volume", ", density ".join(text for _, text in rooms)))
+    lines += [line for line in room_lines(found, units["length"]) if line[0] not in dict(lines)]
     lines.append(("frames", _state(found)))
     return lines + alarms(found)
 

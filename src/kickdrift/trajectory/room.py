@@ -11,11 +11,17 @@ from kickdrift.looks.record import even_stretch
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.statistics.blocks import block_average
+from kickdrift.trajectory.recorded import Samples
 from kickdrift.trajectory.run_parts import RunRecord
+
+VOLUME = "volume"  # a column of the samples of a run with a barostat
 
 
 class Boxed(RunRecord, Protocol):
     """A run's file with its boxes; see ``Run``."""
+
+    def whole_samples(self) -> Samples:
+        """Samples that are not damaged."""
 
     def whole_boxes(self) -> tuple[NDArray[np.int64], Floats, list[Box]]:
         """Steps, times and boxes of the frames that are not damaged."""
@@ -53,15 +59,18 @@ def room_of(run: Boxed) -> Room | None:
 
 
 def means_of(run: Boxed) -> dict[str, dict[str, float | None]]:
-    """Mean volume and density over the frames, with standard errors (None if the run is too short); empty for a box
-    that is fixed or open."""
-    room = room_of(run)
-    if room is None:
+    """Mean volume and density with standard errors (None if the run is too short): over the samples if these have the
+    volume, else over the frames. Empty for a box that is fixed or open."""
+    room, samples = room_of(run), run.whole_samples()
+    if VOLUME in samples.observables:
+        steps, volume = samples.steps, samples.observables[VOLUME]
+    elif room is not None:
+        steps, volume = room.steps, room.volume
+    else:
         return {}
-    even = even_stretch(room.steps)
-    found = {}
-    for name in ("volume", "density"):
-        mean = block_average(getattr(room, name)[even])
-        error = float(mean.error)
-        found[name] = {"mean": float(mean.value), "error": error if np.isfinite(error) else None}
-    return found
+    return {"volume": _mean(steps, volume), "density": _mean(steps, len(run.ids) / volume)}
+
+
+def _mean(steps: NDArray[np.int64], values: Floats) -> dict[str, float | None]:
+    error = float(block_average(values[even_stretch(steps)]).error)
+    return {"mean": float(values.mean()), "error": error if np.isfinite(error) else None}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis import ensemble_checks
+from kickdrift.analysis.sampled_run import sampled_run
 from kickdrift.errors import InputError
+from kickdrift.trajectory.info import info
 from tests.systems import liquid
 
 PRESSED = {
@@ -109,8 +110,14 @@ def test_a_liquid_equilibrates_at_a_pressure_and_runs_at_its_volume(tmp_path):
     np.testing.assert_array_equal(on.state.phase, sim.state.phase)
 
 
-def test_a_simulation_whose_box_varies_is_certified_from_its_file(whole):
+def test_the_volumes_of_samples_are_those_of_frames(whole):
+    path, seen, _ = whole
+    volumes = [state.box.volume for state in seen]
+    np.testing.assert_allclose(sampled_run(path).volume, volumes, rtol=1e-15)
+    assert sampled_run(path).pressure == 1.0
     sim = simulation()
-    sim.run(40, every=20)
-    with pytest.raises(InputError, match=r"has a barostat, and its samples hold no box; give the run's file"):
-        ensemble_checks([sim])
+    sim.run(STEPS, every=EVERY)
+    np.testing.assert_allclose(sampled_run(sim).volume, volumes, rtol=1e-15)
+    found = info(path)
+    assert found["volume"]["mean"] == pytest.approx(np.mean(volumes), rel=1e-14)
+    assert found["density"]["mean"] == pytest.approx(np.mean(64 / np.array(volumes)), rel=1e-14)
