@@ -121,3 +121,15 @@ def test_the_volumes_of_samples_are_those_of_frames(whole):
     found = info(path)
     assert found["volume"]["mean"] == pytest.approx(np.mean(volumes), rel=1e-14)
     assert found["density"]["mean"] == pytest.approx(np.mean(64 / np.array(volumes)), rel=1e-14)
+
+
+def test_a_minimum_is_found_in_the_box_of_now(whole):
+    path, seen, _ = whole
+    sim = simulation()
+    sim.state = seen[-1]
+    found = sim.minimize(force=1e-3)
+    assert found.converged
+    assert found.system.box == sim.state.box == seen[-1].box
+    with kd.open(path) as run:
+        wanted = kd.Simulation(run[-1].system(), dt=0.004).minimize(force=1e-3)
+    assert found.energy == pytest.approx(wanted.energy, rel=1e-9)
