@@ -61,10 +61,10 @@ def least_factor(pairs, which):
 @strict
 def changed_since(pairs, which):
     """Whether an edge has another length than at the last search or pruning."""
+    changed = False
     for k in range(3):
-        if pairs.live[k] != pairs.made_in[which, k]:
-            return True
-    return False
+        changed |= pairs.live[k] != pairs.made_in[which, k]
+    return changed
 
 
 @jit

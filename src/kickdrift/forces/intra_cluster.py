@@ -21,8 +21,8 @@ from kickdrift.jit.vectors import WIDTH
 
 @as_written
 def intra_cluster(laws, x, cluster, cutoff2, along):
-    """Return the forces among a cluster's eight particles, with energy, virial, number of pairs, and the virial ``along``
-    each axis with those of these pairs (see `along_axes`).
+    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
+    ``along`` each axis with that of these pairs (see `along_axes`).
 
     Each lane meets the lanes one to four places on. Lanes four places apart meet twice."""
     at = WIDTH * cluster

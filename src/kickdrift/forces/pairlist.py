@@ -11,9 +11,9 @@ from kickdrift.forces.box_change import (
     SEARCHED,
     adopt,
     changed_since,
+    keep_lengths,
     largest_own_move,
     least_factor,
-    keep_lengths,
 )
 from kickdrift.forces.clusters import (
     BUILT,

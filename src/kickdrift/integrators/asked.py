@@ -163,9 +163,7 @@ def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSys
     """The options asked for, with times and pressures in ``units`` where they are text such as "2 fs" or "1 bar"; a
     Problem has no units."""
     texts = {each.name: each.dimension for each in options if each.dimension in TEXTS}
-    return {
-        key: time_in(value, units, key, texts[key]) if key in texts else value for key, value in asked.items()
-    }
+    return {key: time_in(value, units, key, texts[key]) if key in texts else value for key, value in asked.items()}
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:

@@ -69,14 +69,18 @@ class Lettered(Protocol):
 def check_options(kind: str, options: Options, method: Lettered) -> None:
     """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
     if kind == MTK and method.further != "N":
-        raise InputError(f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath")
+        raise InputError(
+            f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
+        )
     needed, taken = TAKES[kind]
     for name in needed:
         if options.get(name) is None:
             raise InputError(f"{name} is needed: barostat {kind} has no default {name}")
     for option in (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY):
         if option.name not in (*needed, *taken) and options.get(option.name) is not None:
-            raise InputError(f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}")
+            raise InputError(
+                f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}"
+            )
 
 
 def check_unpressed(options: Options) -> None:
@@ -97,7 +101,9 @@ def check_pressed(system: Any, options: Options) -> None:
         raise InputError("pressure: no barostat here changes a leaning box; give a rectangular one")
     for force in system.forces:
         if not isinstance(force, PairForce | Springs):
-            raise InputError(f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces")
+            raise InputError(
+                f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces"
+            )
     coupling = coupling_of(options)
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
@@ -186,12 +192,10 @@ class Barostat:
 
     @property
     def _arrays(self) -> dict[str, Any]:
-        return {
-            "lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums,
-            "work": self.piston.work, "state": self.piston.state,
-        } | {  # fmt: skip
-            f"chain {letter}": bound.parts.chain.state for letter, bound in self.flows.items() if hasattr(bound.parts, "chain")
-        }
+        own = {"lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums}
+        own |= {"work": self.piston.work, "state": self.piston.state}
+        chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
+        return own | {f"chain {letter}": chain.state for letter, chain in chains if chain}
 
     def reset(self) -> None:
         """Begin anew in the box of now."""

@@ -14,9 +14,7 @@ from kickdrift.model.system import System
 Flow = ParticleFlow | ProblemFlow
 
 
-def flow_of(
-    subject: System | Problem, threads: int, jumps: bool, mixed: bool = False, coupling: str = ""
-) -> Flow:
+def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> Flow:
     """Flow of a System or a Problem. With ``jumps``, trial steps may go far astray. With ``mixed``, pair forces are in
     mixed precision. A barostat's ``coupling`` says which edges change."""
     if isinstance(subject, System):

@@ -32,6 +32,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 
+
 @inlined
 def add_scaled(y, factor, dy):
     """y <- y + factor dy, for (rows, n) arrays."""

@@ -1,4 +1,4 @@
-"""The barostat of Martyna, Tobias & Klein: the box moves like a piston with a mass, in a chain of thermostats of its own.
+"""The barostat of Martyna, Tobias & Klein: the box moves like a piston, with a mass and thermostats of its own.
 
 Martyna, Tobias & Klein 1994, J. Chem. Phys. 101, 4177, doi:10.1063/1.467468, with the corrections and the reversible
 splitting of Martyna et al. 1996, doi:10.1080/00268979600100761, and Tuckerman et al. 2006, J. Phys. A 39, 5629,

@@ -44,8 +44,8 @@ class Option:
     help : one line about the effect
     default : value if none is given; None if there is no single default
     choices : allowed values; () if they cannot be listed
-    dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, "" for
-        a pure number
+    dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, ""
+        for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
@@ -235,7 +235,10 @@ RATE = Option(
     "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
 )  # fmt: skip
 PRESSURE = Option(
-    "pressure", float, "Pressure of the box, whose edges then change; by default they do not.", dimension="pressure",
+    "pressure",
+    float,
+    "Pressure of the box, whose edges then change; by default they do not.",
+    dimension="pressure",
     above=0.0,
 )
 C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"

@@ -28,9 +28,7 @@ class ParticleFlow(ParticleStates):
         super().__init__(system)
         self.live = LiveBox(system.box) if coupling else None
         lengths = self.live.lengths if self.live else None
-        self.forces = BoundForces(
-            system, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART
-        )
+        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
         self._aside = BoundForces(
             system, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists

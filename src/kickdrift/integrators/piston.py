@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import types
 from numpy.typing import NDArray
-
-import numpy as np
 
 from kickdrift.integrators.bath import Bathed
 from kickdrift.jit.compile import as_written, strict

@@ -70,9 +70,7 @@ def fill_with_sums(barostat, bound, t, x, v, work, cursor):
     return status
 
 
-def press(
-    barostat: Any, bound: Any, start: float, done: int, dt: float, x: Any, v: Any, work: Any, cursor: Any
-) -> int:
+def press(barostat: Any, bound: Any, start: float, done: int, dt: float, x: Any, v: Any, work: Any, cursor: Any) -> int:
     """Let the barostat act before step ``done``, if its turn has come; return a status."""
     raise NotImplementedError("for compiled code")
 

@@ -33,8 +33,8 @@ def energy_lines(
     """Lines of the values of an EnergyReport; values that are None are left out.
 
     ``length`` is the time of the run. ``cause`` follows a secular drift. ``heat`` is the energy from a heat bath, None
-    without a bath; ``work`` is that from the change of the box, None without a barostat. Error and drift are then those of
-    the energy less both."""
+    without a bath; ``work`` is that from the change of the box, None without a barostat. Error and drift are then those
+    of the energy less both."""
     less_heat = "" if heat is None else " (energy less heat)" if work is None else " (energy less heat and work)"
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"

@@ -37,7 +37,9 @@ class LiveBox:
     @box.setter
     def box(self, box: Box) -> None:
         if box.triclinic or box.periodic_axes != tuple(self._axes.tolist()):
-            raise InputError(f"state: the box is {box.shape}, but a run with a barostat has a box like {self.box.shape}")
+            raise InputError(
+                f"state: the box is {box.shape}, but a run with a barostat has a box like {self.box.shape}"
+            )
         self.lengths[:] = np.where(self._axes, np.diag(box.matrix), 0.0)
 
     @property

@@ -21,7 +21,7 @@ from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED, PRESSURE, coupling_of
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
-from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
+from kickdrift.integrators.stepper import STOPPED, Stepper
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record

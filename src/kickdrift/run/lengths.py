@@ -134,7 +134,7 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     off = abs(steps - nearest) > CLOSE
     shortened = off and exact == SHORTEN
     if shortened and run.box_varies:
-        raise InputError("run: exact = \"shorten\": a barostat acts between whole steps; give a whole number of steps")
+        raise InputError('run: exact = "shorten": a barostat acts between whole steps; give a whole number of steps')
     if off and exact is True:
         low, high = sorted(begin + sign * (int(np.floor(steps)) + k) * dt for k in (0, 1))
         near = f"{low:.12g} and {high:.12g}"

@@ -125,9 +125,9 @@ class Report(ShownReport):
     errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
     "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``pressure_verdict`` does the
-    same with the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes, else
-    None. ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None without
-    bath or barostat. ``options`` holds the options except dt and tolerances.
+    same with the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes,
+    else None. ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None
+    without bath or barostat. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
     from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
     the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
