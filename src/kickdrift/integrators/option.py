@@ -261,6 +261,9 @@ PRESSURE_EVERY = Option(
 )
 APART = ("semi-isotropic", "per-axis")  # couplings that need the pressure along each axis
 OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
+SUBSTEPS = Option(
+    "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
+)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
