@@ -83,7 +83,9 @@ def run(
     equilibrate: Annotated[
         list[str] | None,
         typer.Option(
-            "--equilibrate", "-e", metavar="KEY=VALUE",
+            "--equilibrate",
+            "-e",
+            metavar="KEY=VALUE",
             help="A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
         ),
     ] = None,

@@ -65,9 +65,16 @@ class Lettered(Protocol):
     @property
     def drags(self) -> bool: ...
 
+    @property
+    def groups(self) -> int: ...
+
 
 def check_options(kind: str, options: Options, method: Lettered) -> None:
     """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
+    if method.groups:
+        raise InputError(
+            f"pressure: {method.name} kicks by groups of forces; a barostat needs kicks by all, as of baoab"
+        )
     if kind == MTK and method.further != "N":
         raise InputError(
             f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
@@ -113,6 +120,13 @@ def check_pressed(system: Any, options: Options) -> None:
         raise InputError(f"coupling: {coupling} takes one pair force; give it the parameters of all species")
 
 
+def reach_of(system: Any) -> float:
+    """Half the least edge length that the forces allow: the largest cutoff, or length of a spring."""
+    cutoffs = [float(force.cutoff or 0.0) for force in system.forces if isinstance(force, PairForce)]
+    springs = [float(np.max(force.length)) for force in system.forces if isinstance(force, Springs)]
+    return max(cutoffs + springs, default=0.0)
+
+
 class Barostat:
     """The barostat of one run.
 
@@ -128,16 +142,8 @@ class Barostat:
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
         check_options(self._kind, options, method)
         self._live: Any = flow.live  # type: ignore[union-attr]
-        self._coupling = coupling = coupling_of(options)
-        group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[coupling], self._live.lengths, strict=True)]
-        cutoffs = [force.cutoff for force in system.forces if isinstance(force, PairForce)]
-        along = flow.forces.virials_along if coupling in APART else []
-        self.piston = Piston(
-            bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), self._live.lengths,
-            np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
-            float(options[PRESSURE.name]), 2.0 * max(cutoffs, default=0.0), np.zeros(3),
-            along[0] if along else None, np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
-        )  # fmt: skip
+        self._coupling = coupling_of(options)
+        self.piston = self._made(flow, options, method)
         self.flows: dict[str, BoundSubflow] = {}
         at, every = (0, 0), 1
         if self._kind == MTK:
@@ -152,10 +158,22 @@ class Barostat:
             np.array(at, np.int64), every, np.zeros(3, np.int64), self.piston.sums, np.zeros((3, len(system)))
         )
 
-    def rows(self, method: Lettered) -> Floats:
-        """Rows (6, stages) of the method's word with the flows of the box; see `splitting.rows_of`."""
+    def _made(self, flow: Flow, options: Options, method: Lettered) -> Piston:
+        lengths: Floats = self._live.lengths
+        group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths, strict=True)]
+        along = flow.forces.virials_along
+        return Piston(
+            bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), lengths,
+            np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
+            float(options[PRESSURE.name]), 2.0 * reach_of(flow.subject), np.zeros(3), along[0] if along else None,
+            np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
+        )  # fmt: skip
+
+    def stages(self, method: Lettered) -> tuple[Floats, Floats]:
+        """Stages and further stages of the method's word with the flows of the box; see `Splitting`."""
         word, weights = mtk.word_with_box(method.word, method.weights) if self.flows else (method.word, method.weights)
-        return rows_of(word, weights, method.further + "".join(self.flows))
+        rows = rows_of(word, weights, method.further + "".join(self.flows))
+        return rows[:3].copy(), rows[3:6].copy()
 
     @property
     def added(self) -> list[tuple[BoundSubflow, bool]]:

@@ -48,8 +48,8 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     binding = [force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")]
     if binding and not options.get(ALLOW_GRAVITY.name):
         raise InputError(
-            f"a heat bath makes no sense under {binding[0]}: gravity has no equilibrium; use an integrator without one, "
-            "or set allow_gravity = true"
+            f"a heat bath makes no sense under {binding[0]}: gravity has no equilibrium; use an integrator without "
+            "one, or set allow_gravity = true"
         )
     for option in needed:
         if options.get(option.name) is None:

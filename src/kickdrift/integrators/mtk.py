@@ -123,7 +123,7 @@ def flows(piston: Piston, options: Options) -> dict[str, BoundSubflow]:
 
 def word_with_box(word: str, weights: Sequence[float]) -> tuple[str, tuple[float, ...]]:
     """Return the word and the weights of a method with the flows of the box."""
-    letters, parts = "", []
+    letters, parts = "", list[float]()
     for letter, weight in zip(word, weights, strict=True):
         if letter == KICK:
             letters, parts = letters + KICK + PUSH + KICK, [*parts, 0.5 * weight, weight, 0.5 * weight]

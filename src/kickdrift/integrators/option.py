@@ -264,6 +264,9 @@ OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRES
 ALLOW_GRAVITY = Option(
     "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
 )
+SUBSTEPS = Option(
+    "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
+)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53

@@ -13,10 +13,13 @@ from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.option import PRESSURE
 from kickdrift.integrators.pressing import Pressed
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
+from kickdrift.model.checks import whole_number
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -28,6 +31,7 @@ class Word(NamedTuple):
 
     stages: Floats  # see Splitting.stages
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
+    groups: Groups | None  # None for kicks by all forces
     barostat: Pressed | None = None  # None in a box that keeps its size
 
 
@@ -36,6 +40,13 @@ class Further(NamedTuple):
 
     stages: Floats  # see Splitting.further_stages
     table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
+
+
+class Groups(NamedTuple):
+    """Groups of forces, for a word that kicks by one group at a time."""
+
+    forces: NDArray[np.int64]  # (forces,) group of each force
+    kicks: NDArray[np.int64]  # (stages,) group of each stage's kick
 
 
 class Composition(Lettered, Protocol):
@@ -50,6 +61,15 @@ class Composition(Lettered, Protocol):
     @property
     def ends_fresh(self) -> bool: ...
 
+    @property
+    def groups(self) -> int: ...
+
+    @property
+    def kick_groups(self) -> NDArray[np.int64]: ...
+
+    @property
+    def name(self) -> str: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -61,8 +81,16 @@ class SplittingStepper(FixedStepper):
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
         if self.barostat:
             self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
-        super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
-        self.ends_fresh = method.ends_fresh
+        if groups := word.groups:
+            self.warnings += [
+                f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
+                for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
+            ]
+        some = (method.groups,) if groups else ()
+        super().__init__(
+            flow, splitting_loop, word, lambda shape: np.zeros((*some, *shape[1:])), options, kept=True,
+        )  # fmt: skip
+        self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
 
     def _word(self, flow: Flow, options: Options) -> Word:
         """Bind the further flows and the barostat with these options."""
@@ -73,12 +101,21 @@ class SplittingStepper(FixedStepper):
         stages, further_stages, pressed = method.stages, method.further_stages, None
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
-            stages, further_stages = np.split(self.barostat.rows(method), 2)
+            stages, further_stages = self.barostat.stages(method)
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:
             check_unpressed(options)
-        return Word(stages, Further(further_stages, np.array(table, np.int64)) if table else None, pressed)
+        further = Further(further_stages, np.array(table, np.int64)) if table else None
+        groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
+        return Word(stages, further, groups, pressed)
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        """See Stepper."""
+        status = super().advance(steps, until)
+        if status == STOPPED and self.barostat:
+            self.trouble = self.barostat.trouble
+        return status
 
     def heat_to(self, temperature: float) -> None:
         """Go on with heat baths and a barostat of another temperature, which keep their memory."""
@@ -98,11 +135,6 @@ class SplittingStepper(FixedStepper):
     def work(self) -> float:
         """Energy that the particles have got from the change of their box since the state was set."""
         return self.barostat.work if self.barostat else 0.0
-
-    @property
-    def trouble(self) -> str:  # type: ignore[override]
-        """Why the barostat stopped."""
-        return self.barostat.trouble if self.barostat else ""
 
     @property
     def baths(self) -> list[Floats]:
@@ -142,4 +174,16 @@ class SplittingStepper(FixedStepper):
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]
-        return bool(self._cursor[FRESH])
+        return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
+    """Group of each force. Raises InputError for a group that the word does not kick."""
+    forces = [] if not isinstance(flow.subject, System) else flow.subject.forces
+    groups = [whole_number(f"force {force.name}: group", getattr(force, "group", 0), 0) for force in forces]
+    for force, group in zip(forces, groups, strict=True):
+        if group >= method.groups:
+            raise InputError(
+                f"{method.name}: kicks by groups 0 to {method.groups - 1}, and force {force.name} has group = {group}"
+            )
+    return np.array(groups, np.int64)

@@ -11,7 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import ALLOW_GRAVITY, CHAIN, FRICTION, OF_PRESSURE, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.option import (
+    ALLOW_GRAVITY,
+    CHAIN,
+    FRICTION,
+    OF_PRESSURE,
+    RATE,
+    SEED,
+    TAU,
+    TEMPERATURE,
+    Option,
+)
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow

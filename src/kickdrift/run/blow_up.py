@@ -11,7 +11,7 @@ from kickdrift.integrators.method import Method
 from kickdrift.integrators.stepper import Stepper
 from kickdrift.model.box import Box
 from kickdrift.model.checks import unwarned
-from kickdrift.model.state import Floats
+from kickdrift.model.state import Floats, State
 
 if TYPE_CHECKING:
     from kickdrift.run.watch.watched_stepper import WatchedStepper
@@ -61,8 +61,8 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     time = stepper.time + (-dt if run.backward else dt) * inside_step
     with_step = "" if run.method.chooses_steps else f", dt = {run.dt:g}"
     last = run.flow.state(safe.y, safe.time, safe.step)
-    if safe.box is not None:
-        last = replace(last, box=safe.box)  # type: ignore[type-var]
+    if safe.box is not None and isinstance(last, State):
+        last = replace(last, box=safe.box)
     if stopped:
         message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
     else:

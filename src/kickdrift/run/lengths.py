@@ -45,6 +45,9 @@ class Moving(Protocol):
     def backward(self) -> bool: ...
 
     @property
+    def box_varies(self) -> bool: ...
+
+    @property
     def foreign(self) -> bool: ...
 
     @property

@@ -134,7 +134,8 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
         if joined and not said and len(joined) <= FITS:
             return [("temperature", joined)]
         lines.append(("pressure", text))
-    if _is_number(volume := report.get("volume")):
+    volume: Any = report.get("volume")
+    if _is_number(volume):
         unit = f"{units['length']}^{dimensions}" if units["length"] else ""
         lines.append(("volume", mean_text(volume, _error(report, "volume"), unit)))
     return lines
