@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import COMPENSATED, Option
+from kickdrift.integrators.option import COMPENSATED, OF_PRESSURE, Option
 from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
 from kickdrift.integrators.words import group_of, letters_of
 from kickdrift.model.state import Floats
@@ -143,7 +143,8 @@ class Splitting(Method):
 
     @property
     def declared(self) -> tuple[Option, ...]:
-        return COMPENSATED, *(option for letter in self.further for option in FLOWS[letter].options)
+        found = (option for letter in self.further for option in FLOWS[letter].options)
+        return COMPENSATED, *(option for option in found if not (self.groups and option in OF_PRESSURE))
 
     @cached_property
     def stages(self) -> Floats:
