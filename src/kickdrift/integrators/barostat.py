@@ -27,8 +27,8 @@ from kickdrift.integrators.option import (
 )
 from kickdrift.integrators.piston import TOO_SHORT, Piston
 from kickdrift.integrators.pressing import ACTED, Pressed
-from kickdrift.integrators.splitting import rows_of
 from kickdrift.integrators.subflow_code import BoundSubflow
+from kickdrift.integrators.words import rows_of
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

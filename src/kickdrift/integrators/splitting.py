@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, zip_longest
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import COMPENSATED, Option
+from kickdrift.integrators.option import COMPENSATED, OF_PRESSURE, Option
 from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
-from kickdrift.integrators.words import group_of, letters_of
+from kickdrift.integrators.words import group_of, letters_of, rows_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -143,7 +142,8 @@ class Splitting(Method):
 
     @property
     def declared(self) -> tuple[Option, ...]:
-        return COMPENSATED, *(option for letter in self.further for option in FLOWS[letter].options)
+        found = (option for letter in self.further for option in FLOWS[letter].options)
+        return COMPENSATED, *(option for option in found if not (self.groups and option in OF_PRESSURE))
 
     @cached_property
     def stages(self) -> Floats:
@@ -184,31 +184,6 @@ class Splitting(Method):
         from kickdrift.integrators.batch_stepping import FixedLanes
 
         return FixedLanes(members, batch_splitting_loop, self.stages, members.y.shape[2:])
-
-
-def rows_of(letters: Sequence[str], weights: Sequence[float], further: Sequence[str]) -> Floats:
-    """Rows (7, stages) of a word for compiled loops: those of `Splitting.stages`, those of `Splitting.further_stages`
-    with the letters ``further``, and the group of each stage's kick."""
-    slots = {KICK: 0, DRIFT: 1}
-    stages: list[list[float]] = []
-    last, passed, before = len(slots), 0.0, ""  # ``last``: the slot that was filled last
-    for letter, weight in zip(letters, weights, strict=True):
-        if not weight:
-            continue
-        slot = slots.get(letter[0], len(slots))
-        if letter == before and slot < len(slots):  # the same flow again: one flow for the sum of the times
-            stages[-1][slot] += weight
-        else:
-            if slot <= last:
-                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0, 0.0])
-            if letter[0] in slots:
-                stages[-1][slot] = weight
-            else:
-                stages[-1][3:6] = weight, passed, further.index(letter)
-            if letter[0] == KICK:
-                stages[-1][6] = group_of(letter) or 0
-        last, passed, before = slot, passed + weight * (letter == DRIFT), letter
-    return np.array(stages, dtype=np.float64).T
 
 
 def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
