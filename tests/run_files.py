@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy import constants
 
+from kickdrift.model.box import Box
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.trajectory.h5md import Writer
@@ -62,3 +63,14 @@ def without(state: State, particle: int) -> State:
     """The state without one body."""
     keep = np.arange(len(state)) != particle
     return State(state.phase[:, :, keep], state.masses[keep], state.ids[keep], state.box, state.time, state.steps_done)
+
+
+def breathing(of: list[State]) -> list[State]:
+    """The same states in boxes that grow and shrink, each axis by itself, and positions with them."""
+    found = []
+    for k, state in enumerate(of):
+        factors = 1 + 0.02 * np.sin([k, 2.0 * k, 0.5 * k])
+        box = Box(matrix=state.box.matrix * factors, periodic=state.box.periodic_axes)
+        phase = np.array([state.phase[0] * factors[:, None], state.phase[1]])
+        found.append(State(phase, state.masses, state.ids, box, state.time, state.steps_done))
+    return found

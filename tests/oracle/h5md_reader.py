@@ -49,12 +49,13 @@ def read(path):
         boundary = [each.decode() for each in particles["box"].attrs["boundary"]]
         found["box"] = None
         if "periodic" in boundary:
-            edges = particles["box/edges/value"][:frames] / length
-            assert (edges == edges[0]).all()
-            found["box"] = edges[0]
+            found["box"] = particles["box/edges/value"][:frames] / length
+            assert found["box"].shape[1:] in ((3,), (3, 3))
+            for key in ("step", "time"):
+                assert np.array_equal(particles["box/edges"][key][:frames], particles["position"][key][:frames])
         if "image" in particles:
-            rows = found["box"] if found["box"].ndim == 2 else np.diag(found["box"])
-            found["positions"] += particles["image/value"][:frames] @ rows
+            for position, image, edges in zip(found["positions"], particles["image/value"], found["box"], strict=False):
+                position += image @ (edges if edges.ndim == 2 else np.diag(edges))
         if "force" in particles:
             found["forces"] = particles["force/value"][:frames].astype("f8") / units["force_factor"]
         names = {number: name for name, number in h5py.check_enum_dtype(particles["species"].dtype).items()}

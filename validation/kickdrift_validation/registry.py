@@ -77,6 +77,7 @@ SCRIPTS = (
         "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps",
         50,
     ),
+    Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),

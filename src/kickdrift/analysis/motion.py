@@ -169,6 +169,9 @@ def mean_squared_displacement(
     191, doi:10.1016/0010-4655(95)00048-K. Errors are by block averages over 64 stretches of time origins. Displacements
     over a time t are correlated for that time, so lags beyond about a tenth of the run have infinite errors.
 
+    A barostat scales all positions with the box. Displacements in such a run are the sums of the displacements inside
+    the box, without this scaling (von Bülow, Bullerjahn & Hummer 2020, doi:10.1063/5.0008316).
+
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or unwrapped positions (frames, n, 3)

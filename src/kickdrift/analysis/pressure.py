@@ -10,6 +10,7 @@ import numpy as np
 from kickdrift.analysis.vectors import vectors_of
 from kickdrift.errors import InputError
 from kickdrift.looks.pressure import instantaneous_pressure
+from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.statistics.blocks import block_average
@@ -40,7 +41,7 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001. Velocities include that of the
     centre of mass. The stress tensor is the negative. The trace over the number of dimensions is the pressure that the
     run itself reports. Pair forces act as in the run, with the same compiled law, truncation and tail. Springs act too.
-    Fields act on single particles and do not contribute.
+    Fields act on single particles and do not contribute. Each frame counts in its own box.
 
     Parameters
     ----------
@@ -54,11 +55,23 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     if not isinstance(positions.source, reader.Run):
         raise InputError("pressure_tensor: expected a run, because it needs the forces; got an array")
     assert positions.times is not None
-    system = system_of(positions.source) if system is None else system
+    system, run_box = system_of(positions.source) if system is None else system, positions.source.box
     if len(system) != positions.particles:
         raise InputError(f"pressure_tensor: the system has {len(system)} particles, the run {positions.particles}")
-    pairs = zip(positions.each(), velocities.each(), strict=True)
-    tensors = np.array([instantaneous_pressure(system, x, v) for x, v in pairs])
+    tensors = np.array(
+        [
+            instantaneous_pressure(system if box is run_box else _in_box(system, box), x, v)
+            for x, v, box in zip(positions.each(), velocities.each(), positions.boxes, strict=True)
+        ]
+    )
     mean = block_average(tensors)
     trace = block_average(np.trace(tensors, axis1=1, axis2=2) / system.dimensions)
     return PressureTensor(positions.times, tensors, mean.value, mean.error, float(trace.value), float(trace.error))
+
+
+def _in_box(system: System, box: Box) -> System:
+    """The system in the box of a frame, which must fit its cutoffs."""
+    found = system.at(system.state.phase, system.state.time, box=box)
+    for force in found.forces:
+        force.check(found)
+    return found

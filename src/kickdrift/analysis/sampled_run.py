@@ -205,11 +205,11 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         kinetic=np.array([each.energies.kinetic for each in samples]),
         groups=(),
         potential=np.array([each.energies.potential for each in samples]),
-        volume=np.full(len(samples), system.volume),
+        volume=np.array([each.volume if sim.box_varies else system.volume for each in samples]),
         temperature=_number(sim.options.get("temperature"), name),
         pressure=_number(sim.options.get("pressure"), name),
         bath=bath,
-        likeness=_likeness(system, True),
+        likeness=_likeness(system, not sim.box_varies),
         notes=(note, f"{name} keeps no velocities: axes and species are tested from a run's file"),
     )
 

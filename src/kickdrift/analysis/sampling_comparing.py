@@ -123,7 +123,9 @@ def _equilibrated(
     """State after some time in the bath. Both paths of a pair start in one state, so it need not be exact."""
     sim = Simulation(system, method, dt, threads=threads)
     wanted = system.equilibration
-    time = float(wanted.time) if wanted is not None else RELAXATION * dt
+    time = RELAXATION * dt
+    if wanted is not None:
+        time = (wanted.steps or 0) * dt if wanted.time is None else float(wanted.time)
     sim.equilibrate(float(sim.options["temperature"]), time, progress=bar("equilibrating"))
     return sim.state
 

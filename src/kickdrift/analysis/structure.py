@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kickdrift.analysis.vectors import Source, Vectors, vectors_of
+from kickdrift.analysis.vectors import Boxes, Source, Vectors, vectors_of
 from kickdrift.analysis.waves import Waves, in_shells, reciprocal
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
@@ -46,7 +46,7 @@ class StructureFactor(NamedTuple):
 
 def radial_distribution(
     source: Source,
-    box: Box | Sequence[float] | None = None,
+    box: Boxes = None,
     r_max: float | None = None,
     bins: int = 200,
     *,
@@ -58,14 +58,15 @@ def radial_distribution(
     g is the number of ordered pairs (i, j ≠ i) with r in a bin, divided by that of n(n-1) independent pairs spread
     evenly: n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, with the box open along z and z
     equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
+    Where a barostat changes the box, each frame counts with the volume of its own box.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
     doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
         wrapped or not
-    box : three edge lengths, or a periodic Box; with positions alone
-    r_max : largest distance; default and upper limit half the least of the box's heights. The heights of a rectangular
+    box : three edge lengths, a periodic Box, or a list with a Box for each frame; with positions alone
+    r_max : largest distance; default and upper limit half the least of the boxes' heights. The heights of a rectangular
         box are its edges
     bins : number of bins of equal width between 0 and r_max
     pair : two species: g of the second around the first; default all particles of any species
@@ -80,7 +81,7 @@ def radial_distribution(
         raise InputError(f"radial_distribution: {CLOSED}")
     if bins < 1:
         raise InputError(f"radial_distribution: expected one bin or more, got {bins}")
-    half = float(found.box.heights.min()) / 2
+    half = min(float(box.heights.min()) for box in each_of(found.boxes)) / 2
     r_max = half if r_max is None else float(r_max)
     if not 0 < r_max <= half:
         raise InputError(
@@ -94,24 +95,28 @@ def radial_distribution(
     chosen = np.concatenate([first, second]) if unlike else first
     kinds = (np.arange(len(chosen)) >= len(first)).astype(np.int64) if unlike else np.zeros(len(chosen), np.int64)
     edges = np.linspace(0.0, r_max, bins + 1)
-    if plane:
-        ideal = ordered * np.pi * np.diff(edges**2) / found.box.area
-    else:
-        ideal = ordered * 4 / 3 * np.pi * np.diff(edges**3) / found.box.volume
+    shells = ordered * np.pi * np.diff(edges**2) if plane else ordered * 4 / 3 * np.pi * np.diff(edges**3)
 
     from kickdrift.analysis.pair_counts import pair_counts
 
     frames = map(_in_plane if plane else _in_space, found.each())
     twice = 1 if unlike else 2  # a pair of one kind counts from both ends
-    counts = (twice * pair_counts(x[chosen], found.box, kinds, unlike, r_max, bins) for x in frames)
-    g = mean_over_frames(len(found), (row / ideal for row in counts))
-    coordination = np.cumsum(g.value * ideal) / len(first)
+    total = np.zeros(bins, np.int64)
+
+    def rows() -> Iterator[Floats]:
+        for x, box in zip(frames, found.boxes, strict=True):
+            counts = twice * pair_counts(x[chosen], box, kinds, unlike, r_max, bins)
+            np.add(total, counts, out=total)
+            yield counts / (shells / (box.area if plane else box.volume))
+
+    g = mean_over_frames(len(found), rows())
+    coordination = np.cumsum(total) / (len(found) * len(first))
     return RadialDistribution((edges[1:] + edges[:-1]) / 2, g.value, g.error, coordination, len(found))
 
 
 def structure_factor(
     source: Source,
-    box: Box | Sequence[float] | None = None,
+    box: Boxes = None,
     k_max: float | None = None,
     width: float | None = None,
     *,
@@ -123,13 +128,14 @@ def structure_factor(
     rectangular box a* is 2π/Lx along x (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001).
     An average over shells takes all vectors up to ``k_max``. Along an open axis k is zero. S is 1 for an ideal gas, n
     at a Bragg peak of a perfect crystal. The error is by block averages of a shell's or vector's values over frames.
-    The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``.
+    The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``. Where a barostat
+    changes the box, a, b, c stay and k is the mean over frames; the shells are those of the mean box.
 
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
         wrapped or not
-    box : three edge lengths, or a periodic Box; with positions alone
+    box : three edge lengths, a periodic Box, or a list with a Box for each frame; with positions alone
     k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), in a plane (A/n)^(1/2), beyond the first peak
         of a liquid
     width : width of the shells; default half the smallest |k|, π over the longest edge of a rectangular box
@@ -137,9 +143,10 @@ def structure_factor(
     """
     found = vectors_of(source, "positions", box=box)
     _check_periodic(found, "structure_factor")
-    units = reciprocal(found.box)
+    mean = mean_box(found.boxes)
+    units = reciprocal(mean)
     if vectors is None:
-        wanted, shell, shells = in_shells(found.box, units, found.particles, k_max, width)
+        wanted, shell, shells = in_shells(mean, units, found.particles, k_max, width)
     else:
         wanted = np.asarray(vectors)
         if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted) or np.any(wanted != np.rint(wanted)):
@@ -149,11 +156,34 @@ def structure_factor(
             raise InputError(f"structure_factor: vectors: expected 0 along open axes; the box is {along}")
         wanted, shell, shells = wanted.astype(np.int64), np.arange(len(wanted)), len(wanted)
     each = np.bincount(shell, minlength=shells)
-    k = np.bincount(shell, np.linalg.norm(wanted @ units, axis=1), shells) / each
     waves = Waves.of(wanted, units)
-    rows = (np.bincount(shell, waves.intensity(x), shells) / each for x in found.each())
+    parts = {id(box): reciprocal(box) for box in each_of(found.boxes)}
+    of_frames = [parts[id(box)] for box in found.boxes]
+    if found.box_varies:
+        k = np.mean([_lengths(wanted @ own, shell, each) for own in of_frames], axis=0)
+    else:
+        k = _lengths(wanted @ units, shell, each)
+    shown = zip(found.each(), of_frames, strict=True)
+    rows = (np.bincount(shell, waves._replace(units=own).intensity(x), shells) / each for x, own in shown)
     s = mean_over_frames(len(found), rows)
     return StructureFactor(k, s.value, s.error, each, len(found))
+
+
+def _lengths(vectors: Floats, shell: NDArray[np.int64], each: NDArray[np.int64]) -> Floats:
+    """Mean length of the vectors (m, 3) of each shell."""
+    return np.bincount(shell, np.linalg.norm(vectors, axis=1), len(each)) / each
+
+
+def each_of(boxes: Iterable[Box]) -> list[Box]:
+    """The boxes without repeated objects."""
+    return list({id(box): box for box in boxes}.values())
+
+
+def mean_box(boxes: Sequence[Box]) -> Box:
+    """The box whose edge vectors are the means of those of the boxes; the box itself if there is only one."""
+    if len(each_of(boxes)) == 1:
+        return boxes[0]
+    return Box(matrix=np.mean([box.matrix for box in boxes], axis=0), periodic=boxes[0].periodic_axes)
 
 
 def _check_periodic(found: Vectors, name: str) -> None:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kickdrift.analysis.travel import travelled
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
@@ -20,6 +21,7 @@ from kickdrift.trajectory.run_parts import RunNumbers
 PIECE_BYTES = 64 * 2**20  # positions or velocities in memory at once
 Quantity = Literal["positions", "velocities"]
 Source = Frames | str | os.PathLike[str] | ArrayLike
+Boxes = Box | Sequence[float] | Sequence[Box] | None
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Vectors:
     source : the open run, or an array (frames, n, 3)
     chosen : numbers of the frames in the source
     times : (frames,) float64; None for an array without times
-    box : Box
+    boxes : (frames,) Box of each frame; the same object wherever the box is the same
     masses : (n,)
     species : (n,) names
     """
@@ -41,7 +43,7 @@ class Vectors:
     source: RunNumbers | Floats
     chosen: NDArray[np.int64]
     times: Floats | None
-    box: Box
+    boxes: Sequence[Box]
     masses: Floats
     species: NDArray[np.str_]
 
@@ -57,6 +59,16 @@ class Vectors:
         """Number of dimensions: 3, or 2 for a run in two dimensions."""
         return int(self.source.system_record.get("dimensions", 3)) if isinstance(self.source, reader.Run) else 3
 
+    @property
+    def box(self) -> Box:
+        """Box of the first frame. All frames have its periodic axes."""
+        return self.boxes[0]
+
+    @property
+    def box_varies(self) -> bool:
+        """Whether frames have different boxes."""
+        return any(box is not self.boxes[0] for box in self.boxes)
+
     def pieces(self) -> Iterator[Floats]:
         """Yield unwrapped vectors (k, n, 3) of consecutive frames, piece by piece."""
         size = max(1, PIECE_BYTES // (24 * self.particles))
@@ -69,15 +81,22 @@ class Vectors:
             yield from piece
 
     def paths(self) -> Iterator[tuple[slice, Floats]]:
-        """Yield groups of particles as slices, with their unwrapped vectors (frames, k, 3) over all frames."""
+        """Yield groups of particles as slices, with their unwrapped vectors (frames, k, 3) over all frames.
+
+        Positions in a box that changes are those of `travelled`, which do not scale with the box."""
         size = max(1, PIECE_BYTES // (24 * len(self)))
+        changes = self.what == "positions" and self.box_varies
         for start in range(0, self.particles, size):
             some = slice(start, min(start + size, self.particles))
-            yield some, self._read(0, len(self), some)
+            found = self._read(0, len(self), some)
+            yield some, travelled(found, self.boxes) if changes else found
 
     def centre_of_mass(self) -> Floats:
         """Centre of mass of all particles, or its velocity, (frames, 3)."""
         weights = self.masses / self.masses.sum()
+        if self.what == "positions" and self.box_varies:
+            parts = [np.einsum("n,fnk->fk", weights[some], path) for some, path in self.paths()]
+            return np.sum(parts, axis=0)
         return np.concatenate([np.einsum("n,fnk->fk", weights, piece) for piece in self.pieces()])
 
     def spacing(self) -> float:
@@ -118,7 +137,7 @@ def vectors_of(
     what: Quantity,
     *,
     times: ArrayLike | None = None,
-    box: Box | Sequence[float] | None = None,
+    box: Boxes = None,
     masses: ArrayLike | None = None,
     species: Sequence[str] | None = None,
 ) -> Vectors:
@@ -141,7 +160,8 @@ def vectors_of(
             if np.count_nonzero(on_grid) > 2:
                 chosen = chosen[on_grid]
         names = np.array(run.species)[run.species_index]
-        found = Vectors(what, run, chosen, run.times[chosen], run.box, run.masses, names)
+        boxes = run.boxes_of(range(len(run)))
+        found = Vectors(what, run, chosen, run.times[chosen], [boxes[k] for k in chosen], run.masses, names)
     else:
         found = _of_array(np.asarray(source, dtype=float), what, times, box, masses, species)
     if not len(found):
@@ -153,7 +173,7 @@ def _of_array(
     array: Floats,
     what: Quantity,
     times: ArrayLike | None,
-    box: Box | Sequence[float] | None,
+    box: Boxes,
     masses: ArrayLike | None,
     species: Sequence[str] | None,
 ) -> Vectors:
@@ -171,4 +191,13 @@ def _of_array(
     names = np.full(n, "A") if species is None else np.array([str(name) for name in species])
     if names.shape != (n,):
         raise InputError(f"species: expected {n}, one for each particle, got {len(names)}")
-    return Vectors(what, array, chosen, clock, Box.of(box), m, names)
+    return Vectors(what, array, chosen, clock, _boxes_of(box, len(array)), m, names)
+
+
+def _boxes_of(given: Boxes, frames: int) -> list[Box]:
+    """Box of each frame of an array, from one box for all frames or a list with a Box for each."""
+    if not (isinstance(given, list | tuple) and given and all(isinstance(each, Box) for each in given)):
+        return [Box.of(given)] * frames  # type: ignore[arg-type]
+    if len(given) != frames or any(each.periodic_axes != given[0].periodic_axes for each in given):
+        raise InputError(f"box: expected one Box, or {frames}, one for each frame, all periodic along the same axes")
+    return list(given)

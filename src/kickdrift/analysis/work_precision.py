@@ -156,7 +156,9 @@ def equilibrated(subject: Subject, threads: int, bar: Callable[[str], Progress] 
         return subject.state
     wanted = subject.equilibration
     sim = Simulation(subject, "velocity-verlet", threads=threads)
-    sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar and bar("equilibrating"))
+    sim.equilibrate(**wanted.said(), progress=bar and bar("equilibrating"))
+    if sim.system.box != subject.box:
+        raise InputError("compare: [equilibrate] has a barostat, which changes the box; leave its pressure out")
     return sim.state
 
 

@@ -21,7 +21,7 @@ INTEGRATOR, REST = "Integrator", "Options"
 GROUPS: dict[str, tuple[str, ...]] = {
     "How long": ("steps", "time", "exact", "length"),
     INTEGRATOR: ("integrator", "accuracy", DT.name, MIXED, "o"),
-    "Start": ("seed", "vary", "replicas", "measure"),
+    "Start": ("seed", "equilibrate", "vary", "replicas", "measure"),
     "Output": (
         "output", "every", "interval", "write", "store", "compress", "flush", "trajectories", "json_file", "plot",
         "overwrite", "quiet",

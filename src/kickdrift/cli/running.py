@@ -11,6 +11,7 @@ import typer
 
 from kickdrift.cli.amounts import in_units, length, whole
 from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
@@ -79,6 +80,15 @@ def run(
         str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
+    equilibrate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--equilibrate",
+            "-e",
+            metavar="KEY=VALUE",
+            help="A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
+        ),
+    ] = None,
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     processes: Annotated[
@@ -103,7 +113,7 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = load_or_run(system, seed)
+    chosen = with_keys(load_or_run(system, seed), equilibrate or [])
 
     from kickdrift.run.lengths import SHORTEN, length_of
     from kickdrift.run.problem_outputs import check_suffix
@@ -123,8 +133,7 @@ def run(
     warn_of_version(sim, quiet)
     with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
-            wanted = chosen.equilibration
-            sim.equilibrate(wanted.temperature, wanted.time, wanted.interval, bar("equilibrating"))
+            sim.equilibrate(**chosen.equilibration.said(), progress=bar("equilibrating"))
         ahead = wanted_length()
         stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(

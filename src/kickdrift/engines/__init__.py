@@ -17,7 +17,7 @@ from kickdrift.engines import heat_baths
 from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.option import MIXED, PRESSURE
 from kickdrift.model.other_names import other_name
 from kickdrift.text import shown, suggestion
 
@@ -104,6 +104,8 @@ class Engine:
         if job.method.name not in self.methods:
             known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
             return f"integrator {job.named!r}: {self.name} has {known}"
+        if job.options.get(PRESSURE.name) is not None:
+            return f"pressure: only a native run changes the box; {self.name} keeps it here"
         if job.options.compensated:
             return f"compensated: {self.name} has no compensated sums of positions and velocities"
         if job.options.precision == MIXED:

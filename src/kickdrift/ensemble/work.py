@@ -102,7 +102,7 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
     sim = Simulation(system)
     length_of(sim, system.name)  # or its error, before anything runs
     if isinstance(system, System) and (wanted := system.equilibration):
-        sim.equilibrate(wanted.temperature, wanted.time, wanted.interval)
+        sim.equilibrate(**wanted.said())
     folder = recipe.trajectories
     suffix = ".h5" if isinstance(system, Problem) else ".h5md"
     report = sim.run(

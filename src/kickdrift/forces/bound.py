@@ -54,6 +54,16 @@ def _compiled(force: BoundForce) -> BoundForce:
         raise not_compiled(law or type(force.parts), error) from None
 
 
+def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
+    """Return the bound force with the edge lengths of its box in this memory. If edges change ``apart``, the force also
+    sums its virial along each axis."""
+    if isinstance(force, PairKernel):
+        made = force.with_list(live=lengths)
+        return PairKernel(made.parts._replace(along=np.zeros((len(made.parts.sums), 3)))) if apart else made
+    cell = getattr(force.parts, "cell", None)
+    return force if cell is None else BoundForce(force.parts._replace(cell=cell._replace(edges=lengths)))
+
+
 class UnderForces(Protocol):
     """A System to which forces are bound, or a Problem with its right-hand side as the only force."""
 
@@ -70,11 +80,19 @@ class BoundForces:
     The lists live as long as this object, and sums depend on earlier calls (to round-off). So the run loop has its own
     instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
     has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
-    With ``mixed``, pair forces are in mixed precision.
+    With ``mixed``, pair forces are in mixed precision. ``lengths`` (3,) is memory that holds the edge lengths of a box
+    that varies, with ``apart`` each edge by itself.
     """
 
     def __init__(
-        self, system: UnderForces, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
+        self,
+        system: UnderForces,
+        threads: int = 1,
+        jumps: bool = True,
+        thin: bool = False,
+        mixed: bool = False,
+        lengths: Floats | None = None,
+        apart: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
         pairs = [isinstance(force, PairForce) for force in system.forces]
@@ -84,6 +102,9 @@ class BoundForces:
             force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
             for force, pair in zip(system.forces, pairs, strict=True)
         )
+        self._varies = lengths is not None
+        if lengths is not None:
+            self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
@@ -131,6 +152,12 @@ class BoundForces:
             dy[...] = np.nan
         return dy
 
+    @property
+    def virials_along(self) -> list[Floats]:
+        """Memory (chunks, 3) of each pair force with the virial along each axis at the last evaluation with sums."""
+        kernels = [force for force in self.forces if isinstance(force, PairKernel)]
+        return [force.parts.along for force in kernels if force.parts.along is not None]
+
     def tune(self, stride: float) -> None:
         """Choose the cheapest pair lists; the next evaluation makes them.
 
@@ -146,7 +173,7 @@ class BoundForces:
 
     def memory(self) -> list[dict[str, Any] | None]:
         """Return copies of each force's pair list, None without a list; later sums depend on these."""
-        return [memory(force) if isinstance(force, PairKernel) else None for force in self.forces]
+        return [memory(force, self._varies) if isinstance(force, PairKernel) else None for force in self.forces]
 
     def recall(self, memory: list[dict[str, Any] | None]) -> None:
         """Restore the pair lists from this memory."""

@@ -43,6 +43,8 @@ class ClusterList(NamedTuple):
     inner_skin: float
     outer_skin: float
     cell: Cell
+    live: NDArray[np.float64]  # (3,) edge lengths now, which a barostat changes; see `box_change`
+    made_in: NDArray[np.float64]  # (2, 3) edge lengths at the last search and the last pruning
     bricks: Bricks
     shifts: NDArray[np.float64]  # (3, 32), using the 27 shifts of the bricks
     counts: NDArray[np.int64]
@@ -131,6 +133,8 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         inner_skin=inner_skin,
         outer_skin=outer_skin,
         cell=cell,
+        live=np.diag(cell.matrix).copy(),
+        made_in=np.array([np.diag(cell.matrix)] * 2),
         bricks=bricks,
         shifts=shifts,
         counts=np.zeros(8, np.int64),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from kickdrift.forces.along_axes import add_along
 from kickdrift.forces.clusters import load_vector
 from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.truncation import truncated
@@ -19,39 +20,40 @@ from kickdrift.jit.vectors import WIDTH
 
 
 @as_written
-def intra_cluster(laws, x, cluster, cutoff2):
-    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs.
+def intra_cluster(laws, x, cluster, cutoff2, along):
+    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
+    ``along`` each axis with that of these pairs (see `along_axes`).
 
     Each lane meets the lanes one to four places on. Lanes four places apart meet twice."""
     at = WIDTH * cluster
     own = load_vector(x, cluster)
-    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 1)
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 1, along, 1.0)
     sx, sy, sz = fx - rotated(fx, 7), fy - rotated(fy, 7), fz - rotated(fz, 7)
     energies, virials, counts = energy, virial, count
-    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 2)
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 2, along, 1.0)
     sx, sy, sz = sx + (fx - rotated(fx, 6)), sy + (fy - rotated(fy, 6)), sz + (fz - rotated(fz, 6))
     energies, virials, counts = energies + energy, virials + virial, counts + count
-    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 3)
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 3, along, 1.0)
     sx, sy, sz = sx + (fx - rotated(fx, 5)), sy + (fy - rotated(fy, 5)), sz + (fz - rotated(fz, 5))
     energies, virials, counts = energies + energy, virials + virial, counts + count
-    fx, fy, fz, energy, virial, count = pairs_apart(laws, at, own, cutoff2, 4)
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 4, along, 0.5)
     sx, sy, sz = sx + fx, sy + fy, sz + fz
     energies, virials, counts = energies + 0.5 * energy, virials + 0.5 * virial, counts + 0.5 * count
-    return sx, sy, sz, energies, virials, counts
+    return sx, sy, sz, energies, virials, counts, along
 
 
-def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int) -> Any:
+def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int, along: Any, part: float) -> Any:
     """Return the forces on the eight particles from slot ``at`` on by the particles ``places`` further on, with energy,
-    virial and number of pairs."""
+    virial, number of pairs, and ``along`` with ``part`` of the virial along each axis."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(pairs_apart, prefer_literal=True)
-def _pairs_apart(laws, at, own, cutoff2, places):
+def _pairs_apart(laws, at, own, cutoff2, places, along, part):
     if not isinstance(places, types.IntegerLiteral):
         return None
 
-    def meets(laws, at, own, cutoff2, places):
+    def meets(laws, at, own, cutoff2, places, along, part):
         x, y, z = own
         dx, dy, dz = x - rotated(x, places), y - rotated(y, places), z - rotated(z, places)
         r2 = dx * dx + dy * dy + dz * dz
@@ -59,7 +61,8 @@ def _pairs_apart(laws, at, own, cutoff2, places):
         energy, force_over_r = terms_within(laws, at, places, r2)
         g = select(inside, force_over_r, 0.0)
         energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
-        return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count
+        along = add_along(along, part, g, dx, dy, dz)
+        return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count, along
 
     return meets
 

@@ -39,6 +39,7 @@ def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
     def upkeep(place, count, loop, what, n, x):
         pairs, chunks = restore(place), Chunks(count, loop)
         if what == PRUNE:
+            pairlist.adopt(pairs)
             pairlist.prune(pairs, chunks)
             return OK
         return pairlist.refresh(pairs, carray(x, (3, n)), chunks)

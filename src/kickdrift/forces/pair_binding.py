@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from kickdrift.forces.box_change import volume_of
 from kickdrift.forces.clusters import (
     cluster_list,
 )
@@ -83,8 +84,10 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
         lanes=lanes,
         cutoff=cutoff,
         tail=force.tail_corrections(system),
+        tail_volume=float(volume_of.py_func(pairs.live)),
         inverse_masses=1.0 / system.coherent_masses,
         sums=np.zeros((chunks, 3)),
+        along=None,
         pairs=pairs,
         chunks=in_chunks(chunks, threads),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
+from kickdrift.forces.box_change import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.clusters import (
     BUILT,
     LANES,
@@ -58,8 +59,10 @@ class PairWork(NamedTuple):
     lanes: RowLanes  # lanes of a step of the sum
     cutoff: float
     tail: tuple[float, float]  # energy and virial from beyond the cutoff
+    tail_volume: float  # of the box that these belong to
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
     pairs: ClusterList
     chunks: Chunks
 
@@ -115,11 +118,15 @@ def compute_for(kind: types.Type) -> Callable[..., int]:
 def remake(force, built_at, pruned_at):
     pairs = force.pairs
     pairs.counts[BUILT] = 0
+    now, then = pairs.live.copy(), pairs.made_in.copy()
+    pairs.live[:] = then[SEARCHED]
     status = refresh(pairs, built_at, force.chunks)
     if status == OK:
+        pairs.live[:] = then[PRUNED]
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
         spread(force.tables, pairs)
+    pairs.live[:] = now
     return status
 
 
@@ -142,8 +149,9 @@ def add_forces(force, wanted, x, a, sums):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
             sums[2] += force.sums[c, 2]
-        sums[0] += force.tail[0]
-        sums[1] += force.tail[1]
+        scaled = scaled_tail(pairs, force.tail_volume)
+        sums[0] += scaled * force.tail[0]
+        sums[1] += scaled * force.tail[1]
     collect(pairs, chunks)
     place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
     gx, gy, gz = left_over(force.mixed, place, total)

@@ -57,13 +57,28 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
 
 
-def memory(bound: PairKernel) -> dict[str, Any]:
+def memory(bound: PairKernel, varies: bool = False) -> dict[str, Any]:
     """State that determines the order of sums: the list's room and skins, and the positions of its last search and
-    pruning, which make it again. The room counts because growing takes one more evaluation."""
+    pruning, which make it again. The room counts because growing takes one more evaluation. If the box ``varies``, its
+    edge lengths then belong to the state."""
     pairs = bound.pairs
     built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
     sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
-    return {**sizes, "built_at": built_at, "pruned_at": pruned_at}
+    found = {**sizes, "built_at": built_at, "pruned_at": pruned_at}
+    return found | {"boxes": pairs.made_in.copy()} if varies else found
+
+
+def _put_boxes(bound: PairKernel, boxes: Any) -> None:
+    """Set the edge lengths at the last search and pruning; the other arguments are as in `recalled`."""
+    own = bound.pairs.made_in
+    if not (
+        np.shape(boxes) == own.shape
+        and np.all(np.isfinite(boxes))
+        and np.array_equal(np.asarray(boxes) > 0, own > 0)
+        and np.all(np.asarray(boxes)[own > 0] >= 2 * bound.pairs.cutoff)
+    ):
+        raise InputError("checkpoint: its pair list belongs to another box")
+    own[...] = boxes
 
 
 def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
@@ -87,6 +102,8 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
     bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
     bound.pairs.counts[BUILT] = 0
+    if "boxes" in memory:
+        _put_boxes(bound, memory["boxes"])
     if memory["built_at"] is not None and bound.remake(memory["built_at"], memory["pruned_at"]) != OK:
         raise InputError("checkpoint: the positions of its pair list give no valid list")
     return bound

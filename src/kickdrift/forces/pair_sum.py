@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kickdrift.forces.along_axes import add_along, store_along, zeros_along
 from kickdrift.forces.clusters import N_CLUSTERS, STRIDE, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.intra_cluster import intra_cluster
 from kickdrift.forces.law_lanes import pair_terms
@@ -71,6 +72,7 @@ def sum_pairs(force, sums, c):
     laws = force.law, force.at_cutoff, force.truncation, force.tables
     row_sums = np.zeros(WIDTH * STRIDE)
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
+    along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
     rows_each = WIDTH // pairs.per_row
     for cluster in range(pairs.counts[N_CLUSTERS]):
@@ -106,13 +108,16 @@ def sum_pairs(force, sums, c):
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
+                    along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
             store_row_force(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine:
-            gx, gy, gz, energy_own, virial_own, count_own = intra_cluster(laws, pairs.x, cluster, cutoff2)
+            gx, gy, gz, energy_own, virial_own, count_own, along_sum = intra_cluster(
+                laws, pairs.x, cluster, cutoff2, along_sum
+            )
             own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
             if sums is not None:
                 energy_sum, virial_sum, pair_count = (
@@ -131,6 +136,7 @@ def sum_pairs(force, sums, c):
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)
         sums[c, 2] = lane_sum(pair_count)
+        store_along(along_sum, force.along, c)
 
 
 @jit

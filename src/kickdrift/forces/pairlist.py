@@ -6,6 +6,15 @@ from math import ceil, floor
 
 import numpy as np
 
+from kickdrift.forces.box_change import (
+    PRUNED,
+    SEARCHED,
+    adopt,
+    changed_since,
+    keep_lengths,
+    largest_own_move,
+    least_factor,
+)
 from kickdrift.forces.clusters import (
     BUILT,
     JUMPS_ALLOWED,
@@ -42,18 +51,22 @@ from kickdrift.jit.vectors import WIDTH
 def refresh(pairs, x, chunks):
     """Update the list for positions x (3, n); return OK, GROW (to ``counts[ROOM_NEEDED]``) or BLOWN_UP."""
     counts = pairs.counts
+    adopt(pairs)
     if counts[BUILT]:
         copy_positions(pairs, x)
-        inner, total = largest_move(pairs, pairs.inner_reference)
+        inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
         jumped = (
             inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
         )  # a particle has passed the whole range of the force since the last call
         if not is_finite(total) or (jumped and not counts[JUMPS_ALLOWED]):
             return BLOWN_UP
-        if 4.0 * inner <= pairs.inner_skin**2:
+        room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
+        if room >= 0.0 and 4.0 * inner <= room**2:
             return OK
-        outer, total = largest_move(pairs, pairs.outer_reference)
-        if 4.0 * outer <= (pairs.outer_skin - pairs.inner_skin) ** 2:
+        outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
+        room = pairs.outer_skin - pairs.inner_skin
+        room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
+        if room >= 0.0 and 4.0 * outer <= room**2:
             prune(pairs, chunks)
             return OK
     for k in range(3):
@@ -73,6 +86,14 @@ def refresh(pairs, x, chunks):
 
 
 @jit
+def move_since(pairs, reference, which):
+    """Return the largest squared displacement since the last search or pruning; see `largest_move`."""
+    if changed_since(pairs, which):
+        return largest_own_move(pairs, reference, which)
+    return largest_move(pairs, reference)
+
+
+@jit
 def search(pairs, chunks):
     """Make the outer list from the sorted clusters."""
     each_chunk(pairs, chunks, "search_chunk")
@@ -82,6 +103,7 @@ def search(pairs, chunks):
     pairs.counts[ROOM_NEEDED] = needed
     pairs.counts[OUTER_BUILDS] += 1
     copy(pairs.x, pairs.outer_reference)
+    keep_lengths(pairs, SEARCHED)
 
 
 @jit
@@ -90,6 +112,7 @@ def prune(pairs, chunks):
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     copy(pairs.x, pairs.inner_reference)
+    keep_lengths(pairs, PRUNED)
 
 
 @chunk_task

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, TEXTS, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
@@ -163,9 +163,10 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
 
 
 def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSystem | None) -> dict[str, Any]:
-    """The options asked for, with times in ``units`` where they are text such as "2 fs"; a Problem has no units."""
-    times = {each.name for each in options if each.dimension == "time"}
-    return {key: time_in(value, units, key) if key in times else value for key, value in asked.items()}
+    """The options asked for, with times and pressures in ``units`` where they are text such as "2 fs" or "1 bar"; a
+    Problem has no units."""
+    texts = {each.name: each.dimension for each in options if each.dimension in TEXTS}
+    return {key: time_in(value, units, key, texts[key]) if key in texts else value for key, value in asked.items()}
 
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:
@@ -175,7 +176,22 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Optio
     value that an option cannot have."""
     said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
+    refuse_other_baths(method, said)
     return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+
+
+def refuse_other_baths(method: Method, given: Iterable[str], prefix: str = "") -> None:
+    """Raise InputError for an option that only other heat baths take."""
+    for name in given:
+        if name in (DT.name, PRECISION.name, *method.tunable):
+            continue
+        those = [method_named(each) for each in takers(name)]
+        if those and all(each.bath for each in those) and not (name == TEMPERATURE.name and not method.bath):
+            why = "and a run has one heat bath" if method.bath else f"and {method.name} has no heat bath"
+            takes = ", ".join((DT.name, *method.tunable))
+            raise InputError(
+                f"{prefix}{name}: {method.name} does not take it; it takes {takes}; {takers_text(name)} {name}, {why}"
+            )
 
 
 def draws_noise(run: RunDefaults) -> bool:

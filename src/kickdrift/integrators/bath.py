@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.option import ALLOW_GRAVITY, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.jit.memory import flat, load, masked_load, masked_store
@@ -45,13 +45,11 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     system: Any = flow.subject
     if not isinstance(system, System):
         raise InputError(f"a heat bath needs particles, and {system.name!r} is an ODE")
-    if (
-        binding := next(
-            (force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")), None
-        )
-    ) is not None:
+    binding = [force.name for force in system.forces if hasattr(force, "G") and hasattr(force, "softening")]
+    if binding and not options.get(ALLOW_GRAVITY.name):
         raise InputError(
-            f"a heat bath makes no sense under {binding}: gravity has no equilibrium; use an integrator without one"
+            f"a heat bath makes no sense under {binding[0]}: gravity has no equilibrium; use an integrator without "
+            "one, or set allow_gravity = true"
         )
     for option in needed:
         if options.get(option.name) is None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kickdrift.errors import InputError
 from kickdrift.integrators import splitting
-from kickdrift.integrators.option import SPLITTING, Option
+from kickdrift.integrators.option import PRESSURE, SPLITTING, Option
 from kickdrift.integrators.splitting import Splitting, even_weights
 from kickdrift.model.state import Floats
 
@@ -35,6 +35,8 @@ class Overdamped(Splitting):
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper
 
+        if options.get(PRESSURE.name) is not None:
+            raise InputError(f"{self.name}: motion without inertia has no barostat; pressure goes with another bath")
         assert options.dt is not None
         stretch = sqrt(2.0 / (options.friction * options.dt)) if options.get("friction") else 1.0  # else bind refuses
         made = SplittingStepper(flow, Stretched(self, stretch), options)
@@ -46,36 +48,15 @@ class Overdamped(Splitting):
 class Stretched:
     """Rows of a word whose kicks and drifts act ``stretch`` times as long as the clock goes."""
 
-    word: Splitting
+    row: Splitting
     stretch: float
 
     @property
     def stages(self) -> Floats:
-        return self.word.stages * np.array([[self.stretch], [self.stretch], [1.0]])
+        return self.row.stages * np.array([[self.stretch], [self.stretch], [1.0]])
 
-    @property
-    def further(self) -> str:
-        return self.word.further
-
-    @property
-    def further_stages(self) -> Floats:
-        return self.word.further_stages
-
-    @property
-    def ends_fresh(self) -> bool:
-        return self.word.ends_fresh
-
-    @property
-    def groups(self) -> int:
-        return self.word.groups
-
-    @property
-    def kick_groups(self) -> NDArray[np.int64]:
-        return self.word.kick_groups
-
-    @property
-    def name(self) -> str:
-        return self.word.name
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.row, name)
 
 
 @dataclass(frozen=True)

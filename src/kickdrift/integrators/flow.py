@@ -14,11 +14,11 @@ from kickdrift.model.system import System
 Flow = ParticleFlow | ProblemFlow
 
 
-def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = False) -> Flow:
+def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> Flow:
     """Flow of a System or a Problem. With ``jumps``, trial steps may go far astray. With ``mixed``, pair forces are in
-    mixed precision."""
+    mixed precision. A barostat's ``coupling`` says which edges change."""
     if isinstance(subject, System):
-        return ParticleFlow(subject, threads, jumps, mixed)
+        return ParticleFlow(subject, threads, jumps, mixed, coupling)
     if mixed and isinstance(subject, Problem):
         raise InputError(f"precision: mixed needs pair forces; {subject.name!r} is an ODE")
     if isinstance(subject, Problem):

@@ -20,16 +20,17 @@ from numba import types
 
 from kickdrift.forces.evaluate import fill_accelerations, fill_by, fill_derivative
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators.cursor import FRESH as FRESH
+from kickdrift.integrators.cursor import REJECTED as REJECTED
+from kickdrift.integrators.cursor import STAGE as STAGE
+from kickdrift.integrators.cursor import STEP as STEP
+from kickdrift.integrators.pressing import evaluate, press
 from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
-
-# Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y
-# (with groups of forces a bit for each group), rejected steps.
-STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
 
 
 @inlined
@@ -87,18 +88,20 @@ def _act(further, stage, start, first, dt, x, v, cursor):
     return each
 
 
-def kick(groups, stage, bound, t, x, v, lost, span, work, cursor):
-    """v <- v + span a, by the forces of the stage; return a status. ``work`` keeps a while positions stay fixed."""
+def kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
+    """v <- v + span a, by the forces of the stage; return a status. ``work`` keeps a while positions stay fixed.
+
+    A word with groups of forces has no barostat."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(kick, forceinline=True)
-def _kick(groups, stage, bound, t, x, v, lost, span, work, cursor):
+def _kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
     if isinstance(groups, types.NoneType):
 
-        def by_all(groups, stage, bound, t, x, v, lost, span, work, cursor):
+        def by_all(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
             if not cursor[FRESH]:
-                status = fill_accelerations(bound, t, x, v, work, None, cursor)
+                status = evaluate(barostat, bound, t, x, v, work, done, cursor)
                 if status != OK:
                     return status
                 cursor[FRESH] = 1
@@ -107,7 +110,7 @@ def _kick(groups, stage, bound, t, x, v, lost, span, work, cursor):
 
         return by_all
 
-    def by_one_group(groups, stage, bound, t, x, v, lost, span, work, cursor):
+    def by_one_group(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
         group = groups.kicks[stage]
         a = work[group]
         if not cursor[FRESH] >> group & 1:
@@ -130,10 +133,16 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
     kicks, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
+        status = press(word.barostat, bound, start, first + cursor[STEP], dt, x, v, work, cursor)
+        if status != OK:
+            return status
         for stage in range(cursor[STAGE], kicks.size):
             if kicks[stage] != 0.0:
-                t = start + (first + cursor[STEP] + passed[stage]) * dt
-                status = kick(word.groups, stage, bound, t, x, v, lost_v, kicks[stage] * dt, work, cursor)
+                done = first + cursor[STEP]
+                t = start + (done + passed[stage]) * dt
+                status = kick(
+                    word.groups, word.barostat, stage, bound, t, x, v, lost_v, kicks[stage] * dt, work, done, cursor
+                )
                 if status != OK:
                     cursor[STAGE] = stage
                     return status

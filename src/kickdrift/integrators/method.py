@@ -14,6 +14,7 @@ from kickdrift.integrators.option import (
     DT,
     MAX_STEP,
     MIXED,
+    OF_PRESSURE,
     PRECISION,
     RTOL,
     TEMPERATURE,
@@ -177,6 +178,8 @@ class Method:
             if key not in ("dt", PRECISION.name, *self.tunable) and value is not None and value is not False:
                 takes = ", ".join(("dt", *self.tunable))
                 hint = f"; methods with a heat bath are {WITH_BATH}" if key == TEMPERATURE.name else ""
+                if any(key == each.name for each in OF_PRESSURE):
+                    hint = f"; a barostat needs a heat bath: methods with one are {WITH_BATH}"
                 raise InputError(f"{key}: {self.name} does not take it; it takes {takes}{hint}")
         kept = {each.name: each.filled(given.get(each.name)) for each in self.declared}
         dt = asked.dt if self.adaptive else given.dt  # a file's dt is not the first step of an adaptive method

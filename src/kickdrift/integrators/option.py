@@ -6,7 +6,7 @@ from these declarations. `Method.declared` says which options a method takes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
@@ -22,8 +22,10 @@ DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 DIMENSIONS = {
     "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
-    "temperature": "the system's unit of temperature",
+    "temperature": "the system's unit of temperature", "pressure": "the system's unit of pressure",
+    "compressibility": "one over the system's unit of pressure",
 }  # fmt: skip
+TEXTS = ("time", "pressure", "compressibility")  # dimensions of options that may be text with a unit
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
@@ -42,7 +44,8 @@ class Option:
     help : one line about the effect
     default : value if none is given; None if there is no single default
     choices : allowed values; () if they cannot be listed
-    dimension : "time", "rate" or "temperature" for a number in the system's units, "" for a pure number
+    dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, ""
+        for a pure number
     above, most : a number is greater than ``above``, and ``most`` at most
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
@@ -112,8 +115,8 @@ class Option:
     def parsed(self, text: str) -> Any:
         """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
 
-        A time with a unit stays text: only a System has the units that it is to be converted to."""
-        if self.dimension == "time" and has_unit(text):
+        A time or a pressure with a unit stays text: only a System has the units that it is to be converted to."""
+        if self.dimension in TEXTS and has_unit(text):
             return text
         try:
             if self.type is bool:
@@ -231,6 +234,36 @@ TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.
 RATE = Option(
     "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
 )  # fmt: skip
+PRESSURE = Option(
+    "pressure",
+    float,
+    "Pressure of the box, whose edges then change; by default they do not.",
+    dimension="pressure",
+    above=0.0,
+)
+C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
+BAROSTAT = Option(
+    "barostat", str, "What holds the pressure.", choices=(C_RESCALE, MTK, MONTE_CARLO), written=False
+)  # fmt: skip
+COUPLING = Option(
+    "coupling", str, "Edges that change together: all, those along x and y, or none.",
+    choices=("isotropic", "semi-isotropic", "per-axis"), written=False,
+)  # fmt: skip
+PRESSURE_TAU = Option(
+    "pressure_tau", float, "Time in which the barostat relaxes the volume.", dimension="time", above=0.0
+)
+COMPRESSIBILITY = Option(
+    "compressibility", float, "Isothermal compressibility, about; sets the speed of c-rescale and the moves of "
+    "monte-carlo, and not the averages.", dimension="compressibility", above=0.0,
+)  # fmt: skip
+PRESSURE_EVERY = Option(
+    "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
+)
+APART = ("semi-isotropic", "per-axis")  # couplings that need the pressure along each axis
+OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
+ALLOW_GRAVITY = Option(
+    "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
+)
 SUBSTEPS = Option(
     "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
 )
@@ -248,6 +281,14 @@ SPLITTING = Option(
     "splitting", str, "Splitting in which the thermostats act.", "velocity-verlet",
     ("velocity-verlet", "yoshida4", "yoshida6", "yoshida8"), written=False,
 )  # fmt: skip
+
+
+def coupling_of(options: Mapping[str, Any]) -> str:
+    """Which edges of the box change together in a run with these options; "" if the box keeps its size."""
+    if options.get(PRESSURE.name) is None:
+        return ""
+    return options.get(COUPLING.name) or "isotropic"
+
 
 # In the order of run files.
 OPTIONS: dict[str, Option] = {

@@ -10,11 +10,13 @@ from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.jacobian import difference_jacobian
+from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
-from kickdrift.looks.looking import FREEDOM, HEAD, NO_ENERGY, Looking, desk_of, look
+from kickdrift.looks.looking import CHANGING, FREEDOM, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
+from kickdrift.model.live_box import LiveBox
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -22,11 +24,13 @@ from kickdrift.model.system import System
 class ParticleFlow(ParticleStates):
     """A System's particles under its forces."""
 
-    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False) -> None:
+    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
-        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed)
+        self.live = LiveBox(system.box) if coupling else None
+        lengths = self.live.lengths if self.live else None
+        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
         self._aside = BoundForces(
-            system, threads, thin=True
+            system, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists
         self._listed = any(isinstance(force, PairForce) for force in system.forces)
         self._shared = self._listed and not mixed
@@ -74,11 +78,14 @@ class ParticleFlow(ParticleStates):
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
         """See ParticleStates."""
         row = looks.free()
+        if self.live:
+            self._desk[CHANGING] = self.live.volume
+            self._desk[VOLUMES] = self.subject.dimensions * self.live.volume
         return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
 
     def looking(self, fresh: bool) -> Looking | None:
         """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""
-        if self._listed and not (fresh and self._shared):
+        if self.live or (self._listed and not (fresh and self._shared)):
             return None
         return Looking(self._looks(fresh), self._desk, self._cursor)
 
@@ -105,7 +112,7 @@ class ParticleFlow(ParticleStates):
 
     def meeting(self, y: Floats) -> str:
         """Name the nearest particles, for the end of a line about failed steps."""
-        return nearest_pair(self.subject, y[0])
+        return nearest_pair(self.present, y[0])
 
 
 def _plain(y: Floats) -> Floats:

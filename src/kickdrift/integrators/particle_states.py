@@ -14,7 +14,9 @@ from kickdrift.looks.looking import NO_ENERGY
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.looks.table import Looks
+from kickdrift.model.box import Box
 from kickdrift.model.checks import check_state, no_overflow
+from kickdrift.model.live_box import LiveBox, in_box
 from kickdrift.model.space import check_plane
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
@@ -32,6 +34,7 @@ class ParticleStates:
         with no_overflow():
             check_overlaps(system, near=False)
         self.subject = system
+        self.live: LiveBox | None = None  # the box of a run with a barostat
         self.name = system.name
         self._ends = np.empty((2, 3, len(system)))  # (2, 3, n) a copy of the sampled state
 
@@ -48,7 +51,27 @@ class ParticleStates:
     def state(self, y: Floats, time: float, steps: int) -> State:
         """Copy of y as a State."""
         own = self.subject.state
-        return State(y.copy(), own.masses.copy(), own.ids.copy(), own.box, time, steps)
+        return State(y.copy(), own.masses.copy(), own.ids.copy(), self.box, time, steps)
+
+    @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box."""
+        return self.live is not None
+
+    @property
+    def box(self) -> Box:
+        """The box now."""
+        return self.subject.box if self.live is None else self.live.box
+
+    @box.setter
+    def box(self, box: Box) -> None:
+        if self.live is not None:
+            self.live.box = box
+
+    @property
+    def present(self) -> System:
+        """The System in the box of now."""
+        return self.subject if self.live is None else in_box(self.subject, self.live.box)
 
     def array(self, state: State) -> Floats:
         """Checked copy of a State as y."""
@@ -58,7 +81,7 @@ class ParticleStates:
             raise InputError(f"state: expected {len(own)} particles, got {len(state)}")
         if not (np.array_equal(state.ids, own.ids) and np.array_equal(state.masses, own.masses)):
             raise InputError("state: ids and masses must equal the system's, in the same order")
-        if state.box != own.box:
+        if self.live is None and state.box != own.box:
             raise InputError(f"state: the box is {state.box.shape}, but the system's is {own.box.shape}")
         if not np.all(np.isfinite(state.phase)):
             raise InputError("state: positions and velocities must be finite")
@@ -90,7 +113,7 @@ class ParticleStates:
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
         """One line about a blow-up. ``before`` (3, n) holds the particles' positions a step before y."""
-        return explain(self.subject, y, before, good, step, time, good_step)
+        return explain(self.present, y, before, good, step, time, good_step)
 
 
 def clocked(force: Any) -> bool:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import COMPENSATED, Option
+from kickdrift.integrators.option import COMPENSATED, OF_PRESSURE, Option
 from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
-from kickdrift.integrators.words import group_of, letters_of
+from kickdrift.integrators.words import group_of, letters_of, rows_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -145,7 +145,8 @@ class Splitting(Method):
 
     @property
     def declared(self) -> tuple[Option, ...]:
-        return COMPENSATED, *(option for letter in self.further for option in FLOWS[letter].options)
+        found = (option for letter in self.further for option in FLOWS[letter].options)
+        return COMPENSATED, *(option for option in found if not (self.groups and option in OF_PRESSURE))
 
     @cached_property
     def stages(self) -> Floats:
@@ -166,26 +167,7 @@ class Splitting(Method):
 
     @cached_property
     def _rows(self) -> Floats:
-        slots = {KICK: 0, DRIFT: 1}
-        stages: list[list[float]] = []
-        last, passed, before = len(slots), 0.0, ""  # ``last``: the slot that was filled last
-        for letter, weight in zip(self.letters, self.weights, strict=True):
-            if not weight:
-                continue
-            slot = slots.get(letter[0], len(slots))
-            if letter == before and slot < len(slots):  # the same flow again: one flow for the sum of the times
-                stages[-1][slot] += weight
-            else:
-                if slot <= last:
-                    stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0, 0.0])
-                if letter[0] in slots:
-                    stages[-1][slot] = weight
-                else:
-                    stages[-1][3:6] = weight, passed, self.further.index(letter)
-                if letter[0] == KICK:
-                    stages[-1][6] = group_of(letter) or 0
-            last, passed, before = slot, passed + weight * (letter == DRIFT), letter
-        return np.array(stages, dtype=np.float64).T
+        return rows_of(self.letters, self.weights, self.further)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper

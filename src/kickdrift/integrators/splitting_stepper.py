@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
+from kickdrift.integrators.option import PRESSURE
+from kickdrift.integrators.pressing import Pressed
+from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
 from kickdrift.model.checks import whole_number
@@ -28,6 +32,7 @@ class Word(NamedTuple):
     stages: Floats  # see Splitting.stages
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
     groups: Groups | None  # None for kicks by all forces
+    barostat: Pressed | None = None  # None in a box that keeps its size
 
 
 class Further(NamedTuple):
@@ -44,14 +49,11 @@ class Groups(NamedTuple):
     kicks: NDArray[np.int64]  # (stages,) group of each stage's kick
 
 
-class Composition(Protocol):
+class Composition(Lettered, Protocol):
     """Rows of a word over flows, as its steps use them; see ``Splitting``."""
 
     @property
     def stages(self) -> Floats: ...
-
-    @property
-    def further(self) -> str: ...
 
     @property
     def further_stages(self) -> Floats: ...
@@ -73,32 +75,69 @@ class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
-        rows = [FLOWS[letter] for letter in method.further]
-        acting, _, which = method.further_stages
-        self._bound = [
-            row.bind(flow, options, np.where(which == k, acting, 0.0)).ready() for k, row in enumerate(rows) if row.bind
-        ]
-        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        self._method, self._options = method, options
+        self.barostat: Barostat | None = None
+        word = self._word(flow, options)
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
-        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
-        further = Further(method.further_stages, np.array(table, np.int64)) if table else None
-        groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
-        if groups:
+        if self.barostat:
+            self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
+        if groups := word.groups:
             self.warnings += [
                 f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
                 for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
             ]
         some = (method.groups,) if groups else ()
         super().__init__(
-            flow, splitting_loop, Word(method.stages, further, groups), lambda shape: np.zeros((*some, *shape[1:])),
-            options, kept=True,
+            flow, splitting_loop, word, lambda shape: np.zeros((*some, *shape[1:])), options, kept=True,
         )  # fmt: skip
         self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
+
+    def _word(self, flow: Flow, options: Options) -> Word:
+        """Bind the further flows and the barostat with these options."""
+        method, rows = self._method, [FLOWS[letter] for letter in self._method.further]
+        acting, _, which = method.further_stages
+        self._bound = [
+            row.bind(flow, options, np.where(which == k, acting, 0.0)).ready() for k, row in enumerate(rows) if row.bind
+        ]
+        self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
+        table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
+        stages, further_stages, pressed = method.stages, method.further_stages, None
+        if options.get(PRESSURE.name) is not None:
+            self.barostat = Barostat(flow, options, method)
+            stages, further_stages = self.barostat.stages(method)
+            table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
+            pressed = self.barostat.pressed
+        elif self._baths:
+            check_unpressed(options)
+        further = Further(further_stages, np.array(table, np.int64)) if table else None
+        groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
+        return Word(stages, further, groups, pressed)
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        """See Stepper."""
+        status = super().advance(steps, until)
+        if status == STOPPED and self.barostat:
+            self.trouble = self.barostat.trouble
+        return status
+
+    def heat_to(self, temperature: float) -> None:
+        """Go on with heat baths and a barostat of another temperature, which keep their memory."""
+        baths, barostat = by_value(self.baths), self.barostat and self.barostat.memory()
+        self._stages = self._word(self._flow, self._options.changed(temperature=temperature))
+        self._addresses = None
+        self.baths = baths
+        if self.barostat and barostat:
+            self.barostat.recall(barostat)
 
     @property
     def heat(self) -> float:
         """Energy that baths have given since the state was set."""
         return float(sum(bound.parts.bath.heat[0] for bound in self._baths))
+
+    @property
+    def work(self) -> float:
+        """Energy that the particles have got from the change of their box since the state was set."""
+        return self.barostat.work if self.barostat else 0.0
 
     @property
     def baths(self) -> list[Floats]:
@@ -118,16 +157,23 @@ class SplittingStepper(FixedStepper):
         super().reset(y, time, steps)
         for array in self.baths:
             array[...] = 0.0
+        if self.barostat:
+            self.barostat.reset()
 
     def memory(self) -> Memory:
         """See Stepper. The memory of a word without baths is that of version 0.1.0."""
-        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {})
+        pressed = {"barostat": self.barostat.memory()} if self.barostat else {}
+        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {}) | pressed
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
+        if self.barostat:
+            self.barostat.recall(memory["barostat"])  # the lists of the forces need the box
         super().recall(memory)
         if self._baths:
             self.baths = memory["baths"]
+        if self.barostat:
+            self.barostat.recall(memory["barostat"])
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]

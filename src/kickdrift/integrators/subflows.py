@@ -11,7 +11,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kickdrift.integrators.option import CHAIN, FRICTION, NOISE, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.option import (
+    ALLOW_GRAVITY,
+    CHAIN,
+    FRICTION,
+    NOISE,
+    OF_PRESSURE,
+    RATE,
+    SEED,
+    TAU,
+    TEMPERATURE,
+    Option,
+)
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -60,7 +71,7 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
             return bound
         return ornstein_uhlenbeck.bind(letter, flow, options, weights)
 
-    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options), bind)
+    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options, *OF_PRESSURE, ALLOW_GRAVITY), bind)
 
 
 FLOWS = {

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 
+import numpy as np
+
 from kickdrift.errors import InputError
-from kickdrift.integrators.subflows import FLOWS, KICK
+from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
+from kickdrift.model.state import Floats
 
 _TOKEN = re.compile(r"\s*(?:([A-Za-z])(\d*)|(\()|\)\s*(\d+))\s*")
 MOST_GROUPS = 8
@@ -80,3 +84,28 @@ def _check_groups(name: str, letters: tuple[str, ...]) -> None:
     if groups != list(range(len(groups))):
         absent = next(k for k in range(len(groups) + 1) if k not in groups)
         raise InputError(f"{name}: the word kicks by group {groups[-1]}, and not by group {absent}")
+
+
+def rows_of(letters: Sequence[str], weights: Sequence[float], further: Sequence[str]) -> Floats:
+    """Rows (7, stages) of a word for compiled loops: those of `Splitting.stages`, those of `Splitting.further_stages`
+    with the letters ``further``, and the group of each stage's kick."""
+    slots = {KICK: 0, DRIFT: 1}
+    stages: list[list[float]] = []
+    last, passed, before = len(slots), 0.0, ""  # ``last``: the slot that was filled last
+    for letter, weight in zip(letters, weights, strict=True):
+        if not weight:
+            continue
+        slot = slots.get(letter[0], len(slots))
+        if letter == before and slot < len(slots):  # the same flow again: one flow for the sum of the times
+            stages[-1][slot] += weight
+        else:
+            if slot <= last:
+                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0, 0.0])
+            if letter[0] in slots:
+                stages[-1][slot] = weight
+            else:
+                stages[-1][3:6] = weight, passed, further.index(letter)
+            if letter[0] == KICK:
+                stages[-1][6] = group_of(letter) or 0
+        last, passed, before = slot, passed + weight * (letter == DRIFT), letter
+    return np.array(stages, dtype=np.float64).T

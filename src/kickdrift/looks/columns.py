@@ -22,8 +22,9 @@ from kickdrift.text import shown
 # Potential energy, virial and pairs are adjacent, since the forces add to all three.
 TIME, POTENTIAL, VIRIAL, PAIRS, KINETIC, TOTAL, TEMPERATURE, PRESSURE = range(8)
 MOMENTUM, ANGULAR, CENTRE, VELOCITY = 8, 11, 14, 17  # three numbers each
-ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 20, 21, 24  # taken by events so far; one, three and three numbers
-COLUMNS = 27
+VOLUME = 20  # of a box that a barostat changes, else nan
+ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 21, 22, 25  # taken by events so far; one, three and three numbers
+COLUMNS = 28
 
 MOST_NUMBERS = 10_000  # in a user's column at one look
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -119,6 +120,7 @@ OWN = (
     Own("centre_of_mass_velocity", "velocity", (3,), VELOCITY, lambda sample: sample.centre_of_mass_velocity),
     Own("temperature", "temperature", (), TEMPERATURE, _number("temperature")),
     Own("pressure", "pressure", (), PRESSURE, _number("pressure")),
+    Own("volume", "volume", (), VOLUME, _number("volume")),
     Own("pairs", "dimensionless", (), PAIRS, _pairs),
 )
 TAKEN = (  # columns of runs whose events may change conserved quantities

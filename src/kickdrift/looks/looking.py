@@ -27,6 +27,7 @@ from kickdrift.looks.columns import (
     TOTAL,
     VELOCITY,
     VIRIAL,
+    VOLUME,
 )
 from kickdrift.model.state import Floats
 
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
 # dimensions. A nan marks an undefined temperature or pressure. Masses follow, then room for accelerations.
-MASS, FREEDOM, VOLUMES, HEAD = range(4)
+# The last number is the volume of a box that a barostat changes.
+MASS, FREEDOM, VOLUMES, CHANGING, HEAD = range(5)
 
 NO_ENERGY = 5  # status: forces are finite, but the energy is not
 BLOCK = 256  # particles summed before they join the total, which limits the rounding error of many particles
@@ -62,6 +64,7 @@ def desk_of(system: System) -> Floats:
     desk[MASS] = masses.sum()
     desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
+    desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses
     return desk
 
@@ -121,6 +124,7 @@ def look(forces, t, y, desk, last, rows, at, cursor):
         return NO_ENERGY
     row[TIME], row[TOTAL] = t, total
     row[TEMPERATURE] = 2.0 * row[KINETIC] / desk[FREEDOM]
+    row[VOLUME] = desk[CHANGING]
     row[PRESSURE] = (2.0 * row[KINETIC] + row[VIRIAL]) / desk[VOLUMES]
     for k in range(3):
         row[VELOCITY + k] = row[MOMENTUM + k] / desk[MASS]

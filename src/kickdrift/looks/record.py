@@ -33,8 +33,8 @@ class Series(NamedTuple):
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
     kinetics : (k,) kinetic energy; nan for a Problem
-    temperatures, pressures : (k,) temperature and pressure; None if a sample has none
-    taken : (k,) energy that events had taken out, or minus the heat that a bath had given
+    temperatures, pressures, volumes : (k,) None if a sample has none; volumes of a box that a barostat changes
+    taken : (k,) energy that events had taken out, or minus the heat and the work that bath and barostat had given
     """
 
     steps: NDArray[np.int64]
@@ -51,6 +51,7 @@ class Series(NamedTuple):
     temperatures: Floats | None = None
     taken: Floats | float = 0.0
     pressures: Floats | None = None
+    volumes: Floats | None = None
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -102,6 +103,7 @@ class Record:
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
     taken: Taken = NOTHING
+    work: float = 0.0  # energy that the change of the box has given
 
     def count(self, cost: Counted) -> None:
         """Add the cost of some steps."""
@@ -160,6 +162,7 @@ class Record:
         steps, rows = self.looks.held()
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
         temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
+        volumes = rows[:, column.VOLUME]
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -175,6 +178,7 @@ class Record:
             temperatures=temperatures if np.isfinite(temperatures).all() else None,
             taken=rows[:, column.ENERGY_TAKEN],
             pressures=pressures if np.isfinite(pressures).all() else None,
+            volumes=volumes if np.isfinite(volumes).all() else None,
         )
 
 

@@ -28,12 +28,14 @@ def energy_lines(
     length: float,
     cause: str = "",
     heat: float | None = None,
+    work: float | None = None,
 ) -> list[tuple[str, str]]:
     """Lines of the values of an EnergyReport; values that are None are left out.
 
     ``length`` is the time of the run. ``cause`` follows a secular drift. ``heat`` is the energy from a heat bath, None
-    without a bath; error and drift are then those of the energy less the heat."""
-    less_heat = "" if heat is None else " (energy less heat)"
+    without a bath; ``work`` is that from the change of the box, None without a barostat. Error and drift are then those
+    of the energy less both."""
+    less_heat = "" if heat is None else " (energy less heat)" if work is None else " (energy less heat and work)"
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
     lines = []
@@ -41,6 +43,8 @@ def energy_lines(
         lines.append(("energy", f"{energy['initial']:.8g} at the start, {energy['final']:.8g}{unit} at the end"))
     if heat is not None:
         lines.append(("heat", f"{heat:.8g}{unit} from the heat bath"))
+    if work is not None:
+        lines.append(("work", f"{work:.8g}{unit} from the change of the box"))
     if _are_numbers(energy, "rms_relative_error", "max_relative_error"):
         rms, largest = energy["rms_relative_error"], energy["max_relative_error"]
         lines.append(
@@ -59,7 +63,7 @@ def mean_text(mean: float, error: float | None, unit: str) -> str:
 
 
 def verdict_text(asked: float | None, verdict: str | None, unit: str) -> str:
-    """The temperature of a heat bath beside the mean; empty without a verdict."""
+    """What was asked of a bath or a barostat beside the mean; empty without a verdict."""
     return "" if verdict is None or asked is None else f", asked {measured(f'{asked:g}', unit)}: {verdict}"
 
 

@@ -26,7 +26,7 @@ class ShownSystem(Shown):
             *_run_line(self),
         ]
         if self.equilibration:
-            wanted = vars(self.equilibration).items()
+            wanted = self.equilibration.said().items()
             lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
         return lines
 

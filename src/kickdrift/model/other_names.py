@@ -11,7 +11,7 @@ from functools import cache
 from kickdrift.text import VALUE, clean
 
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
-PRESSURE = "constant pressure is not there yet; the box keeps its size"
+PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk (with nose-hoover) or monte-carlo"
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 CLOSE = (
     "a switch to another method at close encounters is not there yet; 'gauss-radau15' follows close encounters, and "
@@ -69,7 +69,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("bd overdamped brownian-dynamics", "{word} is 'brownian' here"),
         (
             "npt nph parrinello-rahman mttk monte-carlo-barostat barostat c-rescale fix-npt nptberendsen",
-            f"{PRESSURE}; {TEMPERATURE}",
+            PRESSURE,
         ),
         ("minimize minimise cg steep steepest-descent fire l-bfgs lbfgs", MINIMISATION),
     ),
@@ -194,7 +194,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("thermostat nvt langevin nose-hoover", TEMPERATURE),
         ("gamma damping damping-rate friction-coefficient", "{word} is 'friction' here"),
         ("tau-t taut tdamp t-damp", "{word} is 'tau' here"),
-        ("pressure barostat npt", PRESSURE),
+        ("npt p-target target-pressure", PRESSURE),
+        ("tau-p taup pdamp p-damp", "{word} is 'pressure_tau' here"),
+        ("pcouple pcoupltype coupltype", "{word} is 'coupling' here"),
+        ("nstpcouple barostat-frequency", "{word} is 'pressure_every' here"),
         ("random-seed rng-seed", "{word} is 'seed' here: kd.load(name, seed), --seed, or seed in [velocities]"),
         ("nthreads n-threads num-threads ncores cores cpus nproc n-jobs njobs omp", "{word} is 'threads' here"),
         ("device platform gpu gpus cuda", PROCESSORS),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
 
@@ -81,9 +81,34 @@ class RunDefaults:
 
 @dataclass(frozen=True)
 class Equilibration:
-    """Values of a system file's ``[equilibrate]``: a run at ``temperature`` for ``time``, before conservation is
-    measured."""
+    """Values of a system file's ``[equilibrate]``: a run at a temperature, before conservation is measured.
+
+    Attributes
+    ----------
+    temperature : at the start, and to the end without ``to``
+    time, steps : length; one of the two
+    interval : steps between two rescalings of the velocities, without a heat bath
+    to : temperature at the end of a ramp that is linear in time; None for a constant temperature
+    integrator : method with a heat bath for the equilibration alone; None for the method of the run
+    options : its options, by name
+    """
 
     temperature: float
-    time: float
+    time: float | None = None
     interval: int = 10
+    to: float | None = None
+    steps: int | None = None
+    integrator: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def said(self) -> dict[str, Any]:
+        """Values by key, including the options: arguments of ``Simulation.equilibrate``."""
+        own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
+        return own | dict(self.options)
+
+    @classmethod
+    def of(cls, said: Mapping[str, Any]) -> Equilibration:
+        """Return the Equilibration with these values by key."""
+        own = {each.name for each in fields(cls)} - {"options"}
+        options = {key: value for key, value in said.items() if key not in own and value is not None}
+        return cls(**{key: value for key, value in said.items() if key in own}, options=options)

@@ -158,10 +158,10 @@ class System(ShownSystem):
             force.check(left)
         return left
 
-    def at(self, phase: Floats, time: float, steps_done: int = 0, ids: NDArray[np.int64] | None = None) -> System:
-        """Return the system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids if given."""
+    def at(self, phase: Floats, time: float, steps_done: int = 0, ids: Any = None, box: Box | None = None) -> System:
+        """Return the system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids or in another box."""
         other, old = copy(self), self.state
-        state = State(phase.copy(), old.masses, old.ids if ids is None else ids, old.box, time, steps_done)
+        state = State(phase.copy(), old.masses, old.ids if ids is None else ids, box or old.box, time, steps_done)
         object.__setattr__(other, "state", state)
         return other
 

@@ -35,6 +35,8 @@ DIMENSIONS: dict[str, dict[str, int]] = {
     "acceleration": {"L": 1, "T": -2},
     "force": {"E": 1, "L": -1},
     "pressure": {"E": 1, "L": -3},
+    "volume": {"L": 3},
+    "compressibility": {"E": -1, "L": 3},
     "density": {"M": 1, "L": -3},
     "number density": {"L": -3},
     "frequency": {"T": -1},

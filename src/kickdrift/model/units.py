@@ -29,6 +29,7 @@ _EXAMPLES = {
     "density": "1.374 g/cm3",
     "number density": "21 nm^-3",
     "pressure": "1 bar",
+    "compressibility": "4.5e-5 bar^-1",
     "frequency": "2 THz",
     "rate": "0.1 ps^-1",
     "gravitational parameter": "398600.4 km^3/s^2",
@@ -103,13 +104,15 @@ def has_unit(text: str) -> bool:
     return match is not None and bool(match[2])
 
 
-def time_in(value: Any, units: UnitSystem | None, key: str) -> Any:
-    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units."""
+def time_in(value: Any, units: UnitSystem | None, key: str, dimension: str = "time") -> Any:
+    """Return a time in ``units`` from a text such as "5 ps"; other values as they are. A Problem has no units.
+
+    The text may also be of another ``dimension``."""
     if not (isinstance(value, str) and has_unit(value)):
         return value
     if units is None:
         raise InputError(f"{key}: times of a Problem are plain numbers, got {shown(value)}")
-    return quantity(value, "time", units, key)
+    return quantity(value, dimension, units, key)
 
 
 def number_density(value: Any, units: UnitSystem, mass: float, key: str = "density") -> float:

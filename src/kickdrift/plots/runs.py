@@ -24,6 +24,7 @@ from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import measured
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.room import Room, room_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,6 +72,8 @@ def run_figure(run: reader.Run) -> Figure:
     rdf = _rdf(run) if len(run.ids) > 1 and len(run) else None
     panels = [partial(_draw_energies, energies), partial(_draw_error, energies, energy_taken(run))]
     panels += [partial(_draw_temperature, energies.time, temperature)] if temperature is not None else []
+    if room := room_of(run):
+        panels += [partial(_draw_room, room), partial(_draw_edges, room, run.box.periodic_axes)]
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
     return panelled(panels, run.units, _title(run))
 
@@ -92,8 +95,8 @@ def report_figure(report: Report) -> Figure:
 
 def panelled(panels: Sequence[Callable[[Axes, UnitSystem], None]], units: UnitSystem, title: str) -> Figure:
     """A figure of panels in two columns; the last one of an odd number is as wide as both."""
-    figure = new_figure(10.0, 7.0 if len(panels) > 2 else 3.8)
     rows = math.ceil(len(panels) / 2)
+    figure = new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
     for index, draw in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
         draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
@@ -176,6 +179,26 @@ def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: Uni
     _time_axis(axes, units)
 
 
+def _draw_room(room: Room, axes: Axes, units: UnitSystem) -> None:
+    axes.plot(*_thin(room.times, room.density), color=COLOURS[3], linewidth=0.9)
+    mean = float(np.mean(room.density))
+    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.set_title(f"Density (mean {mean:.4g}, mean volume {float(np.mean(room.volume)):.5g})")
+    axes.set_ylabel("particles per volume")
+    _time_axis(axes, units)
+
+
+def _draw_edges(room: Room, periodic: tuple[bool, ...], axes: Axes, units: UnitSystem) -> None:
+    alike = all(np.allclose(room.lengths[:, k], room.lengths[:, 0], rtol=1e-12) for k in range(3))
+    for k in [0] if alike else np.flatnonzero(periodic):
+        name = "x, y and z" if alike else "xyz"[k]
+        axes.plot(*_thin(room.times, room.lengths[:, k]), label=name, color=COLOURS[int(k)], linewidth=0.9)
+    axes.set_title("Edges of the box")
+    axes.set_ylabel(with_unit("length", units.length))
+    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+    _time_axis(axes, units)
+
+
 def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) -> None:
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
@@ -207,10 +230,12 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
     count = max(1, min(RDF_FRAMES, len(run), RDF_PARTICLES // n))
     # The frames nearest the end of each of `count` equal parts, without the start, which often is a lattice.
     chosen = np.unique(np.linspace(0, len(run) - 1, count + 1).round().astype(int)[1:])
-    positions = np.array([run[int(index)].positions for index in chosen])
+    frames = [run[int(index)] for index in chosen]
+    positions, boxes = np.array([frame.positions for frame in frames]), [frame.box for frame in frames]
     around = RDF_NEIGHBOURS * size / n
     reach = (around / math.pi) ** (1 / 2) if plane else (around * 3 / (4 * math.pi)) ** (1 / 3)
-    found = radial_distribution(positions, run.box, r_max=min(reach, float(run.box.heights.min()) / 2))
+    half = min(float(box.heights.min()) for box in boxes) / 2
+    found = radial_distribution(positions, boxes, r_max=min(reach, half))
     return found.r, found.g, len(chosen)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -18,21 +18,23 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
 from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.option import MIXED, PRESSURE, coupling_of
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
-from kickdrift.integrators.stepper import STOPPED, Counts, Stepper
+from kickdrift.integrators.stepper import STOPPED, Stepper
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
+from kickdrift.model.box import Box
 from kickdrift.model.checks import no_overflow
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.blow_up import failure
+from kickdrift.run.blow_up import Safe, failure
 from kickdrift.run.purpose import purpose_of
+from kickdrift.run.shortened import shortened_step
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -40,15 +42,6 @@ if TYPE_CHECKING:
     from kickdrift.model.events import Event
 
 CHUNK_SECONDS = 0.1  # time in compiled code between two checks for Ctrl-C
-
-
-@dataclass
-class Safe:
-    """The last state known to be good. A run that blows up goes back to this state."""
-
-    y: Floats  # its own buffer
-    time: float
-    step: int
 
 
 class Integration:
@@ -118,7 +111,7 @@ class Integration:
         if self.engine.foreign:
             return begin(self.engine, replace(self._job, system=system, options=options))
         mixed = options.precision == MIXED
-        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed)
+        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed, coupling=coupling_of(options))
         if self.method.separable and flow.not_separable:
             raise InputError(
                 f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
@@ -155,6 +148,11 @@ class Integration:
         return self.stepper.heat if self.method.bath else None  # type: ignore[union-attr]
 
     @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box."""
+        return self._job.options.get(PRESSURE.name) is not None
+
+    @property
     def foreign(self) -> bool:
         """Whether another program takes the steps."""
         return self.engine.foreign
@@ -173,7 +171,7 @@ class Integration:
         y, time, steps = self.y.copy(), self.time, self.steps_done
         old: Any = self.stepper
         with compiling_for(self.purpose):
-            flow, self.stepper = self._stepper_in(backward, self.options)
+            flow, self.stepper = self.stepper_in(backward, self.options)
         self.flow = self.flow if backward else flow
         self._reset(y, time, steps)
         if hasattr(old, "method_state"):
@@ -181,7 +179,7 @@ class Integration:
         self._compiled = False
         self.begin_record()
 
-    def _stepper_in(self, backward: bool, options: Options) -> tuple[RunFlow, Any]:
+    def stepper_in(self, backward: bool, options: Options) -> tuple[RunFlow, Any]:
         """A flow of the current bodies in this direction of time, and a new stepper."""
         flow, stepper = self._made(mirrored(self.system) if backward else self.system, options)
         return flow, BackwardStepper(stepper, flow) if backward else stepper
@@ -243,6 +241,8 @@ class Integration:
     def begin_at(self, state: Any) -> None:
         """Start again from a state, with a new record."""
         y = self.flow.array(state)
+        if self.box_varies:
+            self.flow.box = state.box  # type: ignore[union-attr]
         self._from_start = isinstance(self.system, System) and np.array_equal(y[0], self.system.state.phase[0])
         self._reset(y, state.time, state.steps_done)
         self.begin_record()
@@ -278,7 +278,7 @@ class Integration:
 
     def keep(self) -> None:
         """Store the current state as the last good state."""
-        self.safe = Safe(self.y.copy(), self.time, self.steps_done)
+        self.safe = Safe(self.y.copy(), self.time, self.steps_done, self.box)
 
     def sample(self) -> Sample:
         """Return a sample of the current state."""
@@ -291,6 +291,11 @@ class Integration:
         stepper.y[1] *= factor
         if self.foreign:
             stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
+
+    @property
+    def box(self) -> Box | None:
+        """The box now, if a barostat changes the box; else None."""
+        return self.flow.box if self.box_varies else None  # type: ignore[union-attr]
 
     # --- steps ---
 
@@ -355,7 +360,7 @@ class Integration:
         With fixed steps, a shortened step of another stepper gives y at that time."""
         stepper: Any = self.stepper
         self.moving.forget_errors()
-        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened(time)
+        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else shortened_step(self, time)
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
@@ -364,17 +369,6 @@ class Integration:
         if counted:
             self.record.count(cost)
         self.at, self._present = time, (time, y)
-
-    def _shortened(self, time: float) -> tuple[int, Floats, Counts]:
-        """Take one step to ``time`` in a copy, which leaves the run on its grid. Return a status, y and the cost."""
-        assert self.dt is not None
-        rest = abs(time - self.stepper.time)
-        _, stepper = self._stepper_in(self.backward, self.options.changed(dt=rest))
-        stepper.reset(self.stepper.y.copy(), self.stepper.time, self.stepper.steps_done)
-        before = stepper.counts
-        status = stepper.advance(1)
-        self.record.unfinished = self.dt - rest
-        return status, stepper.y.copy(), stepper.counts - before
 
     def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Go back to the last good state, and raise an error that says what blew up.
@@ -385,6 +379,8 @@ class Integration:
         self.record.steps -= stepper.steps_done - safe.step
         self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
         self.replaced = True
+        if safe.box is not None:
+            self.flow.box = safe.box  # type: ignore[union-attr]
         stepper.reset(safe.y.copy(), safe.time, safe.step)
         self.at = None
         raise error from cause

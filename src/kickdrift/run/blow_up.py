@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.stepper import Stepper
+from kickdrift.model.box import Box
 from kickdrift.model.checks import unwarned
-from kickdrift.model.state import Floats
+from kickdrift.model.state import Floats, State
 
 if TYPE_CHECKING:
     from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 
-class Point(Protocol):
-    """A state of the run."""
+@dataclass
+class Safe:
+    """The last state known to be good. A run that blows up goes back to this state."""
 
-    y: Floats
+    y: Floats  # its own buffer
     time: float
     step: int
+    box: Box | None = None  # of a run with a barostat
 
 
 class Failing(Protocol):
@@ -41,7 +45,7 @@ class Failing(Protocol):
     def integrator(self) -> str: ...
 
     @property
-    def safe(self) -> Point: ...
+    def safe(self) -> Safe: ...
 
 
 @unwarned
@@ -57,6 +61,8 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     time = stepper.time + (-dt if run.backward else dt) * inside_step
     with_step = "" if run.method.chooses_steps else f", dt = {run.dt:g}"
     last = run.flow.state(safe.y, safe.time, safe.step)
+    if safe.box is not None and isinstance(last, State):
+        last = replace(last, box=safe.box)
     if stopped:
         message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
     else:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.option import TEMPERATURE
+from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks import positive, unwarned, whole_number
 from kickdrift.model.limits import steps_in
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.model.units import time_in
+from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
@@ -21,6 +26,7 @@ if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
 
 Progress = Callable[[int, int], Any]
+STAIRS = 200  # parts of constant temperature in the ramp of a heat bath
 
 
 class Heated(Protocol):
@@ -28,6 +34,7 @@ class Heated(Protocol):
 
     state: Any
     method: Method
+    integrator: str
     dt: float | None
     integration: Integration
 
@@ -44,78 +51,192 @@ class Heated(Protocol):
 
     def advance(self, steps: int) -> None: ...
 
-    def equilibrate(
-        self, temperature: float, time: float | str, interval: int = 10, progress: Progress | None = None
-    ) -> None: ...
+    def equilibrate(self, *args: Any, **options: Any) -> None: ...
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """Temperature over an equilibration of ``count`` steps, linear in time."""
+
+    start: float
+    end: float
+    count: int
+
+    def at(self, step: float) -> float:
+        """Temperature after this number of steps."""
+        return self.start + (self.end - self.start) * step / self.count
+
+    @property
+    def flat(self) -> bool:
+        """Whether the temperature is constant."""
+        return self.start == self.end
 
 
 def equilibrate(
-    sim: Heated,
-    temperature: float,
-    time: float | str,
-    interval: int,
-    progress: Progress | None,
-    with_verlet: Callable[[], Heated],
+    sim: Heated, asked: Equilibration, progress: Progress | None, other: Callable[[str, dict[str, Any]], Heated]
 ) -> None:
     """Bring the system to a temperature; see ``Simulation.equilibrate``.
 
-    ``with_verlet`` makes a velocity Verlet Simulation. This replaces a Simulation whose method cannot rescale
-    velocities."""
+    ``other`` makes a Simulation of the same system with another method and its options, for an equilibration with a
+    method of its own, and for a run whose method cannot rescale velocities."""
+    ramp = _checked(sim, asked)
+    if asked.integrator is not None or asked.options:
+        _with_own_method(sim, asked, ramp, progress, other)
+    elif not sim.method.rescalable:
+        _through(sim, other("velocity-verlet", {"dt": sim.system.run.dt}), asked, progress)
+    elif sim.method.bath:
+        _check_bath(sim, ramp, sim.integrator)
+        _through_bath(sim, ramp, progress)
+    else:
+        _through_rescaling(sim, ramp, asked.interval, progress)
+
+
+def _checked(sim: Heated, asked: Equilibration) -> Ramp:
+    """Refuse arguments that make no sense; return the temperature over the steps. The number of steps is of no use for
+    an adaptive method."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
-    temperature = positive("equilibrate: temperature", temperature, "positive")
-    time = positive("equilibrate: time", time_in(time, sim.system.units, "equilibrate: time"), "positive")
-    interval = whole_number("equilibrate: interval", interval, 1)
+    start = positive("equilibrate: temperature", asked.temperature, "positive")
+    end = start if asked.to is None else positive("equilibrate: to", asked.to, "positive")
+    whole_number("equilibrate: interval", asked.interval, 1)
+    if (asked.time is None) == (asked.steps is None):
+        raise InputError(f"equilibrate: give time or steps{', not both' if asked.steps is not None else ''}")
+    count = 1
+    if asked.steps is not None:
+        count = whole_number("equilibrate: steps", asked.steps, 1)
+    else:
+        time = time_in(asked.time, sim.system.units, "equilibrate: time")
+        positive("equilibrate: time", time, "positive")
+        dt = asked.options.get("dt") or sim.dt
+        count = max(1, round(steps_in("equilibrate: time", time, dt))) if isinstance(dt, float) else count
     if sim.system.degrees_of_freedom == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
     if sim.running:
         raise InputError("equilibrate: the Simulation is already running")
-    if not sim.method.rescalable:
-        other = with_verlet()
-        other.equilibrate(temperature, time, interval, progress)
-        sim.state = other.state
+    return Ramp(start, end, count)
+
+
+def _check_bath(sim: Heated, ramp: Ramp, by: str) -> None:
+    """Refuse an equilibration ``by`` a method that ends at another temperature than the run's own heat bath has."""
+    own = sim.integration.options[TEMPERATURE.name]
+    if own == ramp.end:
         return
-    assert sim.dt is not None
-    count = max(1, round(steps_in("equilibrate: time", time, sim.dt)))
+    if by == sim.integrator:
+        raise InputError(
+            f"equilibrate: temperature = {ramp.end:g} is not the heat bath's temperature = {own:g}; "
+            f"{sim.method.name} equilibrates in its own bath, so give the same temperature, or a ramp with to = {own:g}"
+        )
+    raise InputError(
+        f"equilibrate: two heat baths: {by} ends at {ramp.end:g}, and the run's {sim.integrator} is at {own:g}; "
+        f"end at the run's temperature, for example with to = {own:g}"
+    )
+
+
+def _with_own_method(
+    sim: Heated,
+    asked: Equilibration,
+    ramp: Ramp,
+    progress: Progress | None,
+    other: Callable[[str, dict[str, Any]], Heated],
+) -> None:
+    """Equilibrate with a method or options of the equilibration alone. The run's own options stay where it is the same
+    method."""
+    name, options = asked.integrator or sim.integrator, dict(asked.options)
+    if asked.integrator is None:
+        options = {key: value for key, value in sim.integration.options.items() if value is not None} | options
     if sim.method.bath:
-        _through_bath(sim, temperature, count, progress)
-        return
-    masses = sim.system.coherent_masses
-    wanted = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann * temperature
+        _check_bath(sim, ramp, name)
+    dt = sim.system.run.dt if sim.dt is None else sim.dt
+    made = other(name, {"dt": dt, **options, TEMPERATURE.name: ramp.end})
+    if not made.method.bath:  # not reached: the method has refused a temperature
+        raise InputError(f"equilibrate: {name} has no heat bath; leave integrator out to rescale velocities")
+    _through(sim, made, asked, progress)
+
+
+def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress | None) -> None:
+    """Equilibrate in another Simulation, and go on from its state. A total momentum that a heat bath has left goes,
+    where the run would conserve it: the run counts its degrees of freedom without that momentum."""
+    made.state = sim.state
+    made.equilibrate(asked.temperature, asked.time, asked.interval, progress, to=asked.to, steps=asked.steps)
+    state = made.state
+    if made.method.drags and not sim.method.drags and not sim.system.acting("external"):
+        state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
+    _move(sim, state)
+    said = sim.integration.record.warnings
+    said += [f"equilibrate: {line}" for line in getattr(made.integration.stepper, "warnings", ())]
+
+
+def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:
+    masses, count = sim.system.coherent_masses, ramp.count
+    per_degree = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann
     sim.integration.prepare()
     compile_seconds = sim.integration.record.compile_seconds
     _restart(sim)
     potentials: list[float] = []
     while sim.steps_done < count:
-        _rescale(sim, masses, wanted)
+        _rescale(sim, masses, per_degree * ramp.at(sim.steps_done))
         sim.advance(min(interval, count - sim.steps_done))
-        if 2 * sim.steps_done >= count:
+        if ramp.flat and 2 * sim.steps_done >= count:
             potentials.append(sim.energy().potential)
         if progress:
             progress(sim.steps_done, count)
-    _rescale(sim, masses, max(wanted + float(np.mean(potentials)) - potentials[-1], 0.5 * wanted))
+    wanted = per_degree * ramp.end
+    more = float(np.mean(potentials)) - potentials[-1] if potentials else 0.0
+    _rescale(sim, masses, max(wanted + more, 0.5 * wanted))
     _restart(sim)
     sim.integration.record.compile_seconds = compile_seconds
 
 
-def _through_bath(sim: Heated, temperature: float, count: int, progress: Progress | None) -> None:
-    """Run ``count`` steps in the heat bath of the method. They count from -count, so their noise is not the run's."""
-    if (own := sim.integration.options.temperature) != temperature:
-        raise InputError(
-            f"equilibrate: temperature = {temperature:g} is not the heat bath's temperature = {own:g}; "
-            f"{sim.method.name} equilibrates in its own bath, so give the same temperature"
-        )
-    sim.integration.prepare()
-    compile_seconds = sim.integration.record.compile_seconds
+def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
+    """Run the steps in the heat bath of the method. They count from -count, so their noise is not the run's."""
+    count, run = ramp.count, sim.integration
+    run.prepare()
+    compile_seconds = run.record.compile_seconds
     _restart(sim)
-    stepper = sim.integration.stepper
-    stepper.reset(stepper.y, 0.0, -count)
+    own = run.stepper
+    own.reset(own.y, 0.0, -count)
+    stair = 0
     while sim.steps_done < 0:
-        sim.advance(min(max(1, count // 100), -sim.steps_done))
+        ahead = max(1, count // 100)
+        if not ramp.flat:
+            stairs = min(STAIRS, count)
+            while count * stair // stairs <= count + sim.steps_done:
+                stair += 1
+            first, last = count * (stair - 1) // stairs, count * stair // stairs
+            _heat_to(run, ramp.at(0.5 * (first + last)))
+            ahead = last - first
+        sim.advance(min(ahead, -sim.steps_done))
         if progress:
             progress(count + sim.steps_done, count)
+    if not ramp.flat:
+        _heat_to(run, ramp.end)
     _restart(sim)
-    sim.integration.record.compile_seconds = compile_seconds
+    run.record.compile_seconds = compile_seconds
+
+
+def _heat_to(run: Integration, temperature: float) -> None:
+    """Set the heat bath to another temperature."""
+    if run.foreign:
+        raise InputError(
+            f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s"
+        )
+    stepper: Any = run.stepper
+    stepper.heat_to(temperature)
+
+
+def _move(sim: Heated, state: State) -> None:
+    """Go on from a state, which a barostat of the equilibration may have left in another box."""
+    run = sim.integration
+    if not run.box_varies and state.box != sim.system.box:
+        system = sim.system.at(state.phase, 0.0, box=state.box)
+        for force in system.forces:
+            force.check(system)
+        with compiling_for(run.purpose):
+            stepper = run.stepper_for(system)
+        run.stepper = stepper
+        if run.events:
+            run.stepper = run.events = WatchedStepper(run, stepper, run.watched)
+    sim.state = state
 
 
 def _restart(sim: Heated) -> None:

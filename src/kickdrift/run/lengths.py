@@ -45,6 +45,9 @@ class Moving(Protocol):
     def backward(self) -> bool: ...
 
     @property
+    def box_varies(self) -> bool: ...
+
+    @property
     def foreign(self) -> bool: ...
 
     @property
@@ -133,6 +136,8 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     nearest = round(steps)
     off = abs(steps - nearest) > CLOSE
     shortened = off and exact == SHORTEN
+    if shortened and run.box_varies:
+        raise InputError('run: exact = "shorten": a barostat acts between whole steps; give a whole number of steps')
     if off and exact is True:
         low, high = sorted(begin + sign * (int(np.floor(steps)) + k) * dt for k in (0, 1))
         near = f"{low:.12g} and {high:.12g}"
@@ -146,6 +151,19 @@ def time_of(sim: Planned, value: float | str | None, key: str) -> float | None:
     """A time in the system's unit, from a number or a text such as "5 ps"; errors begin with ``key``."""
     found: float | None = time_in(value, getattr(sim.system, "units", None), key)
     return found
+
+
+def goal_of(sim: Planned, steps: int | None, until: float | str | None, time: float | str | None) -> float | None:
+    """The time that a run goes to: ``until``, or now and ``time`` more; None where ``steps`` say how long it is."""
+    if time is None:
+        return time_of(sim, until, "until")
+    if until is not None or steps is not None:
+        other = "until" if steps is None else "steps"
+        raise InputError(f"run: give steps, until or time, not {other} and time")
+    more = time_of(sim, time, "time")
+    if more is None or not np.isfinite(number(more)):
+        raise InputError(f"run: time must be a finite time, got {shown(time)}")
+    return sim.time + more
 
 
 def begin(sim: Begun, backward: bool, until: float | None, exact: Exact) -> None:

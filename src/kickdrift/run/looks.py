@@ -43,11 +43,12 @@ class Sampler:
         looks, step, time = record.looks, run.steps_done, run.time
         new = again or not looks.at(step, time)
         if (heat := run.heat) is not None:
-            record.taken = Taken(-heat, 0.0, 0.0)
+            record.work = getattr(run.stepper, "work", 0.0)
+            record.taken = Taken(-heat - record.work, 0.0, 0.0)
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)
-            safe.y[...] = y
+            safe.y[...], safe.box = y, run.box
         else:
             try:
                 seen = flow.look(looks, y, time, step, safe.y, run.fresh) == OK
@@ -59,7 +60,7 @@ class Sampler:
             flow.begin(record, y)
             if warning := layer_warning(run.system, y):
                 record.warnings.append(warning)
-        safe.time, safe.step = time, step
+        safe.time, safe.step, safe.box = time, step, run.box
         if new:
             looks.keep(step, record.taken)
 

@@ -107,7 +107,7 @@ def minimize(sim: Moved, *given: Any) -> Minimum:
     if not isinstance(sim.system, System):
         raise InputError("minimize: a Problem has no forces")
     now = sim.state
-    found = minimum(sim.system.at(now.phase, now.time, now.steps_done, now.ids), sim.threads, *given)
+    found = minimum(sim.system.at(now.phase, now.time, now.steps_done, now.ids, now.box), sim.threads, *given)
     phase = found.system.state.phase.copy()
     phase[1] = 0.0
     sim.state = State(phase, now.masses, now.ids, now.box, now.time, now.steps_done)

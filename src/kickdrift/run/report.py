@@ -16,7 +16,7 @@ from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import TEMPERATURE
+from kickdrift.integrators.option import PRESSURE, TEMPERATURE
 from kickdrift.integrators.options import Options
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.observers import NOTHING
@@ -36,8 +36,8 @@ from kickdrift.statistics.drift import EnergyError, energy_error
 class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
 
-    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved. They are nan,
-    and the verdict says so, if an engine does not tell the heat.
+    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved; with a barostat,
+    also less the work. They are nan, and the verdict says so, if an engine does not tell the heat.
 
     Attributes
     ----------
@@ -87,6 +87,7 @@ COMPILING = "compiling"
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 AGREES = 3.0  # standard errors
 DRAWN = "the bath draws velocities; no test of the motion"
+DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_verdict", "pressure_verdict")
 
 
 class About(NamedTuple):
@@ -127,8 +128,10 @@ class Report(ShownReport):
     system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
     errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
-    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``heat`` is the energy that the
-    bath gave, None without a bath and if the engine does not tell it. ``options`` holds the options except dt and
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``pressure_verdict`` does the
+    same with the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes,
+    else None. ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None
+    without bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and
     tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
     from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
@@ -175,6 +178,8 @@ class Report(ShownReport):
     energy_taken: float | None
     stopped: str
     heat: float | None
+    work: float | None
+    volume: float | None
     warnings: list[str]
     about: About = field(compare=False)
 
@@ -188,6 +193,11 @@ class Report(ShownReport):
         """Standard error of the mean pressure; None if it is undefined or the run is too short."""
         return self._error(self.about.series.pressures)
 
+    @cached_property
+    def volume_error(self) -> float | None:
+        """Standard error of the mean volume; None without a barostat or if the run is too short."""
+        return self._error(self.about.series.volumes)
+
     @property
     def temperature_verdict(self) -> str | None:
         """The mean temperature beside the temperature of the heat bath, in words; None without a bath.
@@ -197,10 +207,14 @@ class Report(ShownReport):
             return None
         if self.about.drawn:
             return DRAWN
-        if not self.temperature_error:
-            return "too short to judge"
-        off = abs(self.temperature - self.options[TEMPERATURE.name]) / self.temperature_error
-        return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
+        return _verdict(self.temperature, self.temperature_error, self.options[TEMPERATURE.name])
+
+    @property
+    def pressure_verdict(self) -> str | None:
+        """The mean pressure beside the pressure of the barostat, in words; None without a barostat."""
+        if self.volume is None or self.pressure is None:
+            return None
+        return _verdict(self.pressure, self.pressure_error, self.options[PRESSURE.name])
 
     def _error(self, values: Floats | None) -> float | None:
         if values is None:
@@ -222,7 +236,7 @@ class Report(ShownReport):
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
-        own |= {name: getattr(self, name) for name in ("temperature_error", "pressure_error", "temperature_verdict")}
+        own |= {name: getattr(self, name) for name in DERIVED}
         return plain(own | {"energy": self.energy and asdict(self.energy)})
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -328,10 +342,20 @@ def report(sim: Reported) -> Report:
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if bath or not told else record.taken.energy,
         stopped=sim.stopped,
-        heat=-record.taken.energy if bath and told else None,
+        heat=-record.taken.energy - record.work if bath and told else None,
+        work=record.work if series.volumes is not None else None,
+        volume=None if series.volumes is None else float(series.volumes.mean()),
         warnings=[*record.warnings, *melted],
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped),
     )
+
+
+def _verdict(mean: float, error: float | None, asked: float) -> str:
+    """A mean beside the number that was asked for, in words."""
+    if not error:
+        return "too short to judge"
+    off = abs(mean - asked) / error
+    return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
 
 
 def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:

@@ -275,6 +275,9 @@ def _other_particles(sim: Simulation, run: Run, goal: tuple[int, float | None]) 
             apart = float(np.abs(run[frame].positions - state.positions).max())
             if apart:
                 found.append(f"positions differ by {apart:.3g} from the file's frame here: it is not the same run")
+            if run[frame].box != state.box:
+                box = run[frame].box.described(run.units.symbol("length"))
+                found.append(f"the box differs from the file's frame here, {box}: it is not the same run")
     return found
 
 

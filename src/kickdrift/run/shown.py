@@ -37,7 +37,7 @@ class ShownReport(Shown):
         energy_unit = units.symbol("energy") if units else ""
         if self.energy is not None:
             cause = "; the force jumps at the cutoff, see lj-1000-switch" if self.about.jumps else ""
-            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause, self.heat)
+            lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause, self.heat, self.work)
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))
         if self.angular_momentum_error is not None:
@@ -48,7 +48,11 @@ class ShownReport(Shown):
             lines.append(("temperature", f"{mean_text(self.temperature, self.temperature_error, symbol)}{verdict}"))
         if units and self.pressure is not None:
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
-            lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}"))
+            verdict = verdict_text(self.options.get("pressure"), self.pressure_verdict, per)
+            lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}{verdict}"))
+        if units and self.volume is not None:
+            per = symbol_of(f"{units.length}^{self.about.dimensions}")
+            lines.append(("volume", mean_text(self.volume, self.volume_error, per)))
         shown = self.force_evaluations is not None and (not units or self.dt is None)
         evaluations = f"{self.force_evaluations:,} evaluations, " if shown else ""
         per_pair = f", {self.ns_per_pair:.1f} ns per pair" if self.ns_per_pair else ""

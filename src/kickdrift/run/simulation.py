@@ -19,13 +19,14 @@ from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
+from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.lengths import Exact, begin, steps_to, time_of
+from kickdrift.run.lengths import Exact, begin, goal_of, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
@@ -135,6 +136,11 @@ class Simulation(Present):
         self._stability.begin_anew(check_at=0)
 
     @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box; ``state.box`` is the box of now."""
+        return self.integration.box_varies
+
+    @property
     def method_state(self) -> Any:
         """State of a method that moves more than positions and velocities. Other methods raise InputError.
 
@@ -202,6 +208,7 @@ class Simulation(Present):
         steps: int | None = None,
         *,
         until: float | str | None = None,
+        time: float | str | None = None,
         exact: Exact = False,
         every: int | None = None,
         interval: float | str | None = None,
@@ -212,7 +219,7 @@ class Simulation(Present):
         columns: Iterable[Column] = (),
         progress: bool | Callable[[int, int], Any] | None = None,
     ) -> Report:
-        """Take ``steps`` steps, or run ``until`` a time, a number or a text with a unit such as "5 ps".
+        """Take ``steps`` steps, run ``until`` a time, or run for a ``time``: a number, or a text such as "5 ps".
 
         An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
         ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` a copy takes a shortened last
@@ -238,7 +245,7 @@ class Simulation(Present):
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
-        goal, apart = time_of(self, until, "until"), time_of(self, interval, "interval")
+        goal, apart = goal_of(self, steps, until, time), time_of(self, interval, "interval")
         written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
@@ -289,27 +296,37 @@ class Simulation(Present):
     def equilibrate(
         self,
         temperature: float,
-        time: float | str,
+        time: float | str | None = None,
         interval: int = 10,
         progress: bool | Callable[[int, int], Any] | None = None,
+        *,
+        to: float | None = None,
+        steps: int | None = None,
+        integrator: str | None = None,
+        **options: Any,
     ) -> None:
-        """Bring the system to ``temperature`` in ``time``, then count steps, time and conservation from zero.
+        """Bring the system to ``temperature`` in ``time`` or ``steps``, then count steps, time and conservation from
+        zero. With ``to``, the temperature goes from ``temperature`` to ``to``, linearly in time.
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
         K(T) + <U>. A following run at constant energy then has ``temperature`` as its mean, not only at its start.
+        After a ramp, the last rescaling sets the kinetic energy alone.
 
-        A method with a heat bath rescales nothing. The bath acts for ``time`` with other random numbers than in the
-        run, and its memory and heat begin anew at zero. An InputError if ``temperature`` is not the bath's. For an
-        adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
+        A method with a heat bath rescales nothing. The bath acts with other random numbers than in the run, and its
+        memory and heat begin anew at zero. A ramp has 200 stairs of constant temperature. ``integrator`` and its
+        ``options`` equilibrate with a heat bath of their own, and ``options`` alone change those of the run's method,
+        such as its friction. An InputError if the run has a heat bath of another temperature than the one at the end.
+        For an adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
         ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
-        more = {"engine": self.engine, "processes": self.processes}
+        more: dict[str, Any] = {"engine": self.engine, "processes": self.processes, "events": ()}
+        asked = Equilibration(temperature, time, interval, to, steps, integrator, options)  # type: ignore[arg-type]
         with following(progress, "equilibrating") as told:
             equilibrate(
-                self, temperature, time, interval, told,
-                lambda: Simulation(self.system, "velocity-verlet", self.system.run.dt, self.threads, **more),  # type: ignore[arg-type]
+                self, asked, told,
+                lambda name, given: Simulation(self.system, name, threads=self.threads, **more, **given),
             )  # fmt: skip
 
     def minimize(

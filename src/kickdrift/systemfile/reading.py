@@ -19,7 +19,6 @@ from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.other_names import other_name
 from kickdrift.model.problem import Problem
-from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.starts.builders import (
     Structure,
     check_overlaps,
@@ -46,7 +45,7 @@ from kickdrift.systemfile.schema import (
     force_parameters,
     ode_table,
 )
-from kickdrift.systemfile.schema_run import run_defaults
+from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
 from kickdrift.text import shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
@@ -178,7 +177,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
-    equilibration = Equilibration(**table.equilibrate.model_dump()) if table.equilibrate else None
+    equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units)
 
     def system(velocities: Floats | None) -> System:
         positions = start.positions

@@ -40,7 +40,6 @@ from kickdrift.systemfile.schema_base import (
     Radius,
     Table,
     Temperature,
-    Time,
     Vector,
     Velocity,
 )
@@ -156,12 +155,6 @@ class BoxTable(Table):
         return self
 
 
-class EquilibrateTable(Table):
-    temperature: Temperature
-    time: Time
-    interval: PositiveInt = 10
-
-
 class SystemTable(Table):
     units: str
     title: str = ""
@@ -172,7 +165,7 @@ class SystemTable(Table):
     force: list[dict[str, Any]]  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
-    equilibrate: EquilibrateTable | None = None
+    equilibrate: dict[str, Any] | None = None  # checked as [run] is
     invariants: dict[str, Any] = {}
 
     @classmethod

@@ -10,14 +10,15 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, PositiveFloat, Tag, create_model, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.asked import known_options, meant
-from kickdrift.integrators.option import OPTIONS, Option
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
+from kickdrift.integrators.option import DT, OPTIONS, Option
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.other_names import other_name
-from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
-from kickdrift.systemfile.schema_base import In, Table, Time
+from kickdrift.systemfile.schema_base import In, Table, Temperature, Time
 
 Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
 
@@ -57,6 +58,28 @@ class OdeRunTable(RunTable):
     interval: PositiveFloat | None = None
 
 
+class EquilibrateTable(Table):
+    """Keys of ``[equilibrate]`` that are not options."""
+
+    temperature: Temperature
+    to: Temperature | None = None
+    time: Time | None = None
+    steps: Steps | None = None
+    interval: Annotated[int, Field(gt=0)] = 10
+    integrator: str | None = None
+
+    @model_validator(mode="after")
+    def _steps_or_time(self) -> EquilibrateTable:
+        if (self.steps is None) == (self.time is None):
+            raise InputError(f"expected time or steps, got {'neither' if self.steps is None else 'both'}")
+        return self
+
+    @classmethod
+    def hint(cls, key: str) -> str:
+        """Suggest a known key; for an option, also name the methods that take it."""
+        return RunTable.hint(key)
+
+
 def is_run_key(name: str) -> bool:
     """Tell whether ``[run]`` has this key."""
     return name in RunTable.model_fields or name in OPTIONS or name in known_options()
@@ -70,14 +93,29 @@ def run_keys() -> list[str]:
 def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
     """Checked values of ``[run]``; without ``units``, of an ODE."""
     table = _table(tuple(known_options().values()), units is not None)
-    return RunDefaults(**checked(table, given, units, "run").model_dump())
+    found = RunDefaults(**checked(table, given, units, "run").model_dump())
+    if found.integrator in INTEGRATORS:
+        refuse_other_baths(INTEGRATORS[found.integrator], found.options, "run.")
+    return found
+
+
+def equilibration_of(given: Mapping[str, Any], units: UnitSystem) -> Equilibration:
+    """Checked values of ``[equilibrate]``."""
+    options = tuple(each for name, each in known_options().items() if name not in EquilibrateTable.model_fields)
+    table = checked(_options_table("equilibrate", EquilibrateTable, (DT, *options), True), given, units, "equilibrate")
+    return Equilibration.of(table.model_dump())
+
+
+def _table(options: tuple[Option, ...], units: bool) -> type[Table]:
+    """Table of these options, with or without units."""
+    return _options_table("run", RunTable if units else OdeRunTable, options, units)
 
 
 @cache
-def _table(options: tuple[Option, ...], units: bool) -> type[Table]:
-    """Table of these options, with or without units."""
+def _options_table(name: str, base: type[Table], options: tuple[Option, ...], units: bool) -> type[Table]:
+    """Table of the keys of ``base`` and of these options, with or without units."""
     fields: Any = {each.name: (_type(each, units) | None, None) for each in options}
-    made: type[Table] = create_model("run", __base__=RunTable if units else OdeRunTable, **fields)
+    made: type[Table] = create_model(name, __base__=base, **fields)
     return made
 
 

@@ -67,7 +67,7 @@ def tables_of(system: System) -> dict[str, Any]:
     if said := system.run.said():
         tables["run"] = said
     if system.equilibration is not None:
-        tables["equilibrate"] = vars(system.equilibration)
+        tables["equilibrate"] = system.equilibration.said()
     if system.invariants:
         tables["invariants"] = dict(system.invariants)
     return tables

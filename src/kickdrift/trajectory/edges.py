@@ -35,12 +35,15 @@ def restored(found: Floats, like: Box) -> Box:
     return Box(matrix=found if found.ndim == 2 else np.diag(found), periodic=like.periodic_axes)
 
 
-def boxes(contents: Contents, first: Box, factor: float, chosen: slice) -> list[Box]:
+def boxes(
+    contents: Contents, first: Box, factor: float, chosen: slice, whole: NDArray[np.bool_] | None = None
+) -> list[Box]:
     """Boxes of some frames; the file stores edges times ``factor``. A frame with the ``first`` box's edges gets that
-    very object."""
+    very object, and so do frames that the mask ``whole`` (frames,) leaves out."""
     there = contents.read(contents.series(EDGES, "f8", 0, shape_of(first)), chosen)
     found = [first] * len(there)
-    for k in np.flatnonzero((there != stored(first) * factor).reshape(len(there), -1).any(axis=1)):
+    other = (there != stored(first) * factor).reshape(len(there), -1).any(axis=1)
+    for k in np.flatnonzero(other if whole is None else other & whole):
         try:
             found[k] = restored(there[k] / factor, first)
         except InputError as error:

@@ -71,4 +71,6 @@ def export(
         notes = _WRITERS[format.package](frames, part, format, told or (lambda done, of: None))
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
+        if unwrapped and run.box_varies:
+            notes = ["unwrapped positions scale with the box; take displacements from the run's file", *notes]
         return Exported(target, len(frames), len(run.ids), losses(format, run.nominal_units), tuple(notes))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces import force_class
+from kickdrift.looks.report_lines import mean_text
 from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
@@ -15,6 +16,7 @@ from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
 from kickdrift.trajectory.recorded import Recorded
+from kickdrift.trajectory.room import means_of
 
 SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
@@ -40,6 +42,7 @@ def info_of(run: Run) -> dict[str, Any]:
         "species": counts,
         "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),
         "periodic": list(run.box.periodic_axes),
+        **means_of(run),
         "units": {
             "name": run.units.name,
             "length": run.units.length,
@@ -117,7 +120,8 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),
-        ("box", _box(found["box"], found["periodic"], length)),
+        ("box", _box(found["box"], found["periodic"], length) + " at the start" * ("volume" in found)),
+        *room_lines(found, length),
         ("units", f"{units['name']}: {', '.join(named) or 'plain numbers'}"),
     ]
     if units["nominal"]:
@@ -136,6 +140,17 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append((shown_name, f"{short(ends['first'])} → {measured(short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
     return with_end(found, rows)
+
+
+def room_lines(found: dict[str, Any], length: str) -> list[tuple[str, str]]:
+    """Mean volume and density of a box that varies, with their standard errors."""
+    axes = sum(found["periodic"])
+    powers = {"volume": f"{length}^{axes}" if length else "", "density": f"{length}^-{axes}" if length else ""}
+    return [
+        (name, mean_text(found[name]["mean"], found[name]["error"], unit))
+        for name, unit in powers.items()
+        if name in found
+    ]
 
 
 def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:

@@ -146,8 +146,11 @@ def event_of(given: Named) -> Event:
 
 def equilibration_of(given: Mapping[str, Any]) -> Equilibration:
     """Make the Equilibration that a file describes."""
-    known = {key: value for key, value in given.items() if key in _fields(Equilibration)}
-    return Equilibration(**_checked(Equilibration, known, "equilibrate"))
+    hints = get_type_hints(Equilibration)
+    own = {key: hints[key] for key in _fields(Equilibration) if key != "options"}
+    types = {"dt": float} | _option_types() | own
+    known = {key: value for key, value in given.items() if key in types and value is not None}
+    return Equilibration.of(_filled(_optional("Equilibration", types), known, "equilibrate"))
 
 
 def run_of(given: Mapping[str, Any]) -> RunDefaults:

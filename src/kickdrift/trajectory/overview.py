@@ -19,7 +19,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
-from kickdrift.trajectory.info import alarms, goal, info_of
+from kickdrift.trajectory.info import alarms, goal, info_of, room_lines
 from kickdrift.trajectory.problems.header import ENERGY, Y
 from kickdrift.trajectory.problems.info import MOST
 from kickdrift.trajectory.problems.info import info as info_of_problem
@@ -57,13 +57,14 @@ def overview_of(run: Run) -> Lines:
         lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:
-        heat = report.get("heat")
+        heat, work = report.get("heat"), report.get("work")
         lines += energy_lines(
             energy, units["energy"], units["time"], found["time"][1] - found["time"][0],
-            heat=heat if _is_number(heat) else None,
+            heat=heat if _is_number(heat) else None, work=work if _is_number(work) else None,
         )  # fmt: skip
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
+    lines += [line for line in room_lines(found, units["length"]) if line[0] not in dict(lines)]
     lines.append(("frames", _state(found)))
     return lines + alarms(found)
 
@@ -126,10 +127,17 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
     if _is_number(pressure):
         unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
         text = mean_text(pressure, _error(report, "pressure"), unit)
+        options, verdict = report.get("options"), report.get("pressure_verdict")
+        asked = options.get("pressure") if isinstance(options, dict) and isinstance(verdict, str) else None
+        text += verdict_text(asked if _is_number(asked) else None, verdict, unit)
         joined = f"{lines[0][1]}, pressure {text}" if lines else ""
         if joined and not said and len(joined) <= FITS:
             return [("temperature", joined)]
         lines.append(("pressure", text))
+    volume: Any = report.get("volume")
+    if _is_number(volume):
+        unit = f"{units['length']}^{dimensions}" if units["length"] else ""
+        lines.append(("volume", mean_text(volume, _error(report, "volume"), unit)))
     return lines
 
 

@@ -47,7 +47,7 @@ class Run(Recorded, Frames, ShownRun):
     nominal_units : bool
         Whether the file uses angstrom and ps as stand-ins for units that other programs do not know.
     box : Box
-        Box at the start of the run.
+        Box of the System that the run began with. A barostat changes the box: each frame has its own.
     species : tuple of str
     species_index : (n,) int32 into `species`
     names : tuple of str
@@ -116,11 +116,23 @@ class Run(Recorded, Frames, ShownRun):
         return values
 
     def boxes_of(self, rows: range) -> list[Box]:
-        """Box of each of these frames, in ascending order: `box`, unless the Writer was given another box."""
+        """Box of each of these frames, in ascending order: that very `box` where nothing has changed it."""
         if not rows or not self.box.periodic:
             return [self.box] * len(rows)
         self.check_clock(rows)
         return edges.boxes(self._contents, self.box, self._factors.length, as_slice(rows))
+
+    @cached_property
+    def box_varies(self) -> bool:
+        """Whether any frame has another box than the System that the run began with."""
+        return any(box is not self.box for box in self.whole_boxes()[2])
+
+    def whole_boxes(self) -> tuple[NDArray[np.int64], Floats, list[Box]]:
+        """Steps, times and boxes of the frames that are not damaged."""
+        whole, found = ~self._wrong_clock, [self.box] * len(self)
+        if self.box.periodic:
+            found = edges.boxes(self._contents, self.box, self._factors.length, slice(len(self)), whole)
+        return self.all_steps[whole], self.all_times[whole], [found[k] for k in np.flatnonzero(whole)]
 
     def _checked(self, name: str, rows: range, particles: slice) -> NDArray:
         """Stored vectors (f, k, 3) of frames. Raises an InputError that names the first damaged frame."""

@@ -40,6 +40,10 @@ class RunHeader(Particles, Protocol):
     @property
     def options(self) -> FileOptions: ...
 
+    @property
+    def box_varies(self) -> bool:
+        """Whether any frame has another box than the run's System."""
+
     def unit_of(self, observable: str) -> str:
         """Unit of an observable, as text."""
 
@@ -70,6 +74,9 @@ class Instant(Protocol):
 
     @property
     def velocities(self) -> Floats: ...
+
+    @property
+    def box(self) -> Box: ...
 
 
 class RunRecord(RunHeader, Protocol):
@@ -104,6 +111,9 @@ class Series(Protocol):
 
     @property
     def velocities(self) -> Floats: ...
+
+    @property
+    def boxes(self) -> list[Box]: ...
 
 
 class RunNumbers(RunRecord, RunClock, Protocol):

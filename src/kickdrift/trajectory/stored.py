@@ -50,8 +50,11 @@ class RunText(OptionsText):
 
 class EquilibrationText(Stored):
     temperature: float
-    time: float
+    time: float | None = None
+    steps: Number | None = None
     interval: Number = 10
+    to: float | None = None
+    integrator: Name | None = None
 
 
 class BoxText(Stored):

@@ -52,6 +52,9 @@ def dataset(
     }
     if run.names:
         data["names"] = ("particle", np.array(run.names))
+    if run.box_varies:  # edge vectors as rows
+        edges = np.array([box.matrix for box in frames.boxes])
+        data["box"] = (("frame", "edge", "axis"), edges, {"units": unit("length")})
     for name, (dimension, values) in observables.items():
         others = ("axis" if size == len(AXES) else f"{name}_{k}" for k, size in enumerate(values.shape[1:]))
         if values.ndim > 2:  # a tensor has axes of its own
@@ -71,7 +74,7 @@ def dataset(
         "run_id": run.run_id,
         "unit_system": run.units.name,
         "integrator": str(run.method.get("integrator", "")),
-        "box": np.ravel(run.box.shape or ()).tolist(),  # lengths, or the edge vectors in turn
+        "box": np.ravel(run.box.shape or ()).tolist(),  # at the start: lengths, or the edge vectors in turn
     }
     return xarray.Dataset(data, coordinates, attributes)
 

@@ -144,7 +144,8 @@ class Pdb(Target):
         if len(chosen) > self.MODELS:
             every = -(-len(chosen) // self.MODELS) * chosen.every
             raise InputError(f"{path}: {len(chosen):,} frames; .pdb holds at most {self.MODELS:,}; try --step {every}")
-        edge = max((dimensions(self.run.box, self.units.length) or [0.0])[:3])
+        kinds = {id(box): box for box in chosen.frames.boxes}.values()
+        edge = max(max((dimensions(box, self.units.length) or [0.0])[:3]) for box in kinds)
         if edge >= self.EDGE:
             raise InputError(f"{path}: the box has an edge of {edge:g}; .pdb holds at most 99999.999")
 

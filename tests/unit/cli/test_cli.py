@@ -186,7 +186,7 @@ def pressed():
 
 
 def test_ctrl_c_before_the_first_step(kickdrift, monkeypatch):
-    monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_: pressed())
+    monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_, **__: pressed())
     text = SYSTEM + "[equilibrate]\ntemperature = 0.9\ntime = 0.4\n"
     cli.Path("liquid.toml").write_text(text, encoding="utf-8")
     found = kickdrift("run", "liquid.toml", "--output", "run.h5md")

@@ -74,7 +74,7 @@ def test_each_word_has_one_hint(kind):
         ("nvt", TEMPERATURE),
         ("nose_hoover", "did you mean nose-hoover"),
         ("V-rescale", "V-rescale is 'csvr' here"),
-        ("npt", "constant pressure is not there yet"),
+        ("npt", "methods with a heat bath take pressure and barostat"),
         ("nothing-like-it", "see: kickdrift list integrators"),
     ],
 )

@@ -1,0 +1,293 @@
+"""Barostats: exact distributions of the volume, the same bits, quantities that are conserved, and refusals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import kickdrift as kd
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.bound import BoundForces
+from kickdrift.looks.pressure import instantaneous_pressure
+from kickdrift.model.live_box import in_box
+from tests.systems import SPECIES, liquid, needed
+
+BAROSTATS = {
+    "c-rescale": {"pressure_tau": 0.5, "compressibility": 1.0, "pressure_every": 2},
+    "mtk": {"pressure_tau": 0.5},
+    "monte-carlo": {"compressibility": 1.0, "pressure_every": 4},
+}
+
+
+def options_of(barostat, name="nose-hoover", **more):
+    """A pressure, and what bath and barostat need."""
+    return needed(name) | {"pressure": 1.0, "barostat": barostat} | BAROSTATS[barostat] | more
+
+
+def ideal_gas(count, dimensions=3, seed=5):
+    rng = np.random.default_rng(seed)
+    edge = count ** (1 / dimensions)
+    v = rng.normal(size=(count, dimensions))
+    return kd.System(
+        rng.uniform(0, edge, (count, dimensions)), v - v.mean(axis=0), box=(edge,) * dimensions, dimensions=dimensions
+    )
+
+
+def volumes(sim, count, every):
+    found = []
+    sim.advance(1000)
+    sim.advance(count * every, every=every, visit=lambda run: found.append(run.state.box))
+    return np.array([box.volume if math.isfinite(box.volume) else box.area for box in found])
+
+
+@pytest.mark.parametrize(
+    ("barostat", "name", "dimensions", "coupling"),
+    [
+        ("c-rescale", "baoab", 3, "isotropic"),
+        ("c-rescale", "csvr", 3, "semi-isotropic"),
+        ("c-rescale", "nose-hoover", 2, "isotropic"),
+        ("mtk", "nose-hoover", 3, "isotropic"),
+        ("mtk", "nose-hoover", 3, "per-axis"),
+        ("mtk", "nose-hoover", 2, "isotropic"),
+        ("monte-carlo", "baoab", 3, "isotropic"),
+        ("monte-carlo", "csvr", 3, "per-axis"),
+        ("monte-carlo", "nose-hoover", 2, "per-axis"),
+    ],
+)
+def test_the_volume_of_an_ideal_gas_has_its_gamma_law(barostat, name, dimensions, coupling):
+    """The volume of f / d particles has the density V^(f / d) exp(-P V / k_B T): a gamma law of shape f / d + 1."""
+    system = ideal_gas(20, dimensions)
+    strong = {"friction": 2.0} if name == "baoab" else {"tau": 0.2}
+    sim = kd.Simulation(system, name, 0.02, **options_of(barostat, name, coupling=coupling, **strong))
+    found = volumes(sim, 1000, 100)
+    freedom = dimensions * (20 if name == "baoab" else 19)
+    law = stats.gamma(freedom / dimensions + 1)
+    assert stats.kstest(found[::2], law.cdf).pvalue > 1e-3
+    assert abs(found.mean() - law.mean()) < 4 * law.std() / math.sqrt(len(found) / 2)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_no_pair_is_missed_while_the_box_changes(mixed):
+    """Energy and number of pairs are those of a list made anew, whatever the scaling of the axes."""
+    system, rng = liquid(512, 2.0), np.random.default_rng(7)
+    lengths = np.array(system.box.lengths)
+    start = lengths.copy()
+    forces = BoundForces(system, lengths=lengths, mixed=mixed)
+    phase, searches, begun = system.state.phase.copy(), [], rng.uniform(0.0, 2.0 * math.pi, (3, 512))
+    for k in range(120):
+        factors = np.exp(rng.normal(0.0, 0.02, 3) - 0.3 * np.log(lengths / start))
+        lengths *= factors
+        here = system.state.phase[0] + 0.15 * np.sin(begun + 0.3 * k)
+        phase[0] = here * (lengths / start)[:, None]
+        fresh = in_box(system.at(phase, 0.0), kd.Box(lengths.tolist()))
+        found, wanted = forces.measure(0.0, phase), BoundForces(fresh, mixed=mixed).measure(0.0, phase)
+        assert found.pairs == wanted.pairs
+        assert found.potential == pytest.approx(wanted.potential, rel=1e-5 if mixed else 1e-11)
+        size = np.abs(wanted.accelerations).max()
+        assert np.allclose(found.accelerations, wanted.accelerations, rtol=0, atol=(1e-5 if mixed else 1e-11) * size)
+        searches.append(forces.list_builds[0])
+    assert 2 < searches[-1] < 100  # lists were kept over changes of the box
+
+
+def test_tail_corrections_belong_to_the_box_of_now():
+    x = liquid(125, 2.0)
+    system = kd.System(x.state.positions, box=x.box, forces=[kd.LennardJones(cutoff=2.0, truncation="cut", tail=True)])
+    lengths = np.array(system.box.lengths)
+    forces = BoundForces(system, lengths=lengths)
+    forces.measure(0.0, system.state.phase)
+    lengths *= (1.02, 1.05, 1.1)
+    phase = system.state.phase * np.array([1.02, 1.05, 1.1])[None, :, None]
+    fresh = kd.System(phase[0].T, box=lengths, forces=system.forces)
+    found, wanted = forces.measure(0.0, phase), BoundForces(fresh).measure(0.0, phase)
+    assert found.potential == pytest.approx(wanted.potential, rel=1e-12)
+    assert found.virial == pytest.approx(wanted.virial, rel=1e-12)
+
+
+@pytest.mark.parametrize("species", [None, pytest.param(SPECIES, marks=pytest.mark.long)])
+def test_the_virial_along_each_axis(species):
+    x = liquid(512, 2.0)
+    law = kd.LennardJones(cutoff=2.0, truncation="shift", **({"species": species} if species else {}))
+    kinds = (["A", "B", "C", "A", "B"] * 103)[:512] if species else None
+    system = kd.System(x.state.positions, box=x.box, forces=[law], species=kinds)
+    forces = BoundForces(system, lengths=np.array(system.box.lengths), apart=True)
+    forces.measure(0.0, system.state.phase)
+    wanted = np.diag(instantaneous_pressure(system, system.state.positions, 0 * system.state.positions))
+    assert forces.virials_along[0].sum(axis=0) / system.volume == pytest.approx(wanted, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("barostat", "coupling"), [("c-rescale", "isotropic"), ("mtk", "per-axis"), ("monte-carlo", "isotropic")]
+)
+def test_the_same_bits_however_a_run_is_cut(barostat, coupling):
+    system = liquid(512, 2.5)
+    options = options_of(barostat, coupling=coupling) | {"pressure": 0.5}
+    options |= {"compressibility": 0.05, "pressure_every": 7} if barostat != "mtk" else {}
+
+    def made(threads=1):
+        return kd.Simulation(system, "nose-hoover", 0.004, threads, temperature=1.2, tau=0.5, **{
+            key: value for key, value in options.items() if key not in ("temperature", "tau")
+        })  # fmt: skip
+
+    def end(sim):
+        return sim.state.phase.tobytes() + repr(sim.state.box).encode()
+
+    whole = made()
+    whole.run(300, every=300)
+    looked = made(2)
+    looked.run(300, every=3)
+    assert end(looked) == end(whole)
+    cut = made()
+    cut.advance(101)
+    cut.advance(7)
+    kept = cut.checkpoint()
+    cut.run(192)
+    assert end(cut) == end(whole)
+    again = made(2)
+    again.restore(kept)
+    assert again.state.box.lengths != system.box.lengths
+    again.run(192, every=5)
+    assert end(again) == end(whole)
+    assert again.box_varies
+
+
+@pytest.mark.parametrize(("barostat", "name"), [("mtk", "nose-hoover"), ("c-rescale", "csvr")])
+def test_energy_less_heat_and_work_is_conserved_to_second_order(barostat, name):
+    errors, x = [], liquid(64, 1.6)
+    law = kd.LennardJones(cutoff=1.6, truncation="switch", switch_start=1.2)
+    system = kd.System(x.state.positions, x.state.velocities, box=x.box, forces=[law])
+    for dt in (0.004, 0.002):
+        options = options_of(barostat, name) | ({} if barostat == "mtk" else {"compressibility": 0.05})
+        sim = kd.Simulation(system, name, dt, **options)
+        report = sim.run(round(1.6 / dt), every=round(0.016 / dt))
+        totals = np.array([sample.energies.total for sample in sim.record.samples])
+        conserved = totals + [sample.taken.energy for sample in sim.record.samples]
+        errors.append(np.abs(conserved - conserved[0]).max())
+        assert np.ptp(totals) > 50 * errors[-1]
+        assert report.work == sim.integration.stepper.work != 0
+    assert 1.6 < math.log2(errors[0] / errors[1]) < 2.4
+
+
+def test_a_report_knows_the_pressure():
+    sim = kd.Simulation(
+        liquid(64, 1.5), "csvr", 0.004, temperature=1.5, tau=0.1, pressure=5.0, pressure_tau=0.2, compressibility=0.05
+    )
+    sim.equilibrate(1.5, 4.0)
+    report = sim.run(6000, every=10)
+    found = [sample.volume for sample in sim.record.samples]
+    assert report.volume == pytest.approx(np.mean(found))
+    assert np.std(found) > 0.5
+    assert sim.record.samples[-1].volume == sim.state.box.volume
+    assert 0 < report.volume_error < np.std(found)
+    assert report.pressure_verdict == report.as_json()["pressure_verdict"] == "agrees"
+    lines = {line[:17].strip(): line[18:] for line in str(report).splitlines()}
+    assert lines["pressure"].endswith("(mean), asked 5 ε/σ^3: agrees")
+    assert lines["volume"].endswith("σ^3 (mean)")
+    assert lines["work"] == f"{report.work:.8g} ε from the change of the box"
+    assert lines["energy drift"].endswith("(energy less heat and work)")
+    fixed = kd.Simulation(liquid(64, 1.5), "csvr", 0.004, temperature=1.5, tau=0.1).run(20)
+    assert fixed.volume is fixed.work is fixed.pressure_verdict is fixed.volume_error is None
+
+
+def test_springs_stretch_with_the_box():
+    """A spring over the edge of the box: the pressure follows from the energies of two boxes."""
+    pairs = [(0, 1), (1, 2), (2, 0)]
+    system = kd.System(
+        [[0.5, 1, 1], [9.0, 2, 1], [7.0, 1, 2]], [[0.1, 0, 0], [0, 0.1, 0], [-0.1, -0.1, 0]], box=(10.0,) * 3,
+        forces=[kd.Springs(pairs, stiffness=2.0, length=1.0)],
+    )  # fmt: skip
+    sim = kd.Simulation(system, "csvr", 0.01, **options_of("c-rescale", "csvr", pressure=0.01))
+    sim.run(400)
+    now = sim.state
+    assert now.box.lengths != system.box.lengths
+    fresh = kd.System(now.positions, now.velocities, box=now.box, forces=system.forces)
+    assert sim.energy().potential == pytest.approx(kd.Simulation(fresh, dt=0.01).energy().potential, rel=1e-12)
+
+
+def test_a_box_that_shrinks_below_twice_the_cutoff_stops_the_run():
+    sim = kd.Simulation(
+        liquid(125, 2.4), "csvr", 0.004, temperature=1.0, tau=0.5, pressure=30.0, pressure_tau=1.0, compressibility=0.05
+    )
+    with pytest.raises(
+        RunError, match=r"would make box edge x 4\.7\d*, shorter than twice the cutoff, 2 x 2\.4 = 4\.8"
+    ) as at:
+        sim.run(5000, every=10)
+    assert "stopped at step" in str(at.value)
+    assert at.value.state.box == sim.state.box
+    assert min(sim.state.box.lengths) >= 4.8
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "line"),
+    [
+        ("csvr", {"pressure": -1.0}, "pressure must be a positive finite pressure, got -1.0"),
+        ("csvr", {"pressure": 0}, "pressure must be a positive finite pressure, got 0"),
+        ("csvr", {"pressure": "1 bar"}, "pressure: lj quantities are plain numbers, got '1 bar'"),
+        ("csvr", {"pressure_tau": 0}, "pressure_tau must be a positive finite time, got 0"),
+        ("csvr", {"pressure_tau": None}, "pressure_tau is needed: barostat c-rescale has no default"),
+        ("csvr", {"compressibility": None}, "compressibility is needed: barostat c-rescale has no default"),
+        ("csvr", {"pressure": None}, "barostat: is an option of a barostat, which needs a pressure"),
+        ("csvr", {"barostat": "mtk"}, "barostat: mtk goes with nose-hoover, not with csvr"),
+        ("nose-hoover", {"barostat": "mtk"}, "compressibility: barostat mtk does not take it; it takes pressure_tau"),
+        ("csvr", {"barostat": "berendsen"}, "barostat 'berendsen' is unknown; known are c-rescale, mtk, monte-carlo"),
+        ("csvr", {"coupling": "xy"}, "coupling 'xy' is unknown; known are isotropic, semi-isotropic, per-axis"),
+        ("velocity-verlet", {}, "pressure: velocity-verlet does not take it; .* a barostat needs a heat bath"),
+    ],
+)
+def test_barostats_refuse_numbers_that_make_no_sense(name, options, line):
+    given = {
+        **(options_of("c-rescale", "csvr", pressure_every=None) if name != "velocity-verlet" else {"pressure": 1.0})
+    }
+    given |= options
+    with pytest.raises(InputError, match=f"^{line}"):
+        kd.Simulation(liquid(64, 2.0), name, 0.004, **given)
+
+
+def test_barostats_refuse_boxes_and_forces_that_do_not_scale():
+    x, law = liquid(64, 2.0).state.positions, kd.LennardJones(cutoff=2.0)
+    options = options_of("c-rescale", "csvr")
+    for box, forces, line in (
+        (None, [law], "pressure: 'system' is a system in open space, which has no volume"),
+        (
+            kd.Box((5, 5, 5), periodic=(True, True, False)),
+            [law],
+            "pressure: .* open along an axis, which has no volume",
+        ),
+        (kd.Box(matrix=[[5, 0, 0], [1, 5, 0], [0, 0, 5]]), [law], "pressure: no barostat here changes a leaning box"),
+        ((5, 5, 5), [kd.UniformField([0, 0, 1.0])], "pressure: force 'uniform-field' does not scale with the box"),
+    ):
+        with pytest.raises(InputError, match=f"^{line}"):
+            kd.Simulation(kd.System(x, box=box, forces=forces), "csvr", 0.004, **options)
+    plane = ideal_gas(16, 2)
+    with pytest.raises(InputError, match="coupling: semi-isotropic needs three dimensions"):
+        kd.Simulation(plane, "csvr", 0.004, **options, coupling="semi-isotropic")
+    with pytest.raises(InputError, match="a barostat acts between whole steps"):
+        kd.Simulation(liquid(64, 2.0), "csvr", 0.004, **options).run(until=0.0101, exact="shorten")
+
+
+def test_doubtful_choices_are_warnings():
+    x = liquid(64, 1.5)
+    system = kd.System(
+        x.state.positions, x.state.velocities, box=x.box, forces=[kd.LennardJones(cutoff=1.5, truncation="cut")]
+    )
+    options = {"temperature": 1.0, "tau": 0.5, "pressure": 1.0, "pressure_tau": 0.02, "compressibility": 1e-4}
+    warned = kd.Simulation(system, "csvr", 0.004, **options).run(20).warnings
+    assert "pressure_tau = 0.02 is 5 steps; use 10 steps or more" in warned
+    assert any("pressure_tau = 0.02 is 0.5 actions of the barostat; use 5 or more" in line for line in warned)
+    assert any("the virial lacks this impulse" in line for line in warned)
+
+
+def test_pressure_and_compressibility_have_units():
+    x = liquid(64, 2.0)
+    system = kd.System(
+        x.state.positions * 3.4, masses=39.948, box=np.array(x.box.lengths) * 3.4, units="metal",
+        forces=[kd.LennardJones(0.0103, 3.4, cutoff=6.8, truncation="shift")],
+    )  # fmt: skip
+    sim = kd.Simulation(
+        system, "csvr", 0.002, temperature=90.0, tau="0.1 ps", pressure="1 bar", pressure_tau="1 ps",
+        compressibility="2e-4 bar^-1",
+    )  # fmt: skip
+    assert sim.options["pressure"] == pytest.approx(6.241509074e-7)  # 1 bar in eV per cubic angstrom
+    assert sim.options["pressure"] * sim.options["compressibility"] == pytest.approx(2e-4)
