@@ -49,8 +49,8 @@ def compare(
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure work against precision: the error and the cost of each integrator over steps or tolerances. Of methods
-    with a heat bath: the errors of mean energies and pressure over steps, of which -o dt=X sets the longest."""
+    """Measure work against precision: the error and the cost of each integrator over steps or tolerances. For methods
+    with a heat bath: the errors of mean energies and pressure over steps; -o dt=X sets the longest step."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis.comparing import compared
     from kickdrift.systemfile.python_file import load_or_run
