@@ -2,10 +2,11 @@
 
     python -m kickdrift_validation.certify [--long]
 
-27 Lennard-Jones particles at T* = 1, 24,000 steps of dt* = 0.004, a sample every 20 steps. Clean runs use four heat
-baths. Wrong runs have one planted fault each: most in kickdrift's own baths, the others in small simulations in NumPy
-(wrong_baths.py), which also have a barostat. The short set has 200 clean runs, 8 pairs at two temperatures, 8 pairs at
-two pressures and 2 runs of each fault; the long set 600 clean runs, 40 pairs of each kind and 20 runs of each fault.
+27 Lennard-Jones particles at T* = 1, 24,000 steps of dt* = 0.004, twice as many in pairs, and a sample every 20 steps.
+Clean runs use four heat baths. Wrong runs have one planted fault each: most in kickdrift's own baths, the others in
+small simulations in NumPy (wrong_baths.py), which also have a barostat. The short set has 200 clean runs, 8 pairs at
+two temperatures, 8 pairs at two pressures and 2 runs of each fault; the long set 600 clean runs, 40 pairs of each kind
+and 20 runs of each fault.
 
 A mass of the barostat that is three times too large everywhere changes the period of the volume and no average, so the
 fault is a noise that does not belong to the mass.
@@ -240,7 +241,7 @@ FAULTS: dict[str, Callable[[int, Path], EnsembleChecks]] = {
 }
 
 
-def pair(name: str, seed: int, path: Path, steps: int = STEPS) -> list[Path]:
+def pair(name: str, seed: int, path: Path, steps: int = 2 * STEPS) -> list[Path]:
     """Files of two runs at neighbouring temperatures."""
     return [
         written(simulation(name, 2 * seed + k, temperature), path.with_stem(f"{path.stem}-{k}"), steps)

@@ -102,7 +102,8 @@ def engine_checks(
 ) -> EnsembleChecks:
     """Run a System on an engine and test the run, which is written to a temporary file; an `EnsembleChecks`.
 
-    ``temperature`` is that of an integrator's heat bath; two temperatures make two runs. A run at constant energy tests
+    ``temperature`` is that of an integrator's heat bath; two temperatures make two runs. In a bath, a tenth
+    of the steps comes before the run, to equilibrate. A run at constant energy tests
     axes and species alone, unless ``temperature`` says what to compare with. Raises InputError if the engine cannot
     run the system or the integrator."""
     canonical.packages()
@@ -114,6 +115,8 @@ def engine_checks(
     for each in asked:
         given = {**options, "temperature": each} if each is not None and _bath(system, engine, integrator) else options
         sim = Simulation(system, integrator, engine=engine, **given)
+        if sim.method.bath and steps:
+            sim.equilibrate(sim.options["temperature"], max(1, steps // 10) * (sim.dt or 0.0), progress=progress)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "run.h5md"
             sim.run(steps, every=every, output=path, progress=progress)

@@ -169,7 +169,7 @@ def test_a_run_at_constant_energy_compares_its_axes():
 
 
 def test_two_runs_in_the_bath_of_another_program():
-    found = engine_checks(fluid(), "lammps", "csvr", 8_000, 10, dt=0.004, temperature=(1.0, 1.4), tau=0.05)
+    found = engine_checks(fluid(), "lammps", "csvr", 16_000, 10, dt=0.004, temperature=(1.0, 1.4), tau=0.05)
     assert found.passed
     assert {row.run for row in found.rows} >= {f"{fluid().name} on lammps (1)", f"{fluid().name} on lammps (2)"}
     assert found.rows[-1].expected == pytest.approx(1 - 1 / 1.4)
