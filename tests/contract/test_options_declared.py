@@ -11,7 +11,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.asked import as_text, known_options, parsed, takers
-from kickdrift.integrators.option import DOUBLE, DT, MIXED, OPTIONS, PRECISION, Option, merged
+from kickdrift.integrators.option import DOUBLE, DT, MIXED, OF_PRESSURE, OPTIONS, PRECISION, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
@@ -38,8 +38,12 @@ LIQUID = """
 units = "lj"
 [particles]
 positions = [[0, 0, 0], [1.2, 0, 0], [0, 1.3, 0]]
+[box]
+lengths = [9, 9, 9]
 [[force]]
 type = "lennard-jones"
+cutoff = 2.5
+truncation = "shift"
 [run]
 integrator = "{name}"
 {option}
@@ -77,11 +81,24 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-BATHS = ("temperature", "friction", "seed", "tau", "chain", "collision_rate", "substeps")  # younger than 0.1.0
+PRESSED = [each.name for each in OF_PRESSURE]
+BATHS = (
+    "temperature",
+    "friction",
+    "seed",
+    *PRESSED,
+    "allow_gravity",
+    "tau",
+    "chain",
+    "collision_rate",
+    "substeps",
+)  # younger than 0.1.0; fmt: skip
 
 
 def step(name: str, but: str = "") -> dict[str, float]:
     given = needed(name) | ({"dt": 0.1} if METHODS[name].needs_dt else {})
+    if but in PRESSED:  # an option of a barostat, which cannot do without these
+        given |= {"pressure": 1.0, "compressibility": 0.1} | ({"pressure_tau": 1.0} if but != "barostat" else {})
     return {key: value for key, value in given.items() if key != but}
 
 
@@ -229,7 +246,7 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', got"),
+    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'pressure', '"),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),
