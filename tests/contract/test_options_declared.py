@@ -236,7 +236,11 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'pressure', 'compressibility', got"),
+    (
+        {"dimension": "length"},
+        "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'pressure', 'compressibility', "
+        "got 'length'",
+    ),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),
