@@ -11,13 +11,13 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.asked import as_text, known_options, parsed, takers
-from kickdrift.integrators.option import DOUBLE, DT, MIXED, OF_PRESSURE, OPTIONS, PRECISION, Option, merged
+from kickdrift.integrators.option import DOUBLE, DT, MIXED, OPTIONS, PRECISION, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
-from tests.systems import needed
+from tests.systems import needed, pressed
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
 CASES = [(name, each.name) for name, method in METHODS.items() for each in method.options if each is not DT]
@@ -42,8 +42,6 @@ positions = [[0, 0, 0], [1.2, 0, 0], [0, 1.3, 0]]
 lengths = [9, 9, 9]
 [[force]]
 type = "lennard-jones"
-cutoff = 2.5
-truncation = "shift"
 [run]
 integrator = "{name}"
 {option}
@@ -81,24 +79,16 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-PRESSED = [each.name for each in OF_PRESSURE]
-BATHS = (
-    "temperature",
-    "friction",
-    "seed",
-    *PRESSED,
-    "allow_gravity",
-    "tau",
-    "chain",
-    "collision_rate",
-    "substeps",
-)  # younger than 0.1.0; fmt: skip
+BATHS = (  # younger than 0.1.0
+    "temperature", "friction", "seed", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
+    "pressure_every", "allow_gravity", "tau", "chain", "collision_rate", "substeps",
+)  # fmt: skip
 
 
 def step(name: str, but: str = "") -> dict[str, float]:
     given = needed(name) | ({"dt": 0.1} if METHODS[name].needs_dt else {})
-    if but in PRESSED:  # an option of a barostat, which cannot do without these
-        given |= {"pressure": 1.0, "compressibility": 0.1} | ({"pressure_tau": 1.0} if but != "barostat" else {})
+    if but in METHODS[name].tunable:
+        given |= pressed({but: value_of(declared(name, but))})
     return {key: value for key, value in given.items() if key != but}
 
 
@@ -246,7 +236,11 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'press"),
+    (
+        {"dimension": "length"},
+        "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'pressure', 'compressibility', "
+        "got 'length'",
+    ),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),
