@@ -26,6 +26,24 @@ def needed(name):
     return {each.name: values[each.name] for each in integrator(name).declared if each.name in values}
 
 
+PRESSED = {"pressure": 0.5, "pressure_tau": 1.0, "compressibility": 0.1}
+NOT_TAKEN = {"mtk": "compressibility", "monte-carlo": "pressure_tau"}  # by barostats
+
+
+def pressed(given):
+    """What options of a barostat need beside them; nothing for other options."""
+    own = {*PRESSED, "barostat", "coupling", "pressure_every"}
+    if not any(value is not None for key, value in given.items() if key in own):
+        return {}
+    left_out = {*given, NOT_TAKEN.get(given.get("barostat"))}
+    return {key: value for key, value in PRESSED.items() if key not in left_out}
+
+
+def tried_with(name, key):
+    """Whether tests of every choice try an option with a method: barostats with nose-hoover, which takes them all."""
+    return key not in ("barostat", "coupling") or name == "nose-hoover"
+
+
 def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:
     """A disordered Lennard-Jones liquid in a small periodic box."""
     rng = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
-from tests.systems import needed
+from tests.systems import needed, pressed
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
 CASES = [(name, each.name) for name, method in METHODS.items() for each in method.options if each is not DT]
@@ -38,6 +38,8 @@ LIQUID = """
 units = "lj"
 [particles]
 positions = [[0, 0, 0], [1.2, 0, 0], [0, 1.3, 0]]
+[box]
+lengths = [9, 9, 9]
 [[force]]
 type = "lennard-jones"
 [run]
@@ -77,13 +79,16 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-BATHS = (
-    "temperature", "friction", "seed", "noise", "tau", "chain", "splitting", "collision_rate", "substeps",
-)  # younger than 0.1.0  # fmt: skip
+BATHS = (  # younger than 0.1.0
+    "temperature", "friction", "seed", "noise", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
+    "pressure_every", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
+)  # fmt: skip
 
 
 def step(name: str, but: str = "") -> dict[str, float]:
     given = needed(name) | ({"dt": 0.1} if METHODS[name].needs_dt else {})
+    if but in METHODS[name].tunable:
+        given |= pressed({but: value_of(declared(name, but))})
     return {key: value for key, value in given.items() if key != but}
 
 
@@ -231,7 +236,11 @@ def test_options_are_values():
     ({"name": "threads"}, "that means nothing else"),
     ({"type": list}, "option friction: type must be float, int, str or bool"),
     ({"help": " "}, "option friction: help must say what it does"),
-    ({"dimension": "length"}, "option friction: dimension must be one of '', 'time', 'rate', 'temperature', got"),
+    (
+        {"dimension": "length"},
+        "option friction: dimension must be one of '', 'time', 'rate', 'temperature', 'pressure', 'compressibility', "
+        "got 'length'",
+    ),
     ({"choices": ("a",)}, "option friction: expected a number among choices, got 'a'"),
     ({"type": str, "choices": ("a b",)}, "option friction: expected a name among choices, got 'a b'"),
     ({"above": 0.0, "default": -1.0}, "friction must be a positive number, got -1.0"),

@@ -203,7 +203,7 @@ def options(command: Any) -> list[str]:
     """Arguments by name, and options by the first of their names; without -o and those that it can set."""
     known = {f"--{name.replace('_', '-')}" for name in known_options()} | {"-o", "--mixed"}
     known -= {"--seed"}  # the seed of the system, which the noise of a heat bath takes unless -o seed says otherwise
-    known -= {"--temperature"}  # what certify expects of a run
+    known -= {"--temperature", "--pressure"}  # what certify expects of a run
     return [each.opts[0] for each in command.params if each.opts[0] not in known | OLD]
 
 

@@ -27,7 +27,7 @@ from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import example
 from kickdrift_validation.problems import pendulum
 from tests.processes import python
-from tests.systems import liquid, needed
+from tests.systems import liquid, needed, pressed, tried_with
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # values of a record in which any two runs differ
@@ -52,7 +52,7 @@ def small_liquid() -> kd.System:
 def choices(name: str) -> list[dict[str, Any]]:
     """The method with default options, and with each value of each of its options that has names."""
     method = integrator(name)
-    known: dict[str, tuple[Any, ...]] = dict(method.choices)
+    known: dict[str, tuple[Any, ...]] = {key: all for key, all in method.choices.items() if tried_with(name, key)}
     known |= {"compensated": (True,)} if "compensated" in method.tunable else {}
     known |= {"controller": tuple(CONTROLLERS)} if "controller" in method.tunable else {}
     return [{}, *({key: value} for key, values in known.items() for value in values[-3:] if value is not None)]
@@ -67,7 +67,9 @@ def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
             method = integrator(name)
             step = {"dt": dt} if method.needs_dt and "scheme" not in options else {}
             tolerance = {"rtol": 1e-6} if "rtol" in method.tunable else {}
-            return kd.Simulation(subject(), name, **(tolerance | step | needed(name) | options | more))
+            return kd.Simulation(
+                subject(), name, **(tolerance | step | needed(name) | pressed(options) | options | more)
+            )
 
         try:
             make()

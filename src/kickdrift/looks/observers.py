@@ -52,12 +52,12 @@ class Sample:
         freedom
     pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); in two
         dimensions (2 K + W) / (2 A), A the area; nan in open space
-    volume : volume of a box that a barostat changes, in two dimensions the area; nan in a box that keeps its size
     pairs : number of pairs of particles within the forces' range; None if another engine does not report pairs
     centre_of_mass, centre_of_mass_velocity : (3,) sums of m x and of m v, over the sum of m; None for a Problem and
         without mass
     taken : Taken
     columns : values of the user's columns, by name
+    volume : volume of a box that a barostat changes, in two dimensions the area; nan in a box that keeps its size
     """
 
     step: int
@@ -67,12 +67,12 @@ class Sample:
     angular_momentum: Floats | None = None
     temperature: float = float("nan")
     pressure: float = float("nan")
-    volume: float = float("nan")
     pairs: int | None = 0
     taken: Taken = NOTHING
     centre_of_mass: Floats | None = None
     centre_of_mass_velocity: Floats | None = None
     columns: Mapping[str, Any] = field(default_factory=dict)
+    volume: float = float("nan")
 
     def observables(self, taken: bool = False) -> dict[str, float | Floats]:
         """Return kickdrift's own columns by their names in a run's file; with ``taken``, also events' losses."""

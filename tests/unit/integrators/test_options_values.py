@@ -223,7 +223,7 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     assert "Rate at which velocities decay." in out
     assert kickdrift(monkeypatch, capsys, "run", str(file), "-o", "fricton=1")[::2] == (
         2, "kickdrift: fricton: no integrator takes such an option; did you mean 'friction', which baoab, obabo, aboba "
-        "and 3 others take?\n",
+        "and 4 others take?\n",
     )  # fmt: skip
 
 
