@@ -150,8 +150,7 @@ class Integration:
 
     @property
     def heat(self) -> float | None:
-        """Energy that a heat bath has given since the state was set; None without a bath, and where the engine does not
-        tell it."""
+        """Energy that a heat bath has given; None without a bath and where the engine does not tell it."""
         return self.stepper.heat if self.method.bath else None  # type: ignore[union-attr]
 
     @property
