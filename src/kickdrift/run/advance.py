@@ -74,7 +74,7 @@ class Integration:
     replaced : bool
         Whether the state was replaced since a file was begun. A file that continues needs a new checkpoint then.
     changes : int
-        Number of times that events have changed the bodies.
+        Number of changes of the bodies by events.
     """
 
     def __init__(self, job: Job, engine: Engine, events: Sequence[Event]) -> None:
@@ -143,8 +143,7 @@ class Integration:
 
     @property
     def heat(self) -> float | None:
-        """Energy that a heat bath has given since the state was set; None without a bath, and where the engine does not
-        tell it."""
+        """Energy that a heat bath has given; None without a bath and where the engine does not tell it."""
         return self.stepper.heat if self.method.bath else None  # type: ignore[union-attr]
 
     @property
@@ -339,8 +338,7 @@ class Integration:
         before, counts = stepper.steps_done, stepper.counts
         self.moving.forget_errors()
         status = stepper.advance(steps, until)
-        self.at = self._present = None
-        self.record.unfinished = 0.0
+        self.at, self._present, self.record.unfinished = None, None, 0.0
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
         if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # other programs check their own numbers
