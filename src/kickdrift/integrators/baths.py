@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import InputError
 from kickdrift.integrators import splitting
-from kickdrift.integrators.option import PRESSURE, SPLITTING, Option
+from kickdrift.integrators.option import OF_PRESSURE, SPLITTING, Option
 from kickdrift.integrators.splitting import Splitting, even_weights
 from kickdrift.model.state import Floats
 
@@ -32,11 +31,14 @@ class Overdamped(Splitting):
     def overdamped(self) -> bool:
         return True
 
+    @property
+    def declared(self) -> tuple[Option, ...]:
+        """Options without those of a barostat, which needs the momenta."""
+        return tuple(option for option in super().declared if option not in OF_PRESSURE)
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper
 
-        if options.get(PRESSURE.name) is not None:
-            raise InputError(f"{self.name}: motion without inertia has no barostat; pressure goes with another bath")
         assert options.dt is not None
         stretch = sqrt(2.0 / (options.friction * options.dt)) if options.get("friction") else 1.0  # else bind refuses
         made = SplittingStepper(flow, Stretched(self, stretch), options)
