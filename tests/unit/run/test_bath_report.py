@@ -136,8 +136,8 @@ def test_what_has_no_bath_refuses_in_one_line():
         kd.compare(system, [kd.integrator("csvr", temperature=1.0, tau=1.0)])
     with pytest.raises(InputError, match=r"^integrator: csvr carries no variations"):
         kd.megno(kd.load("sun-jupiter"), 1.0, "csvr", temperature=1.0, tau=1.0)
-    with pytest.raises(InputError, match="engine 'ase': integrator 'baoab': ase has velocity-verlet"):
-        kd.Simulation(system, "baoab", 0.004, engine="ase", temperature=1.0, friction=1.0)
+    with pytest.raises(InputError, match="engine 'rebound': integrator 'baoab': rebound has leapfrog-dkd"):
+        kd.Simulation(system, "baoab", 0.004, engine="rebound", temperature=1.0, friction=1.0)
     with pytest.raises(InputError, match="baoab moves one system at a time"):
         Batch([kd.load("sun-jupiter")], "baoab", dt=1.0, temperature=1.0, friction=1.0)
     trap = kd.System(np.eye(3), np.zeros((3, 3)), radii=0.1, forces=[kd.HarmonicTrap(1.0)], units="lj")
