@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import kickdrift as kd
 from kickdrift.errors import RunError
-from kickdrift.integrators import INTEGRATORS, Method, baths, integrator
+from kickdrift.integrators import INTEGRATORS, Method, baths, integrator, respa
 from kickdrift.integrators.registration import REGISTERED
 from kickdrift.integrators.splitting import ALIASES
 from kickdrift_validation.claim import Claim, claim, main
@@ -48,7 +48,7 @@ from kickdrift_validation.registry import SCRIPTS
 ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
     "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "gauss-radau15": "gauss-radau",
-    **{row.name: "heat-baths" for row in baths.ROWS},
+    **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in respa.ROWS},
 }  # fmt: skip
 STABLE = 0.01  # relative
 PROPORTIONAL = 0.2

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -18,7 +17,6 @@ from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import PRESSURE, TEMPERATURE
 from kickdrift.integrators.options import Options
-from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
 from kickdrift.model.checks import unwarned
@@ -26,65 +24,12 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.run.energy_report import EnergyReport, energy_report
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
 from kickdrift.statistics.blocks import block_average
-from kickdrift.statistics.drift import EnergyError, energy_error
-
-
-@dataclass(frozen=True)
-class EnergyReport:
-    """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
-
-    With a heat bath, errors and drift are those of the total energy less the heat, which is conserved; with a barostat,
-    also less the work. They are nan, and the verdict says so, if an engine does not tell the heat.
-
-    Attributes
-    ----------
-    initial, final : total energy, in the system's unit
-    rms_relative_error, max_relative_error : root mean square and maximum of E(t) - E(0) over the samples, divided by
-        the scale that ``relative_to`` names
-    relative_to : "initial energy" |E(0)|, "kinetic energy" if |E(0)| is below a tenth of it, or "absolute"
-    drift_per_unit_time : slope of the relative error per unit of time, from a regression with autocorrelation
-    drift_error : half-width of the slope's 95 % interval
-    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved", with
-        the force's name, if a force does work
-
-    Slope, interval and verdict take some milliseconds. They are computed when one of them is first read.
-    """
-
-    initial: float
-    final: float
-    rms_relative_error: float
-    max_relative_error: float
-    relative_to: str
-    drift_per_unit_time: float
-    drift_error: float
-    verdict: str
-
-    @classmethod
-    def later(cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]]) -> EnergyReport:
-        """Return a report that calls ``judged`` for slope, interval and verdict when one of them is first read."""
-        found = cls.__new__(cls)
-        vars(found).update(asdict(error), final=final, _judged=judged)
-        return found
-
-    def __getattr__(self, name: str) -> Any:
-        """Compute slope, interval and verdict on first use."""
-        judged = vars(self).get("_judged")
-        if judged is None or name not in _JUDGED:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        vars(self).update(zip(_JUDGED, judged(), strict=True))
-        del vars(self)["_judged"]
-        return vars(self)[name]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return all values, for another process."""
-        return asdict(self)
-
 
 COMPILING = "compiling"
-_JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 AGREES = 3.0  # standard errors
 DRAWN = "the bath draws velocities; no test of the motion"
 DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_verdict", "pressure_verdict")
@@ -327,7 +272,7 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=_energy(
+        energy=energy_report(
             series, even, system, "" if told or not bath else f"not judged: {sim.engine} does not tell the heat"
         ),
         momentum_error=None
@@ -382,24 +327,6 @@ def seconds_of(record: Record) -> dict[str, float | None]:
         OBSERVING: record.spent.get(OBSERVING, 0.0),
         COMPILING: record.compile_seconds,
     }
-
-
-def _energy(series: Series, even: bool, system: System | Problem, unknown: str = "") -> EnergyReport | None:
-    """Conservation of the energy; nan for its errors if they are unknown, for the reason given."""
-    total, kinetic = series.total, series.kinetic
-    if np.isnan(total[0]):
-        return None  # a Problem without an energy function
-    error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
-    if unknown:
-        error = replace(error, rms_relative_error=math.nan, max_relative_error=math.nan)
-        return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown))
-    working = system.acting("works") if isinstance(system, System) else []
-
-    def judged() -> tuple[float, float, str]:
-        trend = energy_trend(series.steps, series.times, total, kinetic, even)
-        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
-
-    return EnergyReport.later(error, series.final, judged)
 
 
 def _largest_change(values: Floats | None, scale: float) -> float | None:
