@@ -69,6 +69,7 @@ SCRIPTS = (
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
     Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
+    Script("multiple_time_steps.py", "multiple time steps: order, reversal, resonance, and what they save", 40),
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
     Script("langevin_orders.py", "strong and weak order of each Langevin word on three potentials", 90),
     Script("sampling_errors.py", "errors of means against the step, from coupled paths: oscillators, a liquid", 90),
