@@ -18,6 +18,25 @@ from kickdrift.model.arguments import checked_arguments
 TRAITS = ("velocity_dependent", "time_dependent", "works", "external", "may_overlap", "joins", "by_mass")
 
 
+def traits_of(cls: Any, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What a law's class says about the force, for the namespace of the force's class: its traits, as values or as
+    properties of the parameters, and ``reversed``."""
+    found: dict[str, Any] = {}
+    for trait in (*TRAITS, *more):
+        if trait in vars(cls):
+            value = vars(cls)[trait]
+            found[trait] = _of_law(trait) if isinstance(value, property) else value
+    if "works" not in found and found.get("time_dependent"):
+        found["works"] = found["time_dependent"]
+    if "reversed" in vars(cls):
+        found["reversed"] = lambda force: force.with_law(force.law.reversed())
+    return found
+
+
+def _of_law(trait: str) -> property:
+    return property(lambda force: getattr(force.law, trait), doc=f"What the law says for its parameters: {trait}.")
+
+
 class Form(NamedTuple):
     """What one kind of law looks like.
 
