@@ -96,7 +96,7 @@ def _law(force: Any, values: dict[str, Any], system: Subject, i: int) -> At:
     def at(x: Floats, v: Floats, t: float) -> tuple[Any, Floats]:
         try:
             with np.errstate(all="ignore"):
-                found = p.law(x.copy(), v.copy(), mass, t)
+                found = p.law(x.copy(), v.copy(), mass, p.clock(t) if hasattr(p, "clock") else t)
         except Exception as error:  # whatever a user's function raises
             text = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"{force.name}: {place} raised {text}{raised_at(error.__traceback__)}") from None

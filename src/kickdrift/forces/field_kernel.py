@@ -1,6 +1,7 @@
 """Compiled field laws: eight particles at a time, on one thread, so that every sum has a fixed order.
 
-The sum with the energy and the sum without are one piece of machine code, so a look never changes a particle's path.
+A law with an energy is compiled twice, with its energy and without, so each operation is as written: a look never
+changes a particle's path. A law without an energy is compiled once, and its products are fused with the sum.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors and lanes that a law takes
-from kickdrift.jit.compile import in_order, jit, never_inline
+from kickdrift.jit.compile import as_written, in_order, never_inline
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import lane_numbers, lane_sum, lanes_like, splat
+from kickdrift.jit.lanes import lane_numbers, lane_sum, lanes_like, plus, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store
-from kickdrift.jit.numba_private import cgutils
+from kickdrift.jit.numba_private import TypingError, cgutils, cpu_target
 from kickdrift.jit.vector3 import load3, store3, vector3
 from kickdrift.jit.vector3_operators import Vector3, joined
 from kickdrift.jit.vectors import F64X8, WIDTH, lanes_type
@@ -41,7 +42,8 @@ def bound_field(force: Any, values: dict[str, Any], system: Subject) -> FieldWor
     """Bind a field force; ``values`` are its parameters for this System's particles."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = in_order(cls.law)
+        cls.compiled_law, cls.fused_law = as_written(cls.law), in_order(cls.law)
+        cls.compiled_clock = in_order(cls.clock) if hasattr(cls, "clock") else None
     masses = system.coherent_masses
     inverse = None if force.per_mass else _padded(1.0 / masses)
     return FieldWork(cls(**{key: _packed(value) for key, value in values.items()}), _padded(masses), inverse)
@@ -62,78 +64,102 @@ def _padded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @kernel(FieldWork)
 def field_forces(force, t, x, v, a, sums):
-    energy = swept(force, t, x, v, a)
-    if sums is not None:
-        sums[0] += energy
-    return OK
-
-
-@jit
-def swept(force, t, x, v, a):
-    """Add the accelerations of all particles to ``a``; return the energy."""
     never_inline()
-    return sweep(force, t, flat(x), flat(v), flat(a), x.shape[1])
-
-
-@in_order
-def sweep(force, t, x, v, a, n):
-    energy, whole = splat(0.0), n - n % WIDTH
+    n, x, v, a = x.shape[1], flat(x), flat(v), flat(a)
+    energy, whole, t = splat(0.0), n - n % WIDTH, clocked(force, t)
     for i in range(0, whole, WIDTH):
-        u, push = at_particles(force, i, load3(x, i, n), load3(v, i, n), t)
-        store3(a, i, n, load3(a, i, n) + push)
-        energy = energy + u
+        u, total = accelerated(force, i, load3(x, i, n), load3(v, i, n), load3(a, i, n), t)
+        store3(a, i, n, total)
+        if sums is not None:
+            energy = plus(energy, u)
     count = n - whole
     if count > 0:
-        u, push = at_particles(force, whole, some3(x, whole, n, count), some3(v, whole, n, count), t)
-        total = some3(a, whole, n, count) + push
+        u, total = accelerated(
+            force, whole, some3(x, whole, n, count), some3(v, whole, n, count), some3(a, whole, n, count), t
+        )
         masked_store(a, whole, total.x, count)
         masked_store(a, n + whole, total.y, count)
         masked_store(a, 2 * n + whole, total.z, count)
-        energy = energy + select(lane_numbers() < float(count), u, 0.0)
-    return lane_sum(energy)
+        if sums is not None:
+            energy = plus(energy, select(lane_numbers() < float(count), u, 0.0))
+    if sums is not None:
+        sums[0] += lane_sum(energy)
+    return OK
 
 
 @in_order
+def clocked(force, t):
+    """Return what the law gets as its time."""
+    never_inline()
+    return clock_of(force.law, t)
+
+
+def clock_of(law: Any, t: float) -> Any:
+    """The time, or what the law's class makes of it."""
+
+
+@overload(clock_of)
+def _clock_of(law, t):
+    clock = (law.kind if isinstance(law, Handle) else law).instance_class.compiled_clock
+    return (lambda law, t: clock(parameters_at(law, 0), t)) if clock else (lambda law, t: t)
+
+
+@as_written
 def some3(array, i, n, count):
     """Load the first ``count`` of eight vectors."""
     return vector3(masked_load(array, i, count), masked_load(array, n + i, count), masked_load(array, 2 * n + i, count))
 
 
-@in_order
-def at_particles(force, i, x, v, t):
-    """Return the energies and accelerations of eight particles, from particle i on."""
+@as_written
+def accelerated(force, i, x, v, a, t):
+    """Return the energies of eight particles, from particle i on, and their accelerations ``a`` with this force's."""
     m = load(force.masses, i)
-    energy, push = law_at(parameters_at(force.law, i), x, v, m, t)
-    return whole(energy_like(energy, m), vector_like(push, m), m, force.inverse_masses, i)
+    return law_added(parameters_at(force.law, i), x, v, m, t, a, force.inverse_masses, i)
 
 
-@in_order
-def whole(energy, push, m, inverse_masses, i):
-    """Return energy and acceleration from the values of a law; inverse masses are None for a law per mass."""
+def law_added(p: Any, x: Any, v: Any, m: Any, t: Any, a: Any, inverse_masses: Any, i: int) -> Any:
+    """Energies of the law for these parameters, and ``a`` with the law's accelerations."""
+
+
+@overload(law_added)
+def _law_added(p, x, v, m, t, a, inverse_masses, i):
+    law, fused = p.instance_class.compiled_law, p.instance_class.fused_law
+    found = cpu_target.typing_context.resolve_function_type(types.Dispatcher(law), (p, x, v, m, t), {}).return_type
+    if not isinstance(found, types.BaseTuple) or len(found) != 2:
+        raise TypingError("law must return energy and force")
+    if isinstance(found[0], types.NoneType):
+
+        def without_energy(p, x, v, m, t, a, inverse_masses, i):
+            push = fused(p, x, v, m, t)[1]
+            return splat(0.0), sum_in_order(a, vector_like(push, m), inverse_masses, i)
+
+        return without_energy
+
+    def with_energy(p, x, v, m, t, a, inverse_masses, i):
+        energy, push = law(p, x, v, m, t)
+        return scaled(lanes_like(energy, m), m, inverse_masses), sum_as_written(
+            a, vector_like(push, m), inverse_masses, i
+        )
+
+    return with_energy
+
+
+def plus_accelerations(a, push, inverse_masses, i):
+    """Return ``a`` plus a force over mass, or plus an acceleration if the inverse masses are None."""
     if inverse_masses is None:
-        return m * energy, push
-    return energy, load(inverse_masses, i) * push
+        return a + push
+    return a + load(inverse_masses, i) * push
 
 
-def law_at(p: Any, x: Any, v: Any, m: Any, t: Any) -> Any:
-    """Energy and force of the law for these parameters."""
+sum_as_written, sum_in_order = as_written(plus_accelerations), in_order(plus_accelerations)
 
 
-@overload(law_at)
-def _law_at(p, x, v, m, t):
-    law = p.instance_class.compiled_law
-    return lambda p, x, v, m, t: law(p, x, v, m, t)
-
-
-def energy_like(energy: Any, like: Any) -> Any:
-    """Energies as lanes; zero for None."""
-
-
-@overload(energy_like)
-def _energy_like(energy, like):
-    if isinstance(energy, types.NoneType):
-        return lambda energy, like: splat(0.0)
-    return lambda energy, like: lanes_like(energy, like)
+@as_written
+def scaled(energy, m, inverse_masses):
+    """Return the energy of particles from the value of a law, which is per mass if the inverse masses are None."""
+    if inverse_masses is None:
+        return m * energy
+    return energy
 
 
 def vector_like(push: Any, like: Any) -> Any:

@@ -69,6 +69,8 @@ def field_law(cls: type) -> Any:
         for a law that depends on time.
     ``per_mass`` : bool
         The law returns energy and force per mass, so massless particles are moved, too.
+    ``clock(p, t)``
+        What ``law`` gets in place of ``t``, such as a cosine of the time; computed once for all particles.
     ``varies`` : names
         The parameters that may have a value for each particle or species; default all.
     ``check(p)``, ``check_system(p, system)``
@@ -87,5 +89,6 @@ def field_law(cls: type) -> Any:
     """
     varies = getattr(cls, "varies", None)
     kinds = kinds_of(cls, FIELD_LAW, lambda key: int(varies is None or key in varies))
+    cls.kernel_sources = tuple(vars(cls)[key] for key in ("clock",) if key in vars(cls))  # type: ignore[attr-defined]
     hints = {key: kind.hint for key, kind in kinds.items()}
     return force_of_law(cls, FieldForce, FIELD_LAW, hints, {}, kinds=kinds, **traits_of(cls, ("per_mass",)))

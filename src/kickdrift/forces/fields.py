@@ -143,8 +143,11 @@ class DrivenField(NamedTuple):
         """Whether the field does work, so that energy is not conserved."""
         return any(p.amplitude)
 
-    def law(p, x, v, m, t):
-        a = p.amplitude * math.cos(2.0 * math.pi * p.frequency * t + p.phase)
+    def clock(p, t):
+        return math.cos(2.0 * math.pi * p.frequency * t + p.phase)
+
+    def law(p, x, v, m, wave):
+        a = p.amplitude * wave
         return -(a @ x), a
 
     def check(p):
