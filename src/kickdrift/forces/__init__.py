@@ -24,6 +24,7 @@ _ALL: tuple[Any, ...] = (
     DrivenField,
     LinearDrag,
 )
+FORCES.clear()  # laws register themselves, in the order of their modules
 FORCES.update({force.name: force for force in _ALL})
 __all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}

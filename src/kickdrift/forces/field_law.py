@@ -27,7 +27,8 @@ FIELD_LAW = Form(
 class FieldForce(LawForce):
     """Base class of the forces that ``field_law`` makes: they act on every particle by itself."""
 
-    external: ClassVar[bool] = True
+    external: ClassVar[bool] = True  # changes the total momentum
+    may_overlap: ClassVar[bool] = True  # allows particles to begin at the same place
     per_mass: ClassVar[bool] = False
 
     def check(self, system: Subject) -> None:

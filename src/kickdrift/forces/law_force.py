@@ -20,13 +20,10 @@ class LawForce:
 
     Attributes
     ----------
-    may_overlap : bool
-        Whether this force allows particles to begin at the same place.
     velocity_dependent, time_dependent, works : bool
         What the law's class says; see ``field_law``.
     """
 
-    may_overlap: ClassVar[bool] = True
     velocity_dependent: ClassVar[bool] = False
     time_dependent: ClassVar[bool] = False
     works: ClassVar[bool] = False

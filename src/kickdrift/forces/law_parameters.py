@@ -54,24 +54,33 @@ class Kind(NamedTuple):
 def kinds_of(cls: Any, form: Form, over: Callable[[str], int]) -> dict[str, Kind]:
     """Kinds of a law's parameters, from their annotations; ``over`` says how often each may vary.
 
+    Parameters of a class with ``bound`` may have other annotations; they have no kind.
+
     Raises
     ------
     InputError
-        For an annotation other than float, int or tuple[float, float, float].
+        For an annotation other than float, int, tuple[float, float, float] or the first or the last.
     """
     check_class(cls, form.decorator, form.arguments)
-    try:
-        hints = get_type_hints(cls)
-    except (NameError, TypeError) as error:
-        raise InputError(f"{cls.__name__}: {form.decorator}: the annotations cannot be read: {error}") from None
+    hints, found = hints_of(cls, form), {}
     known = {float: Kind(1), int: Kind(1, whole=True), Vector: Kind(3), float | Vector: Kind(3, either=True)}
     for key in cls._fields:
-        if hints.get(key) not in known:
+        if hints.get(key) in known:
+            found[key] = known[hints[key]]._replace(over=over(key))
+        elif not hasattr(cls, "bound"):
             raise InputError(
                 f"{cls.__name__}: {key} must be annotated as float, int or tuple[float, float, float], "
                 f"got {shown(hints.get(key))}"
             )
-    return {key: known[hints[key]]._replace(over=over(key)) for key in cls._fields}
+    return found
+
+
+def hints_of(cls: Any, form: Form) -> dict[str, Any]:
+    """Types of a law's parameters, as annotated."""
+    try:
+        return get_type_hints(cls)
+    except (NameError, TypeError) as error:
+        raise InputError(f"{cls.__name__}: {form.decorator}: the annotations cannot be read: {error}") from None
 
 
 # --- checks when the force is made ---
