@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
+    from kickdrift.forces.body_law import body_law
+    from kickdrift.forces.field_law import field_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -87,8 +89,10 @@ _HOMES = {
     "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
+    "body_law": "forces.body_law",
     "compare": "analysis.comparing",
     "export": "trajectory.export",
+    "field_law": "forces.field_law",
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
@@ -143,9 +147,11 @@ __all__ = [
     "UniformField",
     "accelerations",
     "analysis",
+    "body_law",
     "compare",
     "engines",
     "export",
+    "field_law",
     "integrator",
     "integrators",
     "listing",

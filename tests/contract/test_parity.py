@@ -167,7 +167,8 @@ ELSEWHERE = {
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
     "--load FILE.py": (
-        "accelerations", "pair_law", "register_force", "register_splitting", "register_step", "register_tableau",
+        "accelerations", "body_law", "field_law", "pair_law", "register_force", "register_splitting", "register_step",
+        "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
