@@ -27,7 +27,7 @@ def bound_body(cls: Any, p: Any, masses: NDArray[np.float64]) -> BodyWork:
     """Bind the law of ``cls`` to what the law gets as ``p``."""
     kind, fast = type(p), bool(getattr(cls, "fastmath", False))
     if "compiled_law" not in vars(kind):
-        kind.law = cls.law
+        kind.law, kind.law_is_for = cls.law, ""
         kind.compiled_law = (inlined if fast else as_written)(cls.law)
     return BodyWork(p, masses, 1.0 if fast else None)
 

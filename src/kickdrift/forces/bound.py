@@ -16,7 +16,7 @@ from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
-from kickdrift.jit.numba_private import NumbaError
+from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.model.checks import number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
@@ -49,7 +49,7 @@ def check_threads(threads: Any) -> int:
 def _compiled(force: BoundForce) -> BoundForce:
     try:
         return force.ready()
-    except NumbaError as error:
+    except (NumbaError, UnsupportedBytecodeError) as error:
         law = type(getattr(force.parts, "law", None))
         raise not_compiled(law if hasattr(law, "law") else type(force.parts), error) from None
 

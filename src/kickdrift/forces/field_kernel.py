@@ -21,7 +21,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_numbers, lane_sum, lanes_like, plus, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store
-from kickdrift.jit.numba_private import TypingError, cgutils, cpu_target
+from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cgutils, cpu_target
 from kickdrift.jit.vector3 import load3, store3, vector3
 from kickdrift.jit.vector3_operators import Vector3, joined
 from kickdrift.jit.vectors import F64X8, WIDTH, lanes_type
@@ -124,10 +124,7 @@ def law_added(p: Any, x: Any, v: Any, m: Any, t: Any, a: Any, inverse_masses: An
 @overload(law_added)
 def _law_added(p, x, v, m, t, a, inverse_masses, i):
     law, fused = p.instance_class.compiled_law, p.instance_class.fused_law
-    found = cpu_target.typing_context.resolve_function_type(types.Dispatcher(law), (p, x, v, m, t), {}).return_type
-    if not isinstance(found, types.BaseTuple) or len(found) != 2:
-        raise TypingError("law must return energy and force")
-    if isinstance(found[0], types.NoneType):
+    if not _returns_energy(law, p, x, v, m, t):
 
         def without_energy(p, x, v, m, t, a, inverse_masses, i):
             push = fused(p, x, v, m, t)[1]
@@ -142,6 +139,15 @@ def _law_added(p, x, v, m, t, a, inverse_masses, i):
         )
 
     return with_energy
+
+
+def _returns_energy(law: Any, *arguments: types.Type) -> bool:
+    """Tell whether a law returns an energy for arguments of these types; also True for a law that does not compile."""
+    try:
+        returned = cpu_target.typing_context.resolve_function_type(types.Dispatcher(law), arguments, {}).return_type
+    except (NumbaError, UnsupportedBytecodeError):  # the law's own call then shows the reason
+        return True
+    return not (isinstance(returned, types.BaseTuple) and isinstance(returned[0], types.NoneType))
 
 
 def plus_accelerations(a, push, inverse_masses, i):

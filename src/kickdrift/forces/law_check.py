@@ -86,7 +86,8 @@ def _wrong_slope(law: Any, r: float) -> tuple[float, float, float] | None:
 
 def not_compiled(cls: Any, error: Exception) -> InputError:
     """Return the error for a law or a force's parts that numba cannot compile: numba's reason and the line."""
-    what = f"{cls.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes" if hasattr(cls, "law") else ""
+    name = cls.__qualname__.removesuffix(".Parameters").rpartition(".")[2]
+    what = f"{name}: law does not compile{getattr(cls, 'law_is_for', ' for SIMD lanes')}" if hasattr(cls, "law") else ""
     function = cls.law if what else cls.kernel_sources[0]
     what = what or f"{cls.__name__}: its kernel {function.__name__} does not compile"
     code = getattr(function, "py_func", function).__code__

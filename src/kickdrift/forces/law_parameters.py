@@ -144,10 +144,10 @@ def values_of(name: str, key: str, value: Any, kind: Kind, system: Subject) -> A
         return value
     if isinstance(value, Mapping):
         return _by_species(name, key, value, kind, system)
-    found = np.array(_rows(name, key, value, system))
+    rows = _rows(name, key, value, system)
     if kind.over == 2:
-        found = np.array([_rows(name, f"{key}[{i}]", row, system) for i, row in enumerate(found)])
-    return found
+        rows = [_rows(name, f"{key}[{i}]", row, system) for i, row in enumerate(rows)]
+    return np.array(rows)
 
 
 def _rows(name: str, key: str, value: Sequence[Any], system: Subject) -> list[Any]:
