@@ -23,6 +23,7 @@ from kickdrift.forces.arguments import (
     number,
 )
 from kickdrift.forces.field_law import field_law
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
-class Field:
+class Field(Grouped):
     """Base class of the forces of this module.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
+from kickdrift.forces.group import Grouped
 from kickdrift.forces.law_parameters import Kind, given, values_of
 from kickdrift.text import clean
 
@@ -15,11 +16,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawForce:
+class LawForce(Grouped):
     """A force with the parameters of a law.
 
     Attributes
     ----------
+    group : int
+        See ``Grouped``.
     velocity_dependent, time_dependent, works : bool
         What the law's class says; see ``field_law``.
     """

@@ -3,7 +3,8 @@
     python -m kickdrift_validation.performance.laws [--turns 15]
 
 Both run in turns (A B A B …) in one process, on one thread and on two. A ratio compares the fastest turn of each. The
-paths must have the same bits, but for the body law, whose formula is written in another way. Everything is compiled before the first turn.
+paths must have the same bits, but for the body law,
+whose formula is written in another way. Everything is compiled before the first turn.
 """
 
 from __future__ import annotations
@@ -137,6 +138,7 @@ def cases() -> tuple[Case, ...]:
             OwnRelativity(900.0, orbits(kd.PostNewtonian(c=30.0)).state.masses),
             kd.PostNewtonian(c=30.0, form="potential"),
             orbits,
+            apart=1e-12,
         ),
     )
 
