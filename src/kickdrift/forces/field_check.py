@@ -5,6 +5,7 @@ whether it depends on velocity or time without saying so. Every error is one lin
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def try_field(force: Any, values: dict[str, Any], system: Subject) -> None:
         rng = np.random.Generator(np.random.PCG64(i))
         shaken = x + 0.1 * extent * rng.standard_normal(3) * (np.arange(3) < system.dimensions)
         for place in (x, shaken):
-            found = wrong_slope(lambda y, at=at, t=t: at(y, 0.0 * y, t), place, extent, system.dimensions)
+            found = wrong_slope(partial(_at_rest, at, t), place, extent, system.dimensions)
             if found and not _moves_energy(at, place, v, t):
                 wrong.append((i, place, *found))
     if len(wrong) > 1:  # a law may jump, or have a kink, at one place
@@ -47,6 +48,10 @@ def try_field(force: Any, values: dict[str, Any], system: Subject) -> None:
             f"{force.name}: law must return energy and force, minus the energy's slope; for particle {i} at "
             f"{_text(place)} it returns {_text(pushed)}, and its energy's slope gives {_text(slope)}"
         )
+
+
+def _at_rest(at: At, t: float, x: Floats) -> tuple[Any, Floats]:
+    return at(x, 0.0 * x, t)
 
 
 def extent_of(system: Subject) -> float:

@@ -68,6 +68,7 @@ class Oblateness(NamedTuple):
     by_mass = fastmath = True  # type: ignore[misc]
     dimensions = {"radius": "length", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
+    @staticmethod
     def law(p, x, v, m, t, a):
         """-grad of J_n R^n P_n(s) / r^(n+1) is J_n R^n / r^(n+2) [P'_(n+1)(s) r / |r| - P'_n(s) pole], since s P'_n +
         (n + 1) P_n = P'_(n+1)."""

@@ -79,6 +79,7 @@ class PostNewtonian(NamedTuple):
         """Tell whether this is the full form, which a splitting method refuses."""
         return p.form == "full"
 
+    @staticmethod
     def law(p, x, v, m, t, a):
         """The full form's energy is c^2 E_1 / m, so that E + E_1 is constant to order c^-4 along r'' = -g (1 + share) r
         / r^3 + (1 + share) a_1PN, g = G M.

@@ -129,5 +129,5 @@ for _function, _sign in ((max, ">"), (min, "<")):
     _pairs = [(a, b) for kind in KINDS for a, b in ((kind, kind), (kind, types.float64), (types.float64, kind))]
     _cases = [signature(next(each for each in pair if isinstance(each, Lanes)), *pair) for pair in _pairs]
     _teach(_function, _cases, _larger(_sign))
-for _function in (math.sin, math.cos):
-    _teach(_function, [signature(kind, kind) for kind in KINDS], _calling(_function.__name__))
+for _name, _wave in (("sin", math.sin), ("cos", math.cos)):
+    _teach(_wave, [signature(kind, kind) for kind in KINDS], _calling(_name))
