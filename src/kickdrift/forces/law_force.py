@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
+from kickdrift.forces.arguments import is_one
 from kickdrift.forces.group import Grouped
 from kickdrift.forces.law_parameters import Kind, given, values_of
 from kickdrift.text import clean
@@ -40,6 +41,16 @@ class LawForce(Grouped):
         for key, kind in self.kinds.items():
             object.__setattr__(self, key, given(self.name, key, getattr(self, key), kind))
         self._ask("check")
+
+    @property
+    def joins(self) -> bool:
+        """Whether a parameter lists particles one by one; such particles may neither merge nor leave."""
+        return any(self._listed(key, kind) for key, kind in self.kinds.items())
+
+    def _listed(self, key: str, kind: Kind) -> bool:
+        """Whether a parameter has a value for each particle."""
+        value = getattr(self, key)
+        return kind.over > 0 and isinstance(value, tuple) and not (kind.length == 3 and is_one(value[0]))
 
     @property
     def law(self) -> Any:

@@ -12,6 +12,7 @@ from kickdrift.forces.clusters import (
 from kickdrift.forces.pair_kernel import PairKernel, PairWork, Tables
 from kickdrift.forces.row_lanes import row_lanes
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.jit import law_operators as law_operators  # operators of the lanes that a law takes
 from kickdrift.jit.chunks import in_chunks
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.memory import aligned

@@ -84,7 +84,7 @@ def _divided(a, b):
 @intrinsic
 def _chosen(typingctx, mask, yes, no):
     """Lanes of ``yes`` where the mask is set, else of ``no``; both may be numbers."""
-    kind = next(kind for kind in KINDS if kind.mask == mask)
+    kind = next(kind for kind in (yes, no, *KINDS) if isinstance(kind, Lanes) and kind.mask == mask)
 
     def codegen(context, builder, sig, args):
         first, second = (as_lanes(builder, args[k], sig.args[k], kind.vector) for k in (1, 2))

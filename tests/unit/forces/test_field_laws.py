@@ -222,6 +222,29 @@ def test_a_law_of_time_has_a_clock():
     np.testing.assert_allclose(sim.state.positions, X + np.array([moved, 0.0, 0.0]), rtol=0, atol=1e-9)
 
 
+def test_particles_with_values_of_their_own_stay():
+    """A list of values is by particle, so no particle may leave."""
+    event = kd.Escape(5.0, action="remove")
+    kd.System(X, forces=[tweezer()(1.0)], events=[event])
+    with pytest.raises(InputError, match="action 'remove' cannot act on bodies joined by tweezer"):
+        kd.System(X, forces=[tweezer()([1.0, 2.0, 3.0])], events=[event])
+
+
+def test_a_pair_law_may_use_sines_and_choices():
+    class Wave(NamedTuple):
+        k: float = 1.0
+
+        def law(p, r2):
+            r = math.sqrt(r2)
+            far = np.where(r2 > 1.0, 2.0, 0.0)
+            return math.cos(p.k * r) + max(r2, 1.0), p.k * math.sin(p.k * r) / r - far
+
+    force = kd.pair_law(Wave)(2.0, cutoff=2.0, truncation="cut")
+    found = kd.Simulation(kd.System(X, forces=[force]), dt=0.1).energy().potential
+    r = [np.linalg.norm(X[i] - X[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    assert found == pytest.approx(sum(math.cos(2 * d) + max(d * d, 1.0) for d in r if d < 2.0), rel=1e-13)
+
+
 # --- what is refused ---
 
 
