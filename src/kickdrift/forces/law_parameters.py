@@ -97,10 +97,7 @@ def given(name: str, key: str, value: Any, kind: Kind) -> Any:
         return number(name, key, value)
     if kind.over and not _is_value(value, kind):
         return _several(name, key, value, kind)
-    if kind.length == 1:
-        several = ", or one for each particle or species" if kind.over else ""
-        raise InputError(f"{name}: {key}: expected a number{several}, got {shown(value)}")
-    return _vector(name, key, value)
+    return number(name, key, value) if kind.length == 1 else _vector(name, key, value)
 
 
 def _is_value(value: Any, kind: Kind) -> bool:
