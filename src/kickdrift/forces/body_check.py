@@ -16,7 +16,7 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
-MOST_BODIES = 200  # of a system whose law is tried; plain Python takes seconds for more
+MOST_TRIED, MOST_SLOPES = 100, 24  # bodies of a system whose law, or its slope, is tried: plain Python is slow
 MOST_MOVED = 3  # bodies that are moved to and fro
 PLACE = "law(p, x, v, m, t, a)"
 
@@ -24,7 +24,7 @@ PLACE = "law(p, x, v, m, t, a)"
 def try_bodies(force: Any, p: Any, system: Subject) -> None:
     """Refuse a body law that does not return what it should at this system's state, or near it."""
     n = len(system)
-    if n > MOST_BODIES:
+    if n > MOST_TRIED:
         return
     phase, t = system.state.phase, float(system.state.time)
     x, v, masses = phase[0], phase[1], system.coherent_masses
@@ -32,7 +32,7 @@ def try_bodies(force: Any, p: Any, system: Subject) -> None:
     if system.dimensions == 2 and a[2].any():
         raise InputError(f"{force.name}: the law pushes particle {_first(a[2])} out of the plane of two dimensions")
     _check_declared(force, p, x, v, masses, t, a)
-    if energy is None or (force.velocity_dependent and _moves_energy(force, p, x, v, masses, t)):
+    if n > MOST_SLOPES or energy is None or (force.velocity_dependent and _moves_energy(force, p, x, v, masses, t)):
         return
     _check_slope(force, p, system, t)
 
