@@ -50,8 +50,8 @@ def _compiled(force: BoundForce) -> BoundForce:
     try:
         return force.ready()
     except NumbaError as error:
-        law = type(force.parts.law) if isinstance(force, PairKernel) else None
-        raise not_compiled(law or type(force.parts), error) from None
+        law = type(getattr(force.parts, "law", None))
+        raise not_compiled(law if hasattr(law, "law") else type(force.parts), error) from None
 
 
 class UnderForces(Protocol):
