@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
 
+DEGREE = math.pi / 180.0
+
 
 @bond_law
 class HarmonicBond(NamedTuple):
@@ -58,15 +60,16 @@ class MorseBond(NamedTuple):
 
 @angle_law
 class HarmonicAngle(NamedTuple):
-    """U = k (angle - rest)^2 / 2, with angles in radians. LAMMPS and CHARMM leave out the half."""
+    """U = k (angle - rest)^2 / 2, where rest is in degrees and k an energy per square radian. LAMMPS and CHARMM leave
+    out the half: their K is stiffness / 2."""
 
     stiffness: float
     rest: float
 
-    dimensions = {"stiffness": "energy"}  # type: ignore[misc]  # noqa: RUF012
+    dimensions = {"stiffness": "energy", "rest": "angle"}  # type: ignore[misc]  # noqa: RUF012
 
     def law(p, angle):
-        bend = angle - p.rest
+        bend = angle - p.rest * DEGREE
         return 0.5 * p.stiffness * bend * bend, p.stiffness * bend
 
 
@@ -85,16 +88,16 @@ class CosineAngle(NamedTuple):
 
 @dihedral_law
 class PeriodicDihedral(NamedTuple):
-    """U = k (1 + cos(n angle - phase)), the proper dihedral of AMBER and CHARMM; phase in radians."""
+    """U = k (1 + cos(n angle - phase)), the proper dihedral of AMBER and CHARMM; phase in degrees."""
 
     barrier: float
     multiplicity: float = 1.0
     phase: float = 0.0
 
-    dimensions = {"barrier": "energy"}  # type: ignore[misc]  # noqa: RUF012
+    dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
 
     def law(p, angle):
-        at = p.multiplicity * angle - p.phase
+        at = p.multiplicity * angle - p.phase * DEGREE
         return p.barrier * (1.0 + math.cos(at)), -p.multiplicity * p.barrier * math.sin(at)
 
 

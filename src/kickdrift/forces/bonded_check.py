@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from typing import Any
 
@@ -14,21 +13,6 @@ from kickdrift.text import shown
 STEP = 1e-3  # for differences of order 4
 SLOPE_TOLERANCE = 1e-6
 PARTS = (0.45, 0.65, 0.83, 0.96, 1.07, 1.31)  # of a law's length, or of pi/2, where slope and energy are compared
-
-
-def check_bonded_class(cls: Any, decorator: str) -> None:
-    """Refuse anything but a NamedTuple class with a law of two arguments."""
-    if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
-        raise InputError(f"{decorator}: expected a NamedTuple class with a law of two arguments, got {shown(cls)}")
-    law = getattr(cls, "law", None)
-    if not inspect.isfunction(getattr(law, "py_func", law)):
-        raise InputError(f"{cls.__name__}: law must be a function of two arguments, got {shown(law)}")
-    try:
-        inspect.signature(law).bind(None, 1.0)  # type: ignore[arg-type]
-    except TypeError:
-        given = inspect.signature(law)  # type: ignore[arg-type]
-        word = "r" if decorator == "bond_law" else "angle"
-        raise InputError(f"{cls.__name__}: law must take (p, {word}); it takes {given}") from None
 
 
 def value_of(law: Any, at: float) -> tuple[float, float]:
@@ -44,7 +28,9 @@ def value_of(law: Any, at: float) -> tuple[float, float]:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{name}: law at {at:.6g} raised {text}{where_raised(error.__traceback__)}") from None
     if not isinstance(found, tuple | list) or len(found) != 2 or not all(map(is_number, found)):
-        raise InputError(f"{name}: law at {at:.6g} must return two numbers, energy and slope; it returned {shown(found)}")
+        raise InputError(
+            f"{name}: law at {at:.6g} must return two numbers, energy and slope; it returned {shown(found)}"
+        )
     return float(found[0]), float(found[1])
 
 

@@ -39,22 +39,22 @@ class Listed(NamedTuple):
     room: NDArray[np.float64]  # (numbers of an item, BLOCK)
 
 
-class BondKernel(NamedTuple):
+class BondKernel(Listed):
     """A law of bonds."""
 
-    listed: Listed
+    __slots__ = ()
 
 
-class AngleKernel(NamedTuple):
+class AngleKernel(Listed):
     """A law of angles."""
 
-    listed: Listed
+    __slots__ = ()
 
 
-class DihedralKernel(NamedTuple):
+class DihedralKernel(Listed):
     """A law of dihedrals."""
 
-    listed: Listed
+    __slots__ = ()
 
 
 KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel}
@@ -69,7 +69,7 @@ def bind(force: BondedForce, system: Subject) -> Any:
     items, laws, which = force.items(system)
     table = np.array([tuple(map(float, law)) for law in laws])
     masses = system.coherent_masses
-    listed = Listed(
+    return KERNELS[force.kind](
         law=cls(*table[0].tolist()),
         table=table if len(laws) > 1 else None,
         which=which,
@@ -79,20 +79,18 @@ def bind(force: BondedForce, system: Subject) -> Any:
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )
-    return KERNELS[force.kind](listed)
 
 
-def law_of(listed: Any, item: int) -> Any:
+def law_of(law: Any, table: Any, which: Any, item: int) -> Any:
     """Return the parameters of the law of an item."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(law_of, forceinline=True)
-def _law_of(listed, item):
-    one = isinstance(listed.types[listed.fields.index("table")], types.NoneType)
-    if one:
-        return lambda listed, item: listed.law
-    return lambda listed, item: named_numbers(listed.law, listed.table, listed.which[item])
+def _law_of(law, table, which, item):
+    if isinstance(table, types.NoneType):
+        return lambda law, table, which, item: law
+    return lambda law, table, which, item: named_numbers(law, table, which[item])
 
 
 def energy_and_slope(law: Any, value: float) -> tuple[float, float]:
@@ -138,18 +136,17 @@ def fill_separations(listed, x, begin, count, a, b, row):
 @kernel(BondKernel)
 def bond_forces(force, t, x, v, a, sums):
     never_inline()
-    listed = force.listed
-    items, room, inverse_masses = listed.items, listed.room, listed.inverse_masses
+    items, room, inverse_masses = force.items, force.room, force.inverse_masses
     energies = virial = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(listed, x, begin, count, 0, 1, 0)
+        fill_separations(force, x, begin, count, 0, 1, 0)
         for k in range(count):
             dx, dy, dz = room[0, k], room[1, k], room[2, k]
             r2 = dx * dx + dy * dy + dz * dz
             r = math.sqrt(r2)
-            energy, slope = energy_and_slope(law_of(listed, begin + k), r)
-            slope = slope if r2 < listed.longest2 else math.nan
+            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), r)
+            slope = slope if r2 < force.longest2 else math.nan
             room[3, k] = slope / r if r > 0.0 else 0.0  # a bond of length 0 has no direction, so no force
             if sums is not None:
                 room[4, k] = energy
@@ -175,18 +172,17 @@ def angle_forces(force, t, x, v, a, sums):
 
     An angle does not change with the size of the system, so its virial is zero."""
     never_inline()
-    listed = force.listed
-    items, room, inverse_masses = listed.items, listed.room, listed.inverse_masses
+    items, room, inverse_masses = force.items, force.room, force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(listed, x, begin, count, 0, 1, 0)
-        fill_separations(listed, x, begin, count, 2, 1, 3)
+        fill_separations(force, x, begin, count, 0, 1, 0)
+        fill_separations(force, x, begin, count, 2, 1, 3)
         for k in range(count):
             d, e = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k])
             n = cross(d, e)
             d2, e2, n1 = dot(d, d), dot(e, e), math.sqrt(dot(n, n))
-            energy, slope = energy_and_slope(law_of(listed, begin + k), math.atan2(n1, dot(d, e)))
+            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), math.atan2(n1, dot(d, e)))
             one = slope / (d2 * n1) if n1 > 0.0 else 0.0  # in a line, the angle has no direction, so no force
             two = slope / (e2 * n1) if n1 > 0.0 else 0.0
             first, last = cross(d, n), cross(n, e)
@@ -211,14 +207,13 @@ def dihedral_forces(force, t, x, v, a, sums):
     """Gradients of Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27,
     with their F, G, H, A and B. A dihedral does not change with the size of the system, so its virial is zero."""
     never_inline()
-    listed = force.listed
-    items, room, inverse_masses = listed.items, listed.room, listed.inverse_masses
+    items, room, inverse_masses = force.items, force.room, force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(listed, x, begin, count, 0, 1, 0)
-        fill_separations(listed, x, begin, count, 1, 2, 3)
-        fill_separations(listed, x, begin, count, 3, 2, 6)
+        fill_separations(force, x, begin, count, 0, 1, 0)
+        fill_separations(force, x, begin, count, 1, 2, 3)
+        fill_separations(force, x, begin, count, 3, 2, 6)
         for k in range(count):
             f, g, h = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k]), (
                 room[6, k], room[7, k], room[8, k]
@@ -226,7 +221,7 @@ def dihedral_forces(force, t, x, v, a, sums):
             p, q = cross(f, g), cross(h, g)
             p2, q2, g1 = dot(p, p), dot(q, q), math.sqrt(dot(g, g))
             angle = math.atan2(-dot(q, f) * g1, dot(p, q))
-            energy, slope = energy_and_slope(law_of(listed, begin + k), angle)
+            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), angle)
             straight = not (p2 > 0.0 and q2 > 0.0)  # three in a line: the dihedral has no direction, so no force
             one = 0.0 if straight else slope * g1 / p2
             two = 0.0 if straight else slope * g1 / q2

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive, number
-from kickdrift.forces.bonded_check import check_bonded_class, check_bonded_slope, value_of
-from kickdrift.forces.law_state import check_stateless
-from kickdrift.forces.registration import register_force
-from kickdrift.model.arguments import checked_arguments
+from kickdrift.forces.bonded_check import check_bonded_slope, value_of
+from kickdrift.forces.law import Form, force_of_law
 from kickdrift.model.internal import MEASURED, measured
 from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
@@ -93,7 +90,9 @@ class BondedForce:
     def items(self, system: Subject) -> tuple[np.ndarray, list[Any], np.ndarray]:
         """The listed particles (m, 2 to 4) on which the force acts, the laws of its types, and the law of each (m,)."""
         topology = system.topology
-        every = np.zeros((0, MEASURED[self.kind].particles), np.int64) if topology is None else getattr(topology, self.kind)
+        every = (
+            np.zeros((0, MEASURED[self.kind].particles), np.int64) if topology is None else getattr(topology, self.kind)
+        )
         types = () if topology is None else topology.types(self.kind)
         names = list(dict.fromkeys(types))
         laws = [(name, law) for name in names if (law := self.law_of(name)) is not None]
@@ -162,35 +161,14 @@ def _and(particles: np.ndarray) -> str:
     return f"{', '.join(first)} and {last}"
 
 
-def _decorator(kind: str, word: str) -> Callable[[type], Any]:
-    def decorate(cls: type) -> Any:
-        made: Any = cls
-        check_bonded_class(made, word)
-        check_stateless(made.__name__, made.law, " and ".join(MEASURED[kind].arguments))
-        fields, defaults = made._fields, made._field_defaults
-        force: Any = checked_arguments(
-            dataclasses.make_dataclass(
-                made.__name__,
-                [
-                    (key, float, dataclasses.field(default=defaults[key])) if key in defaults else (key, float)
-                    for key in fields
-                ],
-                bases=(BondedForce,),
-                frozen=True,
-                namespace={
-                    "__doc__": made.__doc__,
-                    "name": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower(),
-                    "kind": kind,
-                    "dimensions": dict(getattr(made, "dimensions", {})),
-                },
-            )
-        )
-        force.__module__, force.__qualname__ = made.__module__, made.__qualname__
-        made.__qualname__ = f"{made.__qualname__}.Parameters"  # pickle finds the class at its new place
-        force.Parameters = made
-        return register_force(force, overwrite=True)
+def _form(kind: str) -> Form:
+    arguments = MEASURED[kind].arguments
+    alone = f"its energy and slope must depend on {' and '.join(arguments)} alone"
+    return Form(f"{kind[:-1]}_law", arguments, alone)
 
-    return decorate
+
+def _force(cls: type, kind: str) -> Any:
+    return force_of_law(cls, BondedForce, _form(kind), {}, {}, kind=kind)
 
 
 def bond_law(cls: type) -> Any:
@@ -208,7 +186,7 @@ def bond_law(cls: type) -> Any:
         If the law's code keeps state, if the slope is not that of the energy, or if the name belongs to a force that
         ships.
     """
-    return _decorator("bonds", "bond_law")(cls)
+    return _force(cls, "bonds")
 
 
 def angle_law(cls: type) -> Any:
@@ -216,7 +194,7 @@ def angle_law(cls: type) -> Any:
 
     The angle is in radians, from 0 to pi, pi for three particles in a line. All else is as for `bond_law`.
     """
-    return _decorator("angles", "angle_law")(cls)
+    return _force(cls, "angles")
 
 
 def dihedral_law(cls: type) -> Any:
@@ -225,4 +203,4 @@ def dihedral_law(cls: type) -> Any:
     The angle is in radians, from -pi to pi: 0 for a planar chain whose ends are on the same side (cis), pi on opposite
     sides (trans); IUPAC's sign. All else is as for `bond_law`.
     """
-    return _decorator("dihedrals", "dihedral_law")(cls)
+    return _force(cls, "dihedrals")

@@ -12,6 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import is_number, listed, whole_number
 from kickdrift.model.relatives import Relatives, angles_of, dihedrals_of
+from kickdrift.model.starts.molecules import from_atoms, from_universe
 from kickdrift.text import counted, shown
 
 Ids = NDArray[np.int64]
@@ -88,6 +89,17 @@ class Topology:
         count, length = whole_number("chains.count", count, 1), whole_number("chains.length", length, 2)
         first = np.arange(count * length).reshape(count, length)[:, :-1].ravel()
         return cls(np.column_stack([first, first + 1]), angles, dihedrals, **more)
+
+    @classmethod
+    def from_ase(cls, atoms: Any, **more: Any) -> Topology:
+        """Topology of an ``ase.Atoms`` that ``ase.io.read(..., format="lammps-data")`` made; ``more`` as for `chains`."""
+        return cls(**from_atoms(atoms) | more)
+
+    @classmethod
+    def from_mdanalysis(cls, universe: Any, **more: Any) -> Topology:
+        """Topology of an ``MDAnalysis.Universe``: its bonds, angles and dihedrals with their types; ``more`` as for
+        `chains`."""
+        return cls(**from_universe(universe) | more)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Topology) and self.tables() == other.tables()
@@ -172,7 +184,7 @@ class Topology:
 def _items(key: str, values: Any, size: int = 0) -> Ids:
     """Checked rows of particles: whole numbers, no particle twice in a row, no row twice in either direction."""
     size = size or SIZES[key]
-    if isinstance(values, bool | Mapping) or isinstance(values, str):
+    if isinstance(values, bool | Mapping | str):
         raise InputError(f"topology: {key}: expected a list, got {shown(values)}")
     try:
         found = np.array(values if isinstance(values, np.ndarray) else listed(key, values, "a list"))
@@ -199,9 +211,8 @@ def _items(key: str, values: Any, size: int = 0) -> Ids:
     again = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(len(found)))
     if again.size:
         k = int(again[0])
-        raise InputError(
-            f"topology: {key}[{k}] = {found[k].tolist()} is given twice, first as {key}[{first[inverse.reshape(-1)[k]]}]"
-        )
+        before = first[inverse.reshape(-1)[k]]
+        raise InputError(f"topology: {key}[{k}] = {found[k].tolist()} is given twice, first as {key}[{before}]")
     return _read_only(found)
 
 
@@ -213,7 +224,8 @@ def _read_only(array: Ids) -> Ids:
 def _types(key: str, values: str | Sequence[str], count: int) -> tuple[str, ...]:
     if isinstance(values, str):
         return (values,) * count
-    found = [str(each) if isinstance(each, int | np.integer) else each for each in listed(key, values, "a list of names")]
+    found = listed(f"topology: {key}", values, "a list of names")
+    found = [str(each) if isinstance(each, int | np.integer) else each for each in found]
     wrong = [each for each in found if not (isinstance(each, str) and each.strip())]
     if wrong:
         raise InputError(f"topology: {key}: expected names, got {shown(wrong[0])}")
