@@ -47,7 +47,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         elif isinstance(event, Crossing):
             _check_signature(event, ("t", "x", "v"))
         if getattr(event, "action", "") in ("merge", "remove") and system.acting("joins"):
-            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
+            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs or bonds")  # type: ignore[union-attr]
     return found
 
 

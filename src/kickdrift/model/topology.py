@@ -151,6 +151,18 @@ class Topology:
         both, first = np.unique(both, axis=0, return_index=True)
         return Scaled(both, values[first])
 
+    def factor_of(self, first: Ids, second: Ids) -> NDArray[np.float64]:
+        """Factor of the pair force between particles ``first`` and ``second``, both (m,)."""
+        pairs, factors = self.scaled
+        found = np.ones(len(first))
+        if len(pairs):
+            base = int(max(pairs.max(), first.max(initial=0), second.max(initial=0))) + 1
+            known = pairs @ np.array([base, 1])
+            asked = np.minimum(first, second) * base + np.maximum(first, second)
+            at = np.minimum(np.searchsorted(known, asked), len(known) - 1)
+            found[known[at] == asked] = factors[at[known[at] == asked]]
+        return found
+
     def _relatives(self) -> Relatives:
         return Relatives.of(self.bonds)
 

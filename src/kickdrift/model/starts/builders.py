@@ -267,7 +267,8 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
-    found = nearest_pair(wrapped, system.box, limit) if any_nearer(wrapped, system.box, limit) else None
+    apart = None if system.topology is None else system.topology.scaled.pairs  # their pair force is left out or scaled
+    found = nearest_pair(wrapped, system.box, limit, apart) if any_nearer(wrapped, system.box, limit) else None
     if found is None:
         return
     first, second, distance = found
