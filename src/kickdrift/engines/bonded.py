@@ -40,7 +40,8 @@ def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) =
 
 LAWS: dict[type, Terms] = {
     HarmonicBond: Terms(
-        "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2", lambda p: {"k": p.stiffness, "l": p.length}
+        "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
+        lambda p: {"k": p.stiffness, "l": p.length},
     ),
     Fene: Terms(  # the repulsion of LAMMPS' own fene is off: the pair force has it
         "fene", lambda p: (p.stiffness, p.length, 0.0, 1.0), "-0.5*k*l^2*log(1-(r/l)^2)",
@@ -63,7 +64,8 @@ LAWS: dict[type, Terms] = {
         "multi/harmonic", _bellemans, "c0-c1*c+c2*c^2-c3*c^3+c4*c^4-c5*c^5; c=cos(theta)", lambda p: p._asdict()
     ),
     OplsDihedral: Terms(
-        "opls", lambda p: tuple(p), "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
+        "opls", lambda p: tuple(p),
+        "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
         lambda p: p._asdict(),
     ),
 }  # fmt: skip

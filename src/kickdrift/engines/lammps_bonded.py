@@ -58,7 +58,8 @@ def bonded_of(system: System) -> Bonded | None:
     lists, types, longest = {}, {}, 0.0
     for kind, size in SIZES.items():
         word = kind[:-1]
-        rows, lines, styles = [np.zeros((0, size + 1), np.int64)], [], []
+        rows, styles = [np.zeros((0, size + 1), np.int64)], list[str]()
+        lines: list[tuple[str, Any]] = []
         for force in (each for each in split(system)[1] if each.kind == kind):
             items, laws, which = force.items(system)
             terms = LAWS[type(force)]
@@ -107,10 +108,12 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
         text.append(" ".join(map(repr, box.tilts)) + " xy xz yz")
     text += ["", "Masses", "", *(f"{kind} {mass!r}" for kind, mass in enumerate(model.masses, 1))]
     rows = zip(model.types.tolist(), x.tolist(), strict=True)
-    text += ["", "Atoms # bond", "", *(f"{i} 1 {kind} {a!r} {b!r} {c!r}" for i, (kind, (a, b, c)) in enumerate(rows, 1))]
+    atoms = (f"{i} 1 {kind} {a!r} {b!r} {c!r}" for i, (kind, (a, b, c)) in enumerate(rows, 1))
+    text += ["", "Atoms # molecular", "", *atoms]
     text += ["", "Velocities", "", *(f"{i} {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(v.tolist(), 1))]
     for kind, items in bonded.lists.items():
-        text += ["", kind.capitalize(), "", *(f"{i} {' '.join(map(str, row))}" for i, row in enumerate(items.tolist(), 1))]
+        lines = (f"{i} {' '.join(map(str, row))}" for i, row in enumerate(items.tolist(), 1))
+        text += ["", kind.capitalize(), "", *lines]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "start.data"
         path.write_text("\n".join(text) + "\n", encoding="ascii")

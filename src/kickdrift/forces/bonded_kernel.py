@@ -7,7 +7,7 @@ in loops that LLVM turns into SIMD where the law has no functions beside square 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
@@ -20,7 +20,6 @@ from kickdrift.jit.memory import named_numbers
 from kickdrift.model.cell import Cell, along, cell_of, leaning_image
 
 if TYPE_CHECKING:
-    from kickdrift.forces.bonded_law import BondedForce
     from kickdrift.model.subject import Subject
 
 BLOCK = 64  # items at once
@@ -61,7 +60,17 @@ KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKern
 ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
 
 
-def bind(force: BondedForce, system: Subject) -> Any:
+class ListedForce(Protocol):
+    """A bonded force as its compiled code needs it; see ``BondedForce``."""
+
+    kind: ClassVar[str]
+    Parameters: ClassVar[Any]
+
+    def items(self, system: Subject) -> tuple[NDArray[np.int64], list[Any], NDArray[np.int64]]:
+        """Return the listed particles, the laws of the types, and the law of each item."""
+
+
+def bind(force: ListedForce, system: Subject) -> Any:
     """Bind a bonded force to a System."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
@@ -182,7 +191,8 @@ def angle_forces(force, t, x, v, a, sums):
             d, e = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k])
             n = cross(d, e)
             d2, e2, n1 = dot(d, d), dot(e, e), math.sqrt(dot(n, n))
-            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), math.atan2(n1, dot(d, e)))
+            law = law_of(force.law, force.table, force.which, begin + k)
+            energy, slope = energy_and_slope(law, math.atan2(n1, dot(d, e)))
             one = slope / (d2 * n1) if n1 > 0.0 else 0.0  # in a line, the angle has no direction, so no force
             two = slope / (e2 * n1) if n1 > 0.0 else 0.0
             first, last = cross(d, n), cross(n, e)

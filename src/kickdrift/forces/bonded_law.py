@@ -102,23 +102,19 @@ class BondedForce:
 
     def check(self, system: Subject) -> None:
         """Refuse a system without such a list, particles without mass, and places where the law has no value."""
-        items, laws, which = self.items(system)
+        items, *_ = self.items(system)
         if not len(items):
             topology = system.topology
-            listed = () if topology is None else dict.fromkeys(topology.types(self.kind))
-            if not listed:
+            if topology is None or not len(getattr(topology, self.kind)):
                 raise InputError(f"{self.name}: the system lists no {self.kind}; [topology] lists them")
-            raise InputError(
-                f"{self.name}: types: the system has no {self.kind} of type {', '.join(self.types or ())}; "
-                f"its types are {', '.join(listed)}"
-            )
         for name in self.types or ():
             assert system.topology is not None
             known = dict.fromkeys(system.topology.types(self.kind))
             if name not in known:
                 hint = suggestion(name, known)
+                listed = ", ".join(known)
                 raise InputError(
-                    f"{self.name}: types: the system has no {self.kind} of type {name}{hint}; its types are {', '.join(known)}"
+                    f"{self.name}: types: the system has no {self.kind} of type {name}{hint}; its types are {listed}"
                 )
         check_massive(self.name, system, np.unique(items))
         if wrong := self.trouble(system, system.state.phase[0]):
@@ -134,8 +130,8 @@ class BondedForce:
             if long.size:
                 k = int(long[0])
                 return (
-                    f"bond {k} of particles {_and(items[k])} is {found[k]:.6g} long; it must be under half the {named}, "
-                    f"{0.5 * height:.6g}, so that its nearest image is certain"
+                    f"bond {k} of particles {_and(items[k])} is {found[k]:.6g} long; it must be under half the "
+                    f"{named}, {0.5 * height:.6g}, so that its nearest image is certain"
                 )
         for k, (value, law) in enumerate(zip(found.tolist(), which.tolist(), strict=True)):
             energy, slope = value_of(laws[law], value)

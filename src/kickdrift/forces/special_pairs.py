@@ -1,8 +1,8 @@
 """Pairs that pair forces leave out or scale: bonded neighbours and other exclusions of a Topology.
 
-A pair of clusters with such a pair leaves the rows of the list and becomes an entry of its own, with a factor for each of
-its pairs. So the main loop over the rows knows nothing of factors. Without such pairs, ``special`` is None and the code
-is as if this module were not there.
+A pair of clusters with such a pair leaves the rows of the list and becomes an entry of its own, with a factor for each
+of its pairs. So the main loop over the rows knows nothing of factors. Without such pairs, ``special`` is None and the
+code is as if this module were not there.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Special(NamedTuple):
     particle: NDArray[np.int64]  # (slots,) the particle in each slot, -1 for padding
     marks: NDArray[np.int64]  # (chunks, clusters) special pairs of the present cluster with each other cluster
     inside: NDArray[np.bool_]  # (clusters,) whether a cluster has special pairs among its own particles
-    count: NDArray[np.int64]  # (chunks,) entries
+    number: NDArray[np.int64]  # (chunks,) entries
     entries: NDArray[np.int64]  # (chunks, room + clusters, 3) a cluster, the other << 5 | shift, bits of pairs in reach
     codes: NDArray[np.int64]  # (chunks, room + clusters, 8) for each row, a byte for each of eight pairs
 
@@ -63,7 +63,7 @@ def special_of(topology: Topology | None, n: int, slots: int, chunks: int, room:
         particle=np.full(slots, -1, np.int64),
         marks=np.zeros((chunks, clusters), np.int64),
         inside=np.zeros(clusters, np.bool_),
-        count=np.zeros(chunks, np.int64),
+        number=np.zeros(chunks, np.int64),
         **rooms(chunks, room + clusters),
     )
 
@@ -77,7 +77,8 @@ def with_special_room(special: Special | None, room: int) -> Special | None:
     """Return the special pairs with empty entries for an outer list of this room."""
     if special is None:
         return None
-    return special._replace(**rooms(len(special.count), room + len(special.inside)))
+    made: Special = special._replace(**rooms(len(special.number), room + len(special.inside)))  # type: ignore[arg-type]
+    return made
 
 
 def place_special(special: Any, place: Any) -> None:
@@ -107,7 +108,7 @@ def _clear_special(special, c):
         return lambda special, c: None
 
     def clear(special, c):
-        special.count[c] = 0
+        special.number[c] = 0
 
     return clear
 
@@ -144,7 +145,7 @@ def add_entry(special: Any, place: Any, c: int, cluster: int, met: int, bits: in
 @overload(add_entry)
 def _add_entry(special, place, c, cluster, met, bits, filled):
     def add(special, place, c, cluster, met, bits, filled):
-        at, other = special.count[c], met >> SHIFT_BITS
+        at, other = special.number[c], met >> SHIFT_BITS
         entry, codes = special.entries[c, at], special.codes[c, at]
         particles = 0
         for lane in range(filled):  # padding meets padding at the same place
@@ -162,7 +163,7 @@ def _add_entry(special, place, c, cluster, met, bits, filled):
             if within:
                 for before in range(lane + 1):
                     codes[lane] |= OWN << (WIDTH * before)
-        special.count[c] = at + 1
+        special.number[c] = at + 1
 
     return add
 
@@ -212,7 +213,7 @@ def _add_special(special, laws, pairs, c, cutoff2, row_sums, totals):
         energies, virials, counts = totals
         forces, x, shifts, zero = pairs.force[c], pairs.x, pairs.shifts, splat(0.0)
         lanes = np.empty(WIDTH)
-        for e in range(special.count[c]):
+        for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]
             other, s = met >> SHIFT_BITS, met & 31
             xj, yj, zj = load_vector(x, other)

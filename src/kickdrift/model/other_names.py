@@ -19,7 +19,9 @@ CLOSE = (
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
 MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
-MOLECULES = "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
+MOLECULES = (
+    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
+)
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -90,7 +92,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             MANY_BODY,
         ),
         ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
-        ("dihedral dihedrals torsion proper charmm-dihedral", "did you mean 'periodic-dihedral', 'ryckaert-bellemans' or 'opls-dihedral'?"),
+        (
+            "dihedral dihedrals torsion proper",
+            "did you mean 'periodic-dihedral', 'ryckaert-bellemans' or 'opls-dihedral'?",
+        ),
         ("opls", "{word} is 'opls-dihedral' here"),
         ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
         ("improper charmm amber gaff martini tip3p spce", MOLECULES),

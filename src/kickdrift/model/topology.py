@@ -92,7 +92,7 @@ class Topology:
 
     @classmethod
     def from_ase(cls, atoms: Any, **more: Any) -> Topology:
-        """Topology of an ``ase.Atoms`` that ``ase.io.read(..., format="lammps-data")`` made; ``more`` as for `chains`."""
+        """Topology of an ``ase.Atoms`` that ASE's reader of LAMMPS data files made; ``more`` as for `chains`."""
         return cls(**from_atoms(atoms) | more)
 
     @classmethod
@@ -188,8 +188,8 @@ class Topology:
             for e, pair in enumerate(own):
                 if pair in related:
                     raise InputError(
-                        f"topology: exclusions[{e}] = {list(pair)} leaves the pair out, but its particles are {APART[k]} "
-                        f"and factors[{k}] = {factor:g} says that such pairs interact; expected one or the other"
+                        f"topology: exclusions[{e}] = {list(pair)} leaves the pair out, but its particles are "
+                        f"{APART[k]} and factors[{k}] = {factor:g} says that such pairs interact; expected one of both"
                     )
 
 

@@ -36,7 +36,9 @@ def topology_of(table: TopologyTable, folder: Path) -> Topology:
     given = table.model_dump(exclude_none=True)
     sources = [key for key in ("chains", "file", "bonds") if key in given]
     if len(sources) != 1:
-        raise InputError(f"topology: expected exactly one of chains, file and bonds, got {' and '.join(sources) or 'none'}")
+        raise InputError(
+            f"topology: expected exactly one of chains, file and bonds, got {' and '.join(sources) or 'none'}"
+        )
     if (chains := given.pop("chains", None)) is not None:
         if chains["length"] < 2:
             raise InputError("topology.chains.length: expected 2 particles or more")
