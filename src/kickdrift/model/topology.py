@@ -108,12 +108,8 @@ class Topology:
         return hash((len(self.bonds), len(self.angles), len(self.dihedrals), self.factors))
 
     def __str__(self) -> str:
-        found = [counted(len(items), kind[:-1], ",") for kind in SIZES if len(items := getattr(self, kind))]
-        if self.factors is not None:
-            found.append(f"factors {', '.join(f'{each:g}' for each in self.factors)}")
-        if len(self.exclusions):
-            found.append(counted(len(self.exclusions), "exclusion", ","))
-        return "; ".join(found) or "nothing"
+        factors = [] if self.factors is None else [f"factors {', '.join(f'{each:g}' for each in self.factors)}"]
+        return ", ".join([counts_text(self.counts()), *factors])
 
     def __repr__(self) -> str:
         return f"<Topology: {self}>"
@@ -132,6 +128,10 @@ class Topology:
         if len(self.exclusions):
             found["exclusions"] = self.exclusions.tolist()
         return found
+
+    def counts(self) -> dict[str, int]:
+        """Numbers of bonds, angles, dihedrals and exclusions, without those of which there are none."""
+        return {kind: len(items) for kind in (*SIZES, "exclusions") if len(items := getattr(self, kind))}
 
     def types(self, kind: str) -> tuple[str, ...]:
         """Type of each of the ``kind``: "bonds", "angles" or "dihedrals"."""
@@ -191,6 +191,11 @@ class Topology:
                         f"topology: exclusions[{e}] = {list(pair)} leaves the pair out, but its particles are "
                         f"{APART[k]} and factors[{k}] = {factor:g} says that such pairs interact; expected one of both"
                     )
+
+
+def counts_text(counts: Mapping[str, int]) -> str:
+    """Numbers of bonds and so on as text."""
+    return ", ".join(counted(count, kind[:-1], ",") for kind, count in counts.items()) or "nothing joined"
 
 
 def _items(key: str, values: Any, size: int = 0) -> Ids:
