@@ -18,6 +18,7 @@ from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import named_numbers
 from kickdrift.model.cell import Cell, along, cell_of, leaning_image
+from kickdrift.model.internal import LONGEST
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -84,7 +85,7 @@ def bind(force: ListedForce, system: Subject) -> Any:
         which=which,
         items=np.ascontiguousarray(items).copy(),
         cell=cell_of(system.box),
-        longest2=(0.5 * system.box.narrowest[1]) ** 2,
+        longest2=(LONGEST * system.box.narrowest[1]) ** 2,
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )

@@ -16,7 +16,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive, number
 from kickdrift.forces.bonded_check import check_bonded_slope, value_of
 from kickdrift.forces.law import Form, force_of_law
-from kickdrift.model.internal import MEASURED, measured
+from kickdrift.model.internal import LONGEST, MEASURED, measured
 from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
 
@@ -126,12 +126,12 @@ class BondedForce:
         found = measured(system.box, x, items, self.kind)
         if self.kind == "bonds":
             named, height = system.box.narrowest
-            long = np.flatnonzero(~(found < 0.5 * height))
+            long = np.flatnonzero(~(found < LONGEST * height))
             if long.size:
                 k = int(long[0])
                 return (
-                    f"bond {k} of particles {_and(items[k])} is {found[k]:.6g} long; it must be under half the "
-                    f"{named}, {0.5 * height:.6g}, so that its nearest image is certain"
+                    f"bond {k} of particles {_and(items[k])} is {found[k]:.6g} long; it must be under {LONGEST} of "
+                    f"the {named}, {LONGEST * height:.6g}, so that its nearest image is certain"
                 )
         for k, (value, law) in enumerate(zip(found.tolist(), which.tolist(), strict=True)):
             energy, slope = value_of(laws[law], value)

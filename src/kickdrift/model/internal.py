@@ -11,6 +11,9 @@ from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 
 
+LONGEST = 0.49  # of the least height of a box: near half of it, a bond's nearest image is uncertain
+
+
 class Measure(NamedTuple):
     """What a list of particles measures: the particles in each item, and the arguments of a law of it."""
 

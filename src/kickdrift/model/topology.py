@@ -203,15 +203,15 @@ def _items(key: str, values: Any, size: int = 0) -> Ids:
     size = size or SIZES[key]
     if isinstance(values, bool | Mapping | str):
         raise InputError(f"topology: {key}: expected a list, got {shown(values)}")
+    given = values if isinstance(values, np.ndarray) else listed(f"topology: {key}", values, "a list")
     try:
-        found = np.array(values if isinstance(values, np.ndarray) else listed(key, values, "a list"))
+        found = np.array(given)
     except ValueError:
         found = np.empty(0, object)
-    if found.size == 0 and not (isinstance(values, list | tuple) and len(values)):
+    if not len(given):
         return _read_only(np.zeros((0, size), np.int64))
     if found.ndim != 2 or found.shape[1] != size or found.dtype.kind not in "iu" or (found < 0).any():
-        rows = list(values)
-        for k, row in enumerate(rows):
+        for k, row in enumerate(given):
             whole = isinstance(row, Sequence | np.ndarray) and len(row) == size
             if not (whole and all(isinstance(i, int | np.integer) and not isinstance(i, bool) and i >= 0 for i in row)):
                 raise InputError(f"topology: {key}[{k}]: expected the numbers of {size} particles, got {shown(row)}")
