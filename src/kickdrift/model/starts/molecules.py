@@ -60,7 +60,7 @@ def from_file(path: Path) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # MDAnalysis warns of attributes that are not used here
-            lammps = path.suffix.lower() in (".data", ".lammps-data", ".lmp", ".lammps")
+            lammps = path.suffix.lower() in (".data", ".lammps-data", ".lmp")
             universe = Universe(str(path), to_guess=(), **({"topology_format": "DATA"} if lammps else {}))
             found = from_universe(universe)
     except Exception as error:  # each of MDAnalysis' parsers raises errors of its own
