@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 
-
 LONGEST = 0.49  # of the least height of a box: near half of it, a bond's nearest image is uncertain
 
 

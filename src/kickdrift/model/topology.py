@@ -67,8 +67,8 @@ class Topology:
         exclusions: Iterable[Sequence[int]] = (),
     ) -> None:
         self.bonds = _items("bonds", bonds)
-        self.angles = angles_of(self.bonds) if angles is True else _items("angles", angles or ())
-        self.dihedrals = dihedrals_of(self.bonds) if dihedrals is True else _items("dihedrals", dihedrals or ())
+        self.angles = angles_of(self.bonds) if angles is True else _items("angles", angles)
+        self.dihedrals = dihedrals_of(self.bonds) if dihedrals is True else _items("dihedrals", dihedrals)
         self.bond_types = _types("bond_types", bond_types, len(self.bonds))
         self.angle_types = _types("angle_types", angle_types, len(self.angles))
         self.dihedral_types = _types("dihedral_types", dihedral_types, len(self.dihedrals))
@@ -201,6 +201,8 @@ def counts_text(counts: Mapping[str, int]) -> str:
 def _items(key: str, values: Any, size: int = 0) -> Ids:
     """Checked rows of particles: whole numbers, no particle twice in a row, no row twice in either direction."""
     size = size or SIZES[key]
+    if isinstance(values, bool) and not values:
+        values = ()
     if isinstance(values, bool | Mapping | str):
         raise InputError(f"topology: {key}: expected a list, got {shown(values)}")
     given = values if isinstance(values, np.ndarray) else listed(f"topology: {key}", values, "a list")
