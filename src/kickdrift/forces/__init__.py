@@ -42,8 +42,8 @@ _ALL: tuple[Any, ...] = (
     DrivenField,
     LinearDrag,
 )
-for _force in _ALL:  # in this order, whichever module was imported first
-    FORCES[_force.name] = FORCES.pop(_force.name, _force)
+FORCES.clear()  # laws register themselves, in the order of their modules
+FORCES.update({force.name: force for force in _ALL})
 __all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from kickdrift.errors import InputError
-from kickdrift.forces.law_check import where_raised
+from kickdrift.forces.law_check import raised_at
 from kickdrift.model.checks import is_number
 from kickdrift.text import shown
 
@@ -26,7 +26,7 @@ def value_of(law: Any, at: float) -> tuple[float, float]:
         return math.nan, math.nan
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name}: law at {at:.6g} raised {text}{where_raised(error.__traceback__)}") from None
+        raise InputError(f"{name}: law at {at:.6g} raised {text}{raised_at(error.__traceback__)}") from None
     if not isinstance(found, tuple | list) or len(found) != 2 or not all(map(is_number, found)):
         raise InputError(
             f"{name}: law at {at:.6g} must return two numbers, energy and slope; it returned {shown(found)}"

@@ -43,7 +43,7 @@ def check_law(name: str, law: Any, r: float) -> None:
             found = law.law(r * r)
     except Exception as error:  # whatever a user's function raises
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name}: {at}, raised {text}{where_raised(error.__traceback__)}") from None
+        raise InputError(f"{name}: {at}, raised {text}{raised_at(error.__traceback__)}") from None
     if (
         isinstance(found, str)
         or not isinstance(found, tuple | list)
@@ -109,7 +109,7 @@ def _reason(lines: list[str]) -> str:
     return clean(f"{rest[0] if rest else 'numba gives no reason'} {call}".strip(), 200)
 
 
-def where_raised(traceback: TracebackType | None) -> str:
+def raised_at(traceback: TracebackType | None) -> str:
     """Return the line of the law that raised."""
     place = ""
     while traceback is not None:
