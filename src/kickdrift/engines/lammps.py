@@ -31,7 +31,7 @@ MOST_BLIND = 10**6  # steps without reading these counts
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system):
         return reason
     if reason := bonded_refusal(system):
         return reason

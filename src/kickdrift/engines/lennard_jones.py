@@ -9,9 +9,13 @@ from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.model.system import System
 
 
-def only_lennard_jones(system: System, truncations: Collection[str]) -> str | None:
-    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None."""
-    forces = split(system)[0]
+def only_lennard_jones(system: System, truncations: Collection[str], molecules: bool = False) -> str | None:
+    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
+
+    With ``molecules``, bonded forces and exclusions may come beside it."""
+    if not molecules and system.topology is not None and len(system.topology.scaled.pairs):
+        return "topology: pairs that are left out or scaled are not possible"
+    forces = split(system)[0] if molecules else system.forces
     strange = [force.name for force in forces if type(force) is not LennardJones]
     if strange:
         return f"force {strange[0]!r}: only lennard-jones is possible"

@@ -44,7 +44,7 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system):
         return reason
     if reason := strange(system, "OpenMM"):
         return reason
