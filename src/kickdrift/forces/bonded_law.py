@@ -15,6 +15,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive, number
 from kickdrift.forces.bonded_check import check_bonded_slope, value_of
+from kickdrift.forces.group import Grouped
 from kickdrift.forces.law import Form, force_of_law
 from kickdrift.model.internal import LONGEST, MEASURED, measured
 from kickdrift.model.state import Floats
@@ -27,7 +28,7 @@ TURN = math.pi / 180.0  # angles in system files are in degrees, in laws in radi
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BondedForce:
+class BondedForce(Grouped):
     """Parameters of every force on listed particles, besides those of its law.
 
     Attributes

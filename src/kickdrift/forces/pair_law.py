@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.group import Grouped
 from kickdrift.forces.law import Form, force_of_law
 from kickdrift.forces.law_check import check_law, check_slope
 from kickdrift.model.checks import number
@@ -30,7 +31,7 @@ SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume sta
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairForce:
+class PairForce(Grouped):
     """Parameters of every pair force, besides those of its law.
 
     Attributes
