@@ -46,7 +46,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
         elif isinstance(event, Crossing):
             _check_signature(event, ("t", "x", "v"))
-        if getattr(event, "action", "") in ("merge", "remove") and system.acting("joins"):
+        joined = system.topology is not None or system.acting("joins")
+        if getattr(event, "action", "") in ("merge", "remove") and joined:
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs or bonds")  # type: ignore[union-attr]
     return found
 

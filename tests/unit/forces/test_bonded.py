@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.forces import pair_binding
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.row_lanes import Narrow, NarrowSingle, WideSingle
 from kickdrift.trajectory.info import describe, info
 
 CUTOFF = 2.5
@@ -71,12 +73,16 @@ def test_pair_forces_leave_out_and_scale(box, mixture):
         assert found.pairs == count
 
 
-def test_exclusions_in_mixed_precision():
-    system = melt()
+@pytest.mark.long
+@pytest.mark.parametrize("lanes", [Narrow(), WideSingle(), NarrowSingle()], ids=lambda lanes: type(lanes).__name__)
+def test_exclusions_with_other_widths_of_lanes(monkeypatch, lanes):
+    monkeypatch.setattr(pair_binding, "row_lanes", lambda mixed: lanes)
+    system, single = melt(), not isinstance(lanes, Narrow)
     forces, energy, *_ = pair_sums(system)
-    found = BoundForces(system, mixed=True).measure(0.0, system.state.phase)
-    np.testing.assert_allclose(found.accelerations.T, forces, atol=1e-5 * np.abs(forces).max(), rtol=0)
-    assert found.potential == pytest.approx(energy, rel=1e-5)
+    found = BoundForces(system, mixed=single).measure(0.0, system.state.phase)
+    off = 1e-5 if single else 1e-12
+    np.testing.assert_allclose(found.accelerations.T, forces, atol=off * np.abs(forces).max(), rtol=0)
+    assert found.potential == pytest.approx(energy, rel=off)
 
 
 def test_factors_of_one_change_no_bit():

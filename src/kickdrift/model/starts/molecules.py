@@ -18,6 +18,8 @@ _ASE = re.compile(r"(\d+(?:-\d+)*)\((\w+)\)")  # such as "3(1),4(2)" for bonds, 
 def from_universe(universe: Any) -> dict[str, Any]:
     """Arguments of a Topology from an MDAnalysis Universe: its bonds, angles and dihedrals, with their types."""
     found: dict[str, Any] = {}
+    if impropers := len(getattr(universe, "impropers", ())):
+        warnings.warn(f"{impropers:,} improper dihedrals are left out: there is no force for them yet", stacklevel=4)
     for kind in KINDS:
         items = getattr(universe, kind, None)  # MDAnalysis raises an AttributeError of its own for a missing list
         if items is None or not len(items):
@@ -62,10 +64,10 @@ def from_file(path: Path) -> dict[str, Any]:
             warnings.simplefilter("ignore")  # MDAnalysis warns of attributes that are not used here
             lammps = path.suffix.lower() in (".data", ".lammps-data", ".lmp")
             universe = Universe(str(path), to_guess=(), **({"topology_format": "DATA"} if lammps else {}))
-            found = from_universe(universe)
     except Exception as error:  # each of MDAnalysis' parsers raises errors of its own
         text = " ".join((str(error) or type(error).__name__).split())
         raise InputError(f"MDAnalysis cannot read a topology from {path}: {shown(text)}") from None
+    found = from_universe(universe)
     if not found:
         raise InputError(f"{path} holds no bonds, angles or dihedrals")
     return found
