@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import is_number, listed, whole_number
 from kickdrift.model.relatives import Relatives, angles_of, dihedrals_of
-from kickdrift.model.starts.molecules import from_atoms, from_universe
+from kickdrift.model.starts.molecules import from_atoms, from_universe, replaced
 from kickdrift.text import counted, shown
 
 Ids = NDArray[np.int64]
@@ -93,13 +93,13 @@ class Topology:
     @classmethod
     def from_ase(cls, atoms: Any, **more: Any) -> Topology:
         """Topology of an ``ase.Atoms`` that ASE's reader of LAMMPS data files made; ``more`` as for `chains`."""
-        return cls(**from_atoms(atoms) | more)
+        return cls(**replaced(from_atoms(atoms), more))
 
     @classmethod
     def from_mdanalysis(cls, universe: Any, **more: Any) -> Topology:
         """Topology of an ``MDAnalysis.Universe``: its bonds, angles and dihedrals with their types; ``more`` as for
         `chains`."""
-        return cls(**from_universe(universe) | more)
+        return cls(**replaced(from_universe(universe), more))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Topology) and self.tables() == other.tables()

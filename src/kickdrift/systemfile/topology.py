@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import PositiveInt
 
 from kickdrift.errors import InputError
-from kickdrift.model.starts.molecules import from_file
+from kickdrift.model.starts.molecules import from_file, replaced
 from kickdrift.model.topology import Topology
 from kickdrift.systemfile.schema_base import Table
 
@@ -50,5 +50,5 @@ def topology_of(table: TopologyTable, folder: Path) -> Topology:
             found = from_file(folder / name)
         except InputError as error:
             raise InputError(f"topology.file: {error}") from None
-        return Topology(**found | given)
+        return Topology(**replaced(found, given))
     return Topology(**given)

@@ -191,6 +191,22 @@ Angles
 """
 
 
+def test_a_universe_of_mdanalysis():
+    import MDAnalysis
+
+    universe = MDAnalysis.Universe.empty(5)
+    universe.add_TopologyAttr("bonds", [(0, 1), (1, 2), (2, 3), (3, 4)])
+    assert kd.Topology.from_mdanalysis(universe) == kd.Topology.chains(1, 5)
+    universe.add_TopologyAttr("types", ["C", "C", "H", "C", "C"])
+    universe.add_TopologyAttr("angles", [(0, 1, 2)])
+    found = kd.Topology.from_mdanalysis(universe, angles=True, factors=(0, 0, 1))
+    assert found.types("bonds") == ("C-C", "C-H", "C-H", "C-C")
+    assert found.angles.tolist() == [[0, 1, 2], [1, 2, 3], [2, 3, 4]]
+    universe.add_TopologyAttr("impropers", [(0, 1, 2, 3)])
+    with pytest.warns(UserWarning, match="left out 1 improper dihedral: there is no force"):
+        kd.Topology.from_mdanalysis(universe)
+
+
 def test_a_data_file_of_lammps(tmp_path):
     path = tmp_path / "start.data"
     path.write_text(DATA)

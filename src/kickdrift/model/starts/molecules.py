@@ -9,7 +9,7 @@ from typing import Any
 
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
-from kickdrift.text import shown
+from kickdrift.text import counted, shown
 
 KINDS = ("bonds", "angles", "dihedrals")
 _ASE = re.compile(r"(\d+(?:-\d+)*)\((\w+)\)")  # such as "3(1),4(2)" for bonds, "2-4(1)" for angles
@@ -19,18 +19,29 @@ def from_universe(universe: Any) -> dict[str, Any]:
     """Arguments of a Topology from an MDAnalysis Universe: its bonds, angles and dihedrals, with their types."""
     found: dict[str, Any] = {}
     if impropers := len(getattr(universe, "impropers", ())):
-        warnings.warn(f"{impropers:,} improper dihedrals are left out: there is no force for them yet", stacklevel=4)
+        warnings.warn(
+            f"left out {counted(impropers, 'improper dihedral')}: there is no force for them yet", stacklevel=4
+        )
     for kind in KINDS:
         items = getattr(universe, kind, None)  # MDAnalysis raises an AttributeError of its own for a missing list
         if items is None or not len(items):
             continue
         found[kind] = items.indices.tolist()
-        found[f"{kind[:-1]}_types"] = [_name(item.type) for item in items]
+        if types := [_name(item) for item in items]:
+            found[f"{kind[:-1]}_types"] = types if all(types) else "1"
     return found
 
 
-def _name(kind: Any) -> str:
-    return "-".join(map(str, kind)) if isinstance(kind, tuple) else str(kind)
+def _name(item: Any) -> str:
+    """Return the type of an item, or the types of its atoms; "" without any."""
+    kind = getattr(item, "type", "")  # MDAnalysis raises an AttributeError of its own where atoms have no types
+    return "-".join(map(str, min(kind, kind[::-1]))) if isinstance(kind, tuple) else str(kind)
+
+
+def replaced(found: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    """Return arguments of a Topology with other ones in their place; other lists do not keep the types of the old."""
+    old = {f"{kind[:-1]}_types" for kind in KINDS if kind in more}
+    return {key: value for key, value in found.items() if key not in old} | more
 
 
 def from_atoms(atoms: Any) -> dict[str, Any]:
