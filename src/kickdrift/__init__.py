@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
+    from kickdrift.analysis.doctor import Installation, doctor
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -55,6 +56,8 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
+    from kickdrift.systemfile.templates import template
+    from kickdrift.trajectory.citing import cite
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.opened import open
     from kickdrift.trajectory.options import FileOptions
@@ -77,6 +80,7 @@ _HOMES = {
     "FileOptions": "trajectory.options",
     "InputError": "errors",
     "KickdriftError": "errors",
+    "Installation": "analysis.doctor",
     "Listing": "run.listing",
     "Minimum": "run.minimization",
     "Option": "integrators.option",
@@ -90,7 +94,9 @@ _HOMES = {
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
+    "cite": "trajectory.citing",
     "compare": "analysis.comparing",
+    "doctor": "analysis.doctor",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
     "listing": "run.listing",
@@ -108,6 +114,7 @@ _HOMES = {
     "resume": "run.resuming",
     "solve": "run.solve",
     "stability": "plots.figures",
+    "template": "systemfile.templates",
 }
 
 __all__ = [
@@ -132,6 +139,7 @@ __all__ = [
     "HarmonicBond",
     "HarmonicTrap",
     "InputError",
+    "Installation",
     "KickdriftError",
     "LennardJones",
     "LinearDrag",
@@ -160,8 +168,10 @@ __all__ = [
     "analysis",
     "angle_law",
     "bond_law",
+    "cite",
     "compare",
     "dihedral_law",
+    "doctor",
     "engines",
     "export",
     "integrator",
@@ -178,6 +188,7 @@ __all__ = [
     "resume",
     "solve",
     "stability",
+    "template",
 ]
 
 # A public name in no other table is a force.
