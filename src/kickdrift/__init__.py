@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from kickdrift.forces import *
     from kickdrift.forces.body_law import body_law
     from kickdrift.forces.field_law import field_law
+    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
+    from kickdrift.model.topology import Topology
     from kickdrift.plots.figures import stability
     from kickdrift.run.listing import Listing, listing
     from kickdrift.run.minimization import Minimum
@@ -93,6 +95,7 @@ _HOMES = {
     "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
+    "Topology": "model.topology",
     "body_law": "forces.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.comparing",
@@ -104,6 +107,9 @@ _HOMES = {
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.opened",
+    "angle_law": "forces.bonded_law",
+    "bond_law": "forces.bonded_law",
+    "dihedral_law": "forces.bonded_law",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
@@ -123,14 +129,18 @@ __all__ = [
     "Collision",
     "Column",
     "Comparison",
+    "CosineAngle",
     "Crossing",
     "DrivenField",
     "Energies",
     "Ensemble",
     "Escape",
+    "Fene",
     "FileOptions",
     "Gravity",
     "GravityTree",
+    "HarmonicAngle",
+    "HarmonicBond",
     "HarmonicTrap",
     "InputError",
     "Installation",
@@ -139,25 +149,33 @@ __all__ = [
     "LinearDrag",
     "Listing",
     "Minimum",
+    "MorseBond",
     "Oblateness",
+    "OplsDihedral",
     "Option",
     "Orbit",
     "OrbitTable",
+    "PeriodicDihedral",
     "PostNewtonian",
     "Problem",
     "Report",
     "RunError",
+    "RyckaertBellemans",
     "Simulation",
     "Solution",
     "Springs",
     "State",
     "System",
+    "Topology",
     "UniformField",
     "accelerations",
     "analysis",
+    "angle_law",
+    "bond_law",
     "body_law",
     "cite",
     "compare",
+    "dihedral_law",
     "doctor",
     "engines",
     "export",

@@ -5,14 +5,29 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import kickdrift as kd
+from kickdrift.forces.bonded_law import BondedForce
+
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
     "relativity-1pn": {"c": 100.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
+    "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
+    "fene": {"length": 20.0},
+    "morse-bond": {"depth": 2.0, "width": 1.5, "length": 0.9},
+    "harmonic-angle": {"stiffness": 2.0, "rest": 110.0},
+    "periodic-dihedral": {"barrier": 2.0, "multiplicity": 3.0, "phase": 30.0},
+    "ryckaert-bellemans": {"c0": 0.3, "c1": 0.5, "c2": -0.4, "c3": 0.2, "c4": 0.6, "c5": -0.1},
+    "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
+
+
+def topology(force: Any) -> kd.Topology | None:
+    """A chain of the first four particles for a bonded force; None for other forces."""
+    return kd.Topology([(0, 1), (1, 2), (2, 3)], True, True) if isinstance(force, BondedForce) else None
 
 
 def example(cls: Any, **given: Any) -> Any:

@@ -25,7 +25,7 @@ import kickdrift as kd
 from kickdrift.forces import FORCES
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import example, topology
 from kickdrift_validation.lennard_jones import direct, frames_of
 from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT, melt
 
@@ -73,9 +73,9 @@ def slope(f: Callable[[float], float]) -> float:
 def simulation(x: np.ndarray, force: Any, edge: float | None = None, masses: Any = 1.0) -> kd.Simulation:
     """The particles at rest; of two kinds where the force knows two."""
     species = ["AB"[k % 2] for k in range(len(x))] if getattr(force, "species", None) else None
-    return kd.Simulation(
-        kd.System(x, masses=masses, box=None if edge is None else [edge] * 3, forces=[force], species=species), dt=DT
-    )
+    box = None if edge is None else [edge] * 3
+    system = kd.System(x, masses=masses, box=box, forces=[force], species=species, topology=topology(force))
+    return kd.Simulation(system, dt=DT)
 
 
 def gradient(force: Any, x: np.ndarray, edge: float | None) -> float:

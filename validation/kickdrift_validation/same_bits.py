@@ -34,7 +34,7 @@ from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import example, topology
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -80,7 +80,8 @@ def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = 
     x, v = grid + rng.uniform(-0.08, 0.08, (count, 3)), 1.4 * rng.normal(size=(count, 3))
     names = ["A" if k % 3 or species == 1 else "B" for k in range(count)]
     masses, box = np.where(np.array(names) == "A", 1.0, 2.0), (length,) * 3 if periodic else None
-    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names)
+    joined = next((found for force in forces if (found := topology(force))), None)
+    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names, topology=joined)
 
 
 def disc(forces: list[Any], few: bool = False) -> kd.System:

@@ -30,6 +30,7 @@ from kickdrift.model.box import Box, Oriented
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.topology import SIZES, Topology
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.model.units import quantity
 from kickdrift.text import shown
@@ -78,7 +79,11 @@ def system_of(
 
 
 def _system(
-    atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None
+    atoms: Any,
+    forces: Iterable[Any] | None,
+    units: str | UnitSystem,
+    species: Any = None,
+    topology: Topology | None = None,
 ) -> tuple[System, Floats | None]:
     """Return the System, and the rotation (3, 3) of ASE's axes into its own; None if the axes are the same."""
     if not isinstance(atoms, Atoms):
@@ -107,8 +112,16 @@ def _system(
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
         dimensions=_dimensions(atoms),
+        topology=_topology(atoms) if topology is None else topology,
     )
     return system, rotation
+
+
+def _topology(atoms: Any) -> Topology | None:
+    """Return the topology of the atoms' calculator, or of lists that ASE's reader of LAMMPS data files stored."""
+    if (kept := getattr(atoms.calc, "topology", None)) is not None and isinstance(kept, Topology):
+        return kept
+    return Topology.from_ase(atoms) if any(kind in atoms.arrays for kind in SIZES) else None
 
 
 def _dimensions(atoms: Any) -> int:
@@ -208,7 +221,7 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
     if system.dimensions == 2:
         atoms.info[DIMENSIONS] = 2
     if calculator and system.forces:
-        atoms.calc = Calculator(system.forces, system.units)
+        atoms.calc = Calculator(system.forces, system.units, topology=system.topology)
     return atoms
 
 
@@ -226,6 +239,7 @@ class Calculator(AseCalculator):
     units : str or UnitSystem
         Units of the forces' parameters; see `System.from_ase`.
     threads : int
+    topology : Topology of molecules; default that of the atoms, see `System.from_ase`
 
     Raises
     ------
@@ -239,11 +253,17 @@ class Calculator(AseCalculator):
     implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
     nolabel = True
 
-    def __init__(self, forces: Iterable[Any], units: str | UnitSystem = "metal", threads: int = 1) -> None:
+    def __init__(
+        self,
+        forces: Iterable[Any],
+        units: str | UnitSystem = "metal",
+        threads: int = 1,
+        topology: Topology | None = None,
+    ) -> None:
         super().__init__()
         self.forces = tuple(forces)
         self.units = unit_system(units) if isinstance(units, str) else units
-        self.threads = threads
+        self.threads, self.topology = threads, topology
         for force in self.forces:
             for trait in ("velocity_dependent", "works"):
                 if getattr(force, trait, False):
@@ -266,7 +286,7 @@ class Calculator(AseCalculator):
 
         super().calculate(atoms, properties, system_changes)
         if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:
-            self._system, self._rotation = _system(self.atoms, self.forces, self.units)
+            self._system, self._rotation = _system(self.atoms, self.forces, self.units, topology=self.topology)
             self._bound = BoundForces(self._system, self.threads)
         turn = np.eye(3) if self._rotation is None else self._rotation
         given = self.atoms.positions if self._rotation is None else self.atoms.positions @ turn.T

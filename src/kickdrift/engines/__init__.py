@@ -147,11 +147,11 @@ ENGINES: dict[str, Engine] = {
             },
         ),
         Engine(
-            "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut and fix nve, in one process or many",
+            "lammps", "Lennard-Jones, mixtures and molecules too: LAMMPS' lj/cut and fix nve, in one process or many",
             ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, processes=True,
         ),
         Engine(
-            "openmm", "Lennard-Jones and gravity: OpenMM's CustomNonbondedForce in float64 (its Reference platform)",
+            "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
             ("openmm",), ("8",), {_VERLET: "CustomIntegrator"},
         ),
     )

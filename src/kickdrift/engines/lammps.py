@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.bonded import split
 from kickdrift.engines.job import Job
+from kickdrift.engines.lammps_bonded import bonded_of
+from kickdrift.engines.lammps_bonded import refusal as bonded_refusal
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.session import Session, Trouble
@@ -28,9 +31,11 @@ MOST_BLIND = 10**6  # steps without reading these counts
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system):
         return reason
-    if system.dimensions == 2 and system.forces[0].tail:
+    if reason := bonded_refusal(system):
+        return reason
+    if system.dimensions == 2 and split(system)[0][0].tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
@@ -53,7 +58,7 @@ def model_of(job: Job) -> Model:
     """Model for LAMMPS."""
     system, dt = job.system, job.options.dt
     assert dt is not None
-    force: Any = system.forces[0]
+    force: Any = split(system)[0][0]
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     laws = [
@@ -69,6 +74,7 @@ def model_of(job: Job) -> Model:
         tail=force.tail,
         dt=dt,
         dimensions=system.dimensions,
+        bonded=bonded_of(system),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.lammps_bonded import Bonded, read_particles
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
@@ -27,6 +28,7 @@ class Model(NamedTuple):
     pairs : (type, type, epsilon, sigma) for each pair of types
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
+    bonded : bonds, angles and dihedrals, if any
     """
 
     box: Box
@@ -38,6 +40,7 @@ class Model(NamedTuple):
     tail: bool
     dt: float
     dimensions: int = 3
+    bonded: Bonded | None = None
 
 
 class World:
@@ -67,14 +70,26 @@ class World:
         edges = np.column_stack([low, high]).ravel().tolist()
         shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
-        for line in (
+        self._commands(
             "units lj",  # no constants: the numbers are in any coherent system of units
             f"dimension {model.dimensions}",
-            "atom_style atomic",
+            f"atom_style {'molecular' if model.bonded else 'atomic'}",
             f"boundary {' '.join(boundary)}",
-            f"region box {shape} units box",
-            f"create_box {len(model.masses)} box",
-            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
+        )
+        if model.bonded:
+            self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
+            read_particles(self.lmp, model, edges, x, v)
+            reach = max(model.bonded.reach, model.cutoff + skin)
+            self._commands(
+                f"comm_modify cutoff {reach!r}", *(line for line in model.bonded.commands if "_coeff" in line)
+            )
+        else:
+            self._commands(
+                f"region box {shape} units box",
+                f"create_box {len(model.masses)} box",
+                *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
+            )
+        self._commands(
             f"pair_style lj/cut {model.cutoff!r}",
             f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
             *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
@@ -85,10 +100,9 @@ class World:
             "compute pull all pressure NULL virial",
             "thermo 1000000000",  # only at the end of each run
             "thermo_modify norm no lost error",
-        ):
-            self.lmp.command(line)
+        )
         n = len(x)
-        for at in range(0, n, AT_ONCE):
+        for at in range(0, 0 if model.bonded else n, AT_ONCE):
             part = slice(at, min(n, at + AT_ONCE))
             self.lmp.create_atoms(
                 part.stop - at, list(range(at + 1, part.stop + 1)), model.types[part].tolist(),
@@ -97,6 +111,10 @@ class World:
         if (made := int(self.lmp.get_natoms())) != n:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
+
+    def _commands(self, *lines: str) -> None:
+        for line in lines:
+            self.lmp.command(line)
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""

@@ -4,6 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.forces.bonded import (
+    CosineAngle,
+    Fene,
+    HarmonicAngle,
+    HarmonicBond,
+    MorseBond,
+    OplsDihedral,
+    PeriodicDihedral,
+    RyckaertBellemans,
+)
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
@@ -19,6 +29,14 @@ _ALL: tuple[Any, ...] = (
     PostNewtonian,
     Oblateness,
     Springs,
+    HarmonicBond,
+    Fene,
+    MorseBond,
+    HarmonicAngle,
+    CosineAngle,
+    PeriodicDihedral,
+    RyckaertBellemans,
+    OplsDihedral,
     HarmonicTrap,
     UniformField,
     DrivenField,

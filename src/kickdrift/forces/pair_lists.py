@@ -16,6 +16,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.forces.special_pairs import with_special_room
 
 THIN = 1e-3  # part of the cutoff: a skin for rounding alone
 
@@ -54,7 +55,8 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     pairs = bound.pairs
     chunks = len(pairs.made)
     rows = empty_rows(chunks, room, pairs.block)
-    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
+    special = with_special_room(pairs.special, room)
+    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows, special=special)
 
 
 def memory(bound: PairKernel) -> dict[str, Any]:

@@ -19,7 +19,9 @@ CLOSE = (
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
 MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
-MOLECULES = "angles, torsions and force fields of molecules are not there yet; 'springs' are harmonic bonds"
+MOLECULES = (
+    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
+)
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -60,7 +62,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("fr4 forestruth", "{word} is 'forest-ruth' here"),
         ("omelyan", "{word} is 'pefrl' here"),
         ("respa r-respa rrespa mts multiple-time-step", "multiple time steps are not there yet"),
-        ("rattle shake settle lincs", "constraints are not there yet; 'springs' are harmonic bonds"),
+        ("rattle shake settle lincs", "constraints are not there yet; 'harmonic-bond' is a stiff bond"),
         ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
         ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
         ("langevinintegrator gjf fix-langevin", "{word} is 'baoab' here"),
@@ -89,7 +91,14 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "nequip deepmd mlip gap",
             MANY_BODY,
         ),
-        ("angle angles dihedral dihedrals improper torsion charmm amber opls gaff martini tip3p spce", MOLECULES),
+        ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
+        (
+            "dihedral dihedrals torsion proper",
+            "did you mean 'periodic-dihedral', 'ryckaert-bellemans' or 'opls-dihedral'?",
+        ),
+        ("opls", "{word} is 'opls-dihedral' here"),
+        ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
+        ("improper charmm amber gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
@@ -97,8 +106,11 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
         ("gr gr-full gr-potential 1pn pn1 post-newtonian relativity schwarzschild", "{word} is 'relativity-1pn' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j4", "{word} is 'j2' here"),
-        ("spring bond bonds harmonic-bond bond-harmonic", "{word} is 'springs' here"),
-        ("harmonic", "did you mean 'springs' between particles, or 'harmonic-trap' around a point?"),
+        ("spring", "{word} is 'springs' here"),
+        ("bond bonds bond-harmonic harmonicbondforce", "{word} is 'harmonic-bond' here"),
+        ("harmonicangleforce angle-harmonic", "{word} is 'harmonic-angle' here"),
+        ("fene/expand finite-extensible", "{word} is 'fene' here"),
+        ("harmonic", "did you mean 'harmonic-bond' or 'springs' between particles, or 'harmonic-trap' around a point?"),
         ("trap spring/self harmonic-well", "{word} is 'harmonic-trap' here"),
         ("field external constant-force addforce efield uniform gravity-uniform", "{word} is 'uniform-field' here"),
         ("drag friction stokes viscous", "{word} is 'linear-drag' here"),

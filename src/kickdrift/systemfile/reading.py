@@ -47,6 +47,7 @@ from kickdrift.systemfile.schema import (
     ode_table,
 )
 from kickdrift.systemfile.schema_run import run_defaults
+from kickdrift.systemfile.topology import topology_of
 from kickdrift.text import shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
@@ -178,6 +179,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
+    topology = topology_of(table.topology, path.parent) if table.topology else None
     equilibration = Equilibration(**table.equilibrate.model_dump()) if table.equilibrate else None
 
     def system(velocities: Floats | None) -> System:
@@ -203,6 +205,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             start.names,
             start.radii,
             dimensions=table.dimensions,
+            topology=topology,
         )
 
     made = system(velocities)

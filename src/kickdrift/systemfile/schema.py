@@ -26,6 +26,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bonded_law import BondedForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.asked import known_options
 from kickdrift.model import checks
@@ -45,6 +46,7 @@ from kickdrift.systemfile.schema_base import (
     Velocity,
 )
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
+from kickdrift.systemfile.topology import TopologyTable
 from kickdrift.text import VALUE, clean, shown
 
 
@@ -169,6 +171,7 @@ class SystemTable(Table):
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
+    topology: TopologyTable | None = None
     force: list[dict[str, Any]]  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
@@ -180,6 +183,7 @@ class SystemTable(Table):
         """Suggest a key; for a key of one of the tables, also name its table."""
         run = [*RunDefaults().__dict__, *known_options()]
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
+        within["topology"] = TopologyTable.model_fields
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
         return f"; did you mean {found[0]}?" if found else super().hint(key)
 
@@ -255,6 +259,8 @@ def force_table(cls: type) -> type[Table]:
     for key, parameter in inspect.signature(cls).parameters.items():
         if key == "species":
             kind: Any = dict[str, one]
+        elif key == "types" and issubclass(cls, BondedForce):
+            kind = dict[str, one]
         elif key == "pairs" and issubclass(cls, PairForce):
             pair: Any = create_model("pair", __base__=one, species=names)
             kind = list[pair]

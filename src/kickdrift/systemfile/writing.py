@@ -61,6 +61,8 @@ def tables_of(system: System) -> dict[str, Any]:
     tables |= {"particles": particles, "velocities": {"values": state.velocities}}
     if system.box.periodic:
         tables["box"] = _box(system.box)
+    if system.topology is not None:
+        tables["topology"] = system.topology.tables()
     tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]
