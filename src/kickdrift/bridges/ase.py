@@ -10,9 +10,8 @@ fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from ase import Atoms
@@ -26,42 +25,17 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces import LennardJones
 from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
+from kickdrift.model.ase_units import Scale
 from kickdrift.model.box import Box, Oriented
-from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem, unit_system
-from kickdrift.model.units import quantity
 from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
 DIMENSIONS = "dimensions"  # 2 in info, for particles in a plane
 SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
-
-
-class Scale(NamedTuple):
-    """Factors from ASE's units to a unit system."""
-
-    length: float
-    energy: float
-    mass: float
-    velocity: float
-
-    @property
-    def force(self) -> float:
-        return self.energy / self.length
-
-    @classmethod
-    def of(cls, units: UnitSystem) -> Scale:
-        """Return the factors; all are 1 for units unknown to ASE."""
-        if FileUnits.of(units).nominal:
-            return cls(1.0, 1.0, 1.0, 1.0)
-        given = {"length": "angstrom", "energy": "eV", "mass": "u"}
-        length, energy, mass = (
-            1.0 if getattr(units, key) == unit else quantity(f"1 {unit}", key, units) for key, unit in given.items()
-        )
-        return cls(length, energy, mass, math.sqrt(energy / (mass * units.coherent_mass)))
 
 
 def system_of(
