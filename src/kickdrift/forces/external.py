@@ -103,6 +103,11 @@ class PythonForce(Field):
         object.__setattr__(other, "backward", not self._backward)
         return other
 
+    def no_pressure(self, system: Subject) -> str:
+        """Why samples have no pressure; "" if they have one."""
+        lacking = np.isfinite(system.volume) and not vars(self).get("virial", False)
+        return f"the function {self.label} returns no virial" if lacking else ""
+
     def check(self, system: Subject) -> None:
         """Call the function at the system's positions, and refuse what it must not return or depend on."""
         check_massive(self.name, system, range(len(system)))
@@ -116,7 +121,8 @@ class PythonForce(Field):
             raise InputError(f"{self.name}: {self.label} raised {what} at the system's positions") from error
 
     def _check(self, system: Subject, x: Floats, v: Floats, time: float) -> None:
-        forces, _, _ = answer_of(self.asked(x, v, time, system.box), len(system), self.works)
+        forces, _, virial = answer_of(self.asked(x, v, time, system.box), len(system), self.works)
+        object.__setattr__(self, "virial", not np.isnan(virial))
         trials = {
             "velocity_dependent": (x, v + 1.0 + np.abs(v).max(), time),
             "time_dependent": (x, v, time + LATER),

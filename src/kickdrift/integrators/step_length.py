@@ -58,7 +58,8 @@ def can_be_checked(flow: Flow, method: Method) -> bool:
     if not isinstance(flow, ParticleFlow) or longest_step(method) is None:
         return False
     forces = flow.subject.forces
-    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, PairForce | CalculatorForce) for f in forces)
+    refused = any(isinstance(force, PairForce | CalculatorForce) for force in forces)
+    return 1 <= len(flow.subject) <= MOST and bool(forces) and not refused
 
 
 def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:
