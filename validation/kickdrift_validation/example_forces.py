@@ -5,12 +5,29 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import numpy as np
+
+
+def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -> tuple[Any, float, float]:
+    """A weak harmonic trap as a plain function; no pairs of particles, so no virial."""
+    return -0.1 * positions, 0.05 * float(np.sum(positions**2)), 0.0
+
+
+def ases_lennard_jones(**given: float) -> Any:
+    """ASE's calculator, imported where it is made: ASE is no part of kickdrift."""
+    from ase.calculators.lj import LennardJones
+
+    return LennardJones(**given)
+
+
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
     "relativity-1pn": {"c": 100.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "python": {"function": pull},
+    "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
 

@@ -40,6 +40,7 @@ class CalculatorHost(Host):
     def __init__(self, calculator: Any, atoms: Any, volume: float, units: Scale, *given: Any, **more: Any) -> None:
         super().__init__(*given, **more)
         self._calculator, self._atoms, self._volume, self._scale = calculator, atoms, volume, units
+        self._open = not atoms.pbc.any()
         atoms.arrays["positions"] = self.parts.positions  # no copy: this memory is the atoms'
         self._properties = ["energy", "forces", *(["stress"] if np.isfinite(volume) else [])]
         self._begun = _BEGUN.setdefault(calculator, Begun())
@@ -84,7 +85,7 @@ class CalculatorHost(Host):
             if wanted not in results:
                 raise InputError(f"returned no {wanted}")
         energy = results.get("free_energy", results["energy"])  # whose slope the forces are, for smeared electrons
-        virial = np.nan
+        virial = float(np.vdot(self.parts.positions, results["forces"])) * self._scale.energy if self._open else np.nan
         if np.isfinite(self._volume):
             stress = results["stress"]
             trace = stress[0] + stress[1] + stress[2] if np.shape(stress) == (6,) else np.trace(stress)
