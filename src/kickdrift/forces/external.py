@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from kickdrift.model.state import Floats
     from kickdrift.model.subject import Subject
 
+LOAD = "FILE.py"  # a file that makes the force
 SHAPE = "expected (forces, energy) or (forces, energy, virial)"
 LATER = 0.37  # time of a trial, to see whether a function depends on time
 
@@ -68,7 +69,7 @@ class PythonForce(Field):
 
     def __post_init__(self) -> None:
         if isinstance(self.function, str):
-            object.__setattr__(self, "function", found(f"{self.name}: function", self.function))
+            object.__setattr__(self, "function", found(f"{self.name}: function", self.function, LOAD))
         if not callable(self.function):
             raise InputError(f"{self.name}: function: expected a function, got {shown(self.function)}")
         if signature := misfit(self.function, None, None, None, None):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from kickdrift.errors import InputError
@@ -49,16 +50,29 @@ def load_module(name: str) -> None:
     _MODULES.add(name)
 
 
+def home_of(path: Any) -> str | Path | None:
+    """What another process loads before a file may name this code: a Python file, or the name of a module. None for
+    code that this program has not named."""
+    if not isinstance(path, str) or "." not in path:
+        return None
+    module = path.rpartition(".")[0]
+    if module in _MODULES or (path in _NAMED and "." in module):
+        return module
+    code = _NAMED.get(path)
+    source = None if code is None else getattr(sys.modules.get(code.__module__), "__file__", None)
+    return Path(source).resolve() if source else None
+
+
 def installation(module: str) -> str:
     """What to install for a missing module of ASE; else ""."""
     return "; ASE: pip install 'kickdrift[ase]'" if module.split(".")[0] == "ase" and "ase" not in sys.modules else ""
 
 
-def found(key: str, path: Any) -> Any:
+def found(key: str, path: Any, load: str = "") -> Any:
     """The function or class of an import path in a file.
 
     Raises an InputError that begins with ``key`` for a path that this program has not named, and for one that does not
-    exist."""
+    exist. ``load`` is what to give to ``--load``, by default the path's module."""
     if not isinstance(path, str) or not all(part.isidentifier() for part in path.split(".")) or "." not in path:
         raise InputError(f"{key}: expected an import path such as ase.calculators.emt.EMT, got {shown(path)}")
     if path in _NAMED:
@@ -66,8 +80,8 @@ def found(key: str, path: Any) -> Any:
     module, _, name = path.rpartition(".")
     if module not in _MODULES:
         raise InputError(
-            f"{key}: {path} is code, and a file runs no code by itself; --load {module} allows it (before the command), "
-            "or in Python kd.register_force"
+            f"{key}: {path} is code, and a file runs no code by itself; kickdrift --load {load or module} COMMAND allows "
+            "it, in Python kd.register_force or a system given to kd.resume"
         )
     there = vars(sys.modules[module])
     own = [each for each, value in there.items() if callable(value) and path_of(value) == f"{module}.{each}"]
