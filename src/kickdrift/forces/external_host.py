@@ -42,7 +42,7 @@ class Host:
     ----------
     parts : ExternalKernel
     what : name of the function or calculator in messages
-    error : exception that the last call raised, if any
+    error : first exception that a call raised since a method last began steps, if any
     positions, velocities : (n, 3), as the function sees them; read-only views
     """
 
@@ -92,12 +92,11 @@ class Host:
         return np.frombuffer(block).reshape(shape)
 
     def _called(self, time: float, aside: int) -> int:
-        self.error = None
         self.parts.notes[CALLS] += 1
         try:
             self.answer(time, bool(aside))
         except BaseException as error:  # an exception must not pass through compiled code
-            self.error = error
+            self.error = self.error or error
             return RAISED
         return OK
 
@@ -122,7 +121,7 @@ class Host:
 
     @property
     def failure(self) -> str:
-        """One line about the last call if it raised, or if its answer lacks a finite energy or finite forces; else
+        """One line about the call that raised, or about a last answer without a finite energy or finite forces; else
         ""."""
         if (error := self.error) is not None:
             what = str(error) if isinstance(error, InputError) else f"raised {type(error).__name__}: {error}"
@@ -136,13 +135,6 @@ class Host:
             return f"returned a force on particle {bad[0]} that is not finite"
         energy = float(parts.answer[ENERGY])
         return "" if np.isfinite(energy) else f"returned the energy {energy}"
-
-    def forget(self) -> None:
-        """Forget answers and errors."""
-        self.error = None
-        self.parts.notes[KNOWN] = UNKNOWN
-        self.parts.forces[...] = 0.0
-        self.parts.answer[ENERGY] = 0.0
 
     # --- the reference, from which the function's own memory begins ---
 
