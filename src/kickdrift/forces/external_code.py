@@ -29,9 +29,9 @@ def path_of(code: Any) -> str:
 def named(code: Callable[..., Any]) -> str:
     """Let files name this function or class, and return its import path.
 
-    A file cannot say which call made a function inside another function, so such a function is not found again."""
+    A file cannot say which call made a function inside another function, or an object, so these are not found again."""
     path = path_of(code)
-    if "<" not in path:
+    if hasattr(code, "__qualname__") and "<" not in path:
         _NAMED[path] = code
     return path
 
