@@ -80,8 +80,9 @@ def found(key: str, path: Any, load: str = "") -> Any:
     module, _, name = path.rpartition(".")
     if module not in _MODULES:
         raise InputError(
-            f"{key}: {path} is code, and a file runs no code by itself; kickdrift --load {load or module} COMMAND allows "
-            "it, in Python kd.register_force or a system given to kd.resume"
+            f"{key}: {path} is code, and a file runs no code by itself; "
+            f"kickdrift --load {load or (module if '.' in module else f'{module}.py')} COMMAND allows it, in Python "
+            "kd.register_force or a system given to kd.resume"
         )
     there = vars(sys.modules[module])
     own = [each for each, value in there.items() if callable(value) and path_of(value) == f"{module}.{each}"]

@@ -18,7 +18,7 @@ CLOSE = (
     "events record them"
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
-MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
+MANY_BODY = "{word} is not shipped; a calculator of ASE's is the force 'ase', and kd.pair_law makes pair forces"
 MOLECULES = "angles, torsions and force fields of molecules are not there yet; 'springs' are harmonic bonds"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
