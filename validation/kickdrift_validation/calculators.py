@@ -98,7 +98,8 @@ def pressure() -> Iterator[Claim]:
     slopes = [(energy(1 + d) - energy(1 - d)) / (2 * d) for d in (h, h / 2)]
     slope = (4 * slopes[1] - slopes[0]) / 3
     off = abs(virial / -slope - 1.0)
-    yield claim("virial of the stress: relative difference", off, "at most 1e-08", off <= 1e-8, "energy of a scaled box")
+    text = "virial of the stress: relative difference"
+    yield claim(text, off, "at most 1e-08", off <= 1e-8, "energy of a scaled box")
 
 
 def timed_calculator() -> Any:
@@ -109,7 +110,9 @@ def timed_calculator() -> Any:
         implemented_properties = ["energy", "forces", "stress"]  # noqa: RUF012
         inside = 0.0
 
-        def calculate(self, atoms: Any = None, properties: Any = ("energy",), system_changes: Any = all_changes) -> None:
+        def calculate(
+            self, atoms: Any = None, properties: Any = ("energy",), system_changes: Any = all_changes
+        ) -> None:
             began = process_time()
             super().calculate(atoms, properties, system_changes)
             d = atoms.positions - self.home if hasattr(self, "home") else 0.0 * atoms.positions

@@ -70,7 +70,8 @@ def test_a_splitting_refuses_a_function_of_velocity():
 def shown_to(seen):
     def look(x, v, t, box):
         seen.append((x.copy(), v.copy(), t, box))
-        assert not (x.flags.writeable or v.flags.writeable)
+        assert not x.flags.writeable
+        assert not v.flags.writeable
         return 0.0 * x, 0.0, -3.0
 
     return look
@@ -139,7 +140,7 @@ def test_a_function_without_a_path_needs_the_system(tmp_path):
     path = tmp_path / "run.h5md"
     system = four(kd.PythonForce(partial(trap)))
     kd.Simulation(system, dt=0.01).run(4, output=path)
-    with pytest.raises(kd.InputError, match="functools.partial is code"):
+    with pytest.raises(kd.InputError, match=r"functools.partial is code"):
         kd.resume(path)
     assert kd.resume(path, system=system).steps_done == 4
 
@@ -147,7 +148,8 @@ def test_a_function_without_a_path_needs_the_system(tmp_path):
 def test_a_system_file_names_a_function_of_a_loaded_file(tmp_path):
     file = tmp_path / "own_trap_7.py"
     file.write_text(
-        "import kickdrift as kd\n\n@kd.register_force\ndef pull(x, v, t, box):\n    return -x, 0.5 * float((x * x).sum())\n"
+        "import kickdrift as kd\n\n@kd.register_force\ndef pull(x, v, t, box):\n"
+        "    return -x, 0.5 * float((x * x).sum())\n"
     )
     text = SYSTEM.format(function="own_trap_7.pull")
     with pytest.raises(kd.InputError, match=r"force\[0\]: python: function: own_trap_7.pull is code"):
@@ -189,7 +191,7 @@ def test_failing_particles_are_written_beside_the_file_which_stays_whole(tmp_pat
     np.testing.assert_array_equal([[float(word) for word in row.split()[1:]] for row in rows], broken[0])
     with kd.open(path) as run:
         assert run.steps.tolist() == [0, 5, 10, 15, 20, 25, 30]
-    with pytest.raises(kd.RunError, match="run-step-31-2.extxyz"):
+    with pytest.raises(kd.RunError, match=r"run-step-31-2.extxyz"):
         kd.resume(path, system=system).run(50)
 
 
