@@ -137,7 +137,7 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale, species: list[str] |
     if type(calculator) is not AseLennardJones or calculator.parameters.smooth:
         _check_plain(atoms)
         symbols = None if species is None else dict(zip(species, atoms.get_chemical_symbols(), strict=False))
-        return (CalculatorForce(calculator, symbols=symbols),)  # type: ignore[call-arg]
+        return (CalculatorForce(calculator, symbols=symbols),)
     given = calculator.parameters
     return (
         LennardJones(  # type: ignore[call-arg]

@@ -61,7 +61,7 @@ class PythonForce(Field):
     velocity_dependent: bool = False
     time_dependent: bool = False
     works: bool = False
-    external: bool = True
+    external: bool = True  # type: ignore[misc]
 
     name: ClassVar[str] = "python"
     dimensions: ClassVar[dict[str, str]] = {}
