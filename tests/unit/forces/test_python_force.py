@@ -111,6 +111,20 @@ def test_a_box_without_a_virial_has_no_pressure_and_says_why(tmp_path):
         assert "pressure" not in run.observables
 
 
+def test_a_function_may_be_a_slow_force_of_respa():
+    x = 1.2 * np.indices((3, 3, 3)).reshape(3, -1).T
+    v = np.random.default_rng(3).normal(size=x.shape)
+    ends = []
+    for slow in (
+        kd.PythonForce(lambda x, v, t, box: (-x, 0.5 * float((x * x).sum())), group=1),
+        kd.HarmonicTrap(1.0, group=1),
+    ):
+        sim = kd.Simulation(kd.System(x, v, forces=[kd.LennardJones(cutoff=1.7), slow]), "respa", dt=0.004)
+        sim.run(20, every=5)
+        ends.append(sim.state.phase.tobytes())
+    assert ends[0] == ends[1]
+
+
 # --- restarts ---
 
 
