@@ -45,7 +45,7 @@ PYTHON = [
     ),
     (
         "kd.System(X, forces=[lambda x: -x])",
-        "forces[0]: expected a force, such as kd.LennardJones(cutoff=2.5), got a function; a formula U(r) becomes a force by @kd.pair_law, see docs/your-own-force.md",
+        "forces[0]: expected a force, such as kd.LennardJones(cutoff=2.5), got a function; kd.PythonForce(function) makes it a force, see docs/your-own-force.md",
     ),
     (
         'kd.System(X, forces=["lennard-jones"])',

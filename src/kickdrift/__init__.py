@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
     from kickdrift.forces.body_law import body_law
-    from kickdrift.forces.field_law import field_law
     from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+    from kickdrift.forces.field_law import field_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -124,6 +124,7 @@ _HOMES = {
 __all__ = [
     "Body",
     "Box",
+    "CalculatorForce",
     "ChaosReport",
     "CloseApproach",
     "Collision",
@@ -158,6 +159,7 @@ __all__ = [
     "PeriodicDihedral",
     "PostNewtonian",
     "Problem",
+    "PythonForce",
     "Report",
     "RunError",
     "RyckaertBellemans",
@@ -171,8 +173,8 @@ __all__ = [
     "accelerations",
     "analysis",
     "angle_law",
-    "bond_law",
     "body_law",
+    "bond_law",
     "cite",
     "compare",
     "dihedral_law",

@@ -5,8 +5,23 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import numpy as np
+
 import kickdrift as kd
 from kickdrift.forces.bonded_law import BondedForce
+
+
+def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -> tuple[Any, float, float]:
+    """A weak harmonic trap as a plain function; no pairs of particles, so no virial."""
+    return -0.1 * positions, 0.05 * float(np.sum(positions**2)), 0.0
+
+
+def ases_lennard_jones(**given: float) -> Any:
+    """ASE's calculator, imported where it is made: ASE is no part of kickdrift."""
+    from ase.calculators.lj import LennardJones
+
+    return LennardJones(**given)
+
 
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
@@ -21,6 +36,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "ryckaert-bellemans": {"c0": 0.3, "c1": 0.5, "c2": -0.4, "c3": 0.2, "c4": 0.6, "c5": -0.1},
     "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "python": {"function": pull},
+    "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
 

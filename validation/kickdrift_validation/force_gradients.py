@@ -45,6 +45,7 @@ OPEN: dict[str, Callable[[], Any]] = {  # forces of open space that example_forc
 }
 NOT_GRADIENTS = {
     "linear-drag": "depends on velocity and has no energy",
+    "ase": "its calculator is ASE's: kickdrift_validation.calculators",
     "gravity-tree": "its energy and its forces are expansions, each to `accuracy`: kickdrift_validation.barnes_hut",
 }
 DIFFERENCES = "differences of the energy, Richardson's extrapolation"

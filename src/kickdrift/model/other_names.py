@@ -18,7 +18,7 @@ CLOSE = (
     "events record them"
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
-MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
+MANY_BODY = "{word} is not shipped; a calculator of ASE's is the force 'ase', and kd.pair_law makes pair forces"
 MOLECULES = (
     "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
 )
