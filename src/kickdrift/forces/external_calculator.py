@@ -34,7 +34,8 @@ class CalculatorForce(Field):
 
     Compiled step loops call the calculator at each evaluation of the forces, so a step costs as much as the calculator
     and some microseconds. Samples at the positions of the last evaluation cost no second calculation. Units are
-    converted as in `System.from_ase`. ``calculator.atoms`` follows the particles.
+    converted as in `System.from_ase`. The calculator's Atoms share the memory of the positions, so nothing unchanged is
+    copied. ASE: Larsen et al. 2017, doi:10.1088/1361-648X/aa680e.
 
     A calculator with a class and arguments can be made again, so a run's file stores the import path and the
     arguments. ``kd.resume`` makes it again if the program has named the class, by this force or by
