@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
+from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    EmbeddedAtom,
+    StillingerWeber,
     PostNewtonian,
     Oblateness,
     Springs,

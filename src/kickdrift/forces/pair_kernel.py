@@ -85,7 +85,7 @@ class PairKernel(BoundForce):
 
     def with_list(self, **changes: Any) -> PairKernel:
         """Return the same force with these parts of its list changed."""
-        return PairKernel(self.parts._replace(pairs=self.pairs._replace(**changes)))
+        return type(self)(self.parts._replace(pairs=self.pairs._replace(**changes)))
 
     def remake(self, built_at: Floats, pruned_at: Floats) -> int:
         """Make the list again and return a status. Its last search was at positions ``built_at`` (3, n), its last

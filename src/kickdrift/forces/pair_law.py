@@ -16,6 +16,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.law_check import check_class, check_law, check_slope
 from kickdrift.forces.law_state import check_stateless
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.registration import register_force
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import number
@@ -31,7 +32,7 @@ SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume sta
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairForce:
+class PairForce(ListedForce):
     """Parameters of every pair force, besides those of its law.
 
     Attributes

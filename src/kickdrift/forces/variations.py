@@ -13,7 +13,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Varied:
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, (PairForce, GravityTree)):  # their lists and trees make the sums jump
+        if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.exact import Exact
 from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
@@ -57,7 +57,7 @@ def can_be_checked(flow: Flow, method: Method) -> bool:
     if not isinstance(flow, ParticleFlow) or longest_step(method) is None:
         return False
     forces = flow.subject.forces
-    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, PairForce) for f in forces)
+    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, ListedForce) for f in forces)
 
 
 def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
@@ -127,7 +127,7 @@ def take_sample(system: System, forces: Measuring, step: int, time: float, phase
     kinetic = kinetic_energy(m, v)
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
-    collides = any(isinstance(force, PairForce) for force in system.forces)
+    collides = any(isinstance(force, ListedForce) for force in system.forces)
     degrees = system.degrees_of_freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     room = system.dimensions * system.volume

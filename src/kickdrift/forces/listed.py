@@ -1,0 +1,9 @@
+"""Common base of the forces on a list of neighbours."""
+
+from __future__ import annotations
+
+
+class ListedForce:
+    """A force with a cutoff, whose particles find each other through a list of neighbours.
+
+    ``bind(system, threads, mixed)`` returns a `pair_kernel.PairKernel`."""
