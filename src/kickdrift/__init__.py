@@ -142,6 +142,7 @@ __all__ = [
     "State",
     "StillingerWeber",
     "System",
+    "Tersoff",
     "UniformField",
     "accelerations",
     "analysis",

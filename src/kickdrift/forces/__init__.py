@@ -12,6 +12,7 @@ from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
 from kickdrift.forces.stillinger_weber import StillingerWeber
+from kickdrift.forces.tersoff import Tersoff
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
@@ -20,6 +21,7 @@ _ALL: tuple[Any, ...] = (
     GravityTree,
     EmbeddedAtom,
     StillingerWeber,
+    Tersoff,
     PostNewtonian,
     Oblateness,
     Springs,

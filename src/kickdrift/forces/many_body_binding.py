@@ -8,6 +8,7 @@ import numpy as np
 
 from kickdrift.forces import embedded_atom_kernel as embedded_atom_kernel  # these register the bodies of the laws
 from kickdrift.forces import stillinger_weber_kernel as stillinger_weber_kernel
+from kickdrift.forces import tersoff_kernel as tersoff_kernel
 from kickdrift.forces.clusters import cluster_list
 from kickdrift.forces.many_body_kernel import ManyBodyKernel, ManyBodyWork
 from kickdrift.forces.neighbours import neighbours_of
