@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -28,7 +29,8 @@ class EmbeddedAtom(ManyBodyForce):
     Attributes
     ----------
     file : str
-        Name of an ``.eam.alloy`` or ``.eam.fs`` file. In a system file, the name is relative to that file.
+        Name of an ``.eam.alloy`` or ``.eam.fs`` file, kept as an absolute path. In a system file, the name is relative
+        to that file.
     digest : str
         SHA-256 of the file, kept with a run: a file that has changed is refused. Default: of the file as it is.
     """
@@ -45,6 +47,7 @@ class EmbeddedAtom(ManyBodyForce):
         potential = read_setfl(self.name, self.file)
         if self.digest and self.digest != potential.digest:
             raise InputError(f"{self.name}: file: {self.file} has changed: its SHA-256 is not {shown(self.digest)}")
+        object.__setattr__(self, "file", os.path.abspath(self.file))  # found again by a run that goes on elsewhere
         object.__setattr__(self, "digest", potential.digest)
         object.__setattr__(self, "_potential", potential)
 
@@ -69,9 +72,9 @@ class EmbeddedAtom(ManyBodyForce):
         """The file."""
         return self.file
 
-    def law(self, species: tuple[str, ...], slots: int, room: int, chunks: int = 1) -> Any:
+    def law(self, species: tuple[str, ...]) -> Any:
         """See ManyBodyForce."""
-        from kickdrift.forces.embedded_atom_kernel import KEPT, EmbeddedAtomLaw
+        from kickdrift.forces.embedded_atom_kernel import EmbeddedAtomLaw
         from kickdrift.jit.memory import aligned
 
         found = self.potential
@@ -89,6 +92,6 @@ class EmbeddedAtom(ManyBodyForce):
             by_density,
             1.0 / found.drho,
             by_density.shape[1] * found.drho,
-            slope=np.zeros(slots),
-            kept=aligned((slots * room * KEPT,), fill=None),
+            slope=np.zeros(0),
+            kept=np.zeros(0),
         )

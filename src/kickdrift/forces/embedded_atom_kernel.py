@@ -19,7 +19,7 @@ from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.gathering import lane_floor, numbers_at, rows_of
 from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import load, store
+from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 
 KEPT = 6  # numbers that the first visit keeps of each pair
@@ -39,6 +39,10 @@ class EmbeddedAtomLaw(NamedTuple):
     highest: float  # density from which the embedding energy continues as a line
     slope: NDArray[np.float64]  # (slots,) slope of each particle's embedding energy
     kept: NDArray[np.float64]  # (slots * room * 6,)
+
+    def with_room(self, slots: int, room: int, chunks: int) -> EmbeddedAtomLaw:
+        """Return the law with workspace for this room."""
+        return self._replace(slope=np.zeros(slots), kept=aligned((slots * room * KEPT,), fill=None))
 
 
 @law_body(EmbeddedAtomLaw)

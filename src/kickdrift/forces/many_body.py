@@ -33,8 +33,8 @@ class ManyBodyForce(ListedForce):
         """Where the parameters come from, for messages."""
         raise NotImplementedError
 
-    def law(self, species: tuple[str, ...], slots: int, room: int, chunks: int = 1) -> Any:
-        """Return the law's parts for compiled code: parameters of these species, and workspace."""
+    def law(self, species: tuple[str, ...]) -> Any:
+        """Return the law's parts for compiled code: parameters of these species, as yet without workspace."""
         raise NotImplementedError
 
     def check(self, system: Subject) -> None:

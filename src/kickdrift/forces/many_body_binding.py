@@ -25,10 +25,9 @@ def bind(force: ManyBodyForce, system: Subject, threads: int) -> ManyBodyKernel:
     pairs = cluster_list(len(system), system.box, force.cutoff, Wide())
     rows = neighbours_of(pairs, system.box, system.species_index.astype(np.int64))
     chunks = pairs.force.shape[0]
-    slots, room = rows.near.shape
     return ManyBodyKernel(
         ManyBodyWork(
-            law=force.law(system.species, slots, room, chunks),
+            law=force.law(system.species).with_room(*rows.near.shape, chunks),
             cutoff=force.cutoff,
             inverse_masses=1.0 / system.coherent_masses,
             sums=np.zeros((chunks, 3)),

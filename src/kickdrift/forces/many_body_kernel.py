@@ -22,7 +22,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE
 from kickdrift.forces.list_code import prune, refresh
-from kickdrift.forces.neighbours import Neighbours, copy_places, renew
+from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, renew, with_room
 from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import as_written, jit
@@ -52,6 +52,22 @@ class ManyBodyWork(NamedTuple):
 
 class ManyBodyKernel(PairKernel):
     """A bound many-body force: ``parts`` is a ManyBodyWork."""
+
+    @property
+    def row_room(self) -> int:
+        """See PairKernel."""
+        return int(self.parts.rows.near.shape[1])
+
+    @property
+    def row_need(self) -> int:
+        """See PairKernel."""
+        return int(self.parts.rows.state[ROOM_NEEDED])
+
+    def with_row_room(self, room: int) -> ManyBodyKernel:
+        """See PairKernel."""
+        rows = with_room(self.parts.rows, room)
+        law = self.parts.law.with_room(*rows.near.shape, self.parts.chunks.number)
+        return ManyBodyKernel(self.parts._replace(rows=rows, law=law))
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
         return compute_for(kind)

@@ -45,13 +45,18 @@ def whole_blocks(room: float) -> int:
     return int(-(-room // WIDTH) * WIDTH)
 
 
-def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], room: int = 0) -> Neighbours:
-    """Return empty rows with ``room`` for each particle; 0 means a guess from the density."""
+def with_room(rows: Neighbours, room: int) -> Neighbours:
+    """Return empty rows with this room for each particle."""
+    near = aligned((rows.near.shape[0], room), fill=0, dtype=np.int32)
+    return rows._replace(state=np.full(2, -1, np.int64), near=near)
+
+
+def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64]) -> Neighbours:
+    """Return empty rows, with room that a guess from the density gives."""
     n, slots = len(species), pairs.x.size // 3
     reach = pairs.cutoff + pairs.inner_skin
-    if not room:
-        volume = box.volume if all(box.periodic_axes) else math.inf
-        room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) + 2 * WIDTH)
+    volume = box.volume if all(box.periodic_axes) else math.inf
+    room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) + 2 * WIDTH)
     matrix = pairs.cell.matrix
     diagonal = np.diag(matrix)
     heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]

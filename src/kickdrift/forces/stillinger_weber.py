@@ -74,9 +74,9 @@ class StillingerWeber(TabledForce):
             if numbers[key] < 0 or (key in ("sigma", "a") and numbers[key] == 0):
                 raise InputError(f"{where}: {key} must not be negative, nor sigma or a zero, got {numbers[key]:g}")
 
-    def law(self, species: tuple[str, ...], slots: int, room: int, chunks: int = 1) -> Any:
+    def law(self, species: tuple[str, ...]) -> Any:
         """See ManyBodyForce."""
-        from kickdrift.forces.stillinger_weber_kernel import COLUMNS, KEPT, MOMENTS, StillingerWeberLaw
+        from kickdrift.forces.stillinger_weber_kernel import COLUMNS, StillingerWeberLaw
         from kickdrift.jit.memory import aligned
 
         count = len(species)
@@ -101,7 +101,7 @@ class StillingerWeber(TabledForce):
             weight,
             cosine,
             bool((by_pair[..., 6] == 4.0).all() and (by_pair[..., 7] == 0.0).all()),
-            kept=aligned((chunks, room * KEPT), fill=None),
-            moments=aligned((chunks, 2 * count, MOMENTS)),
-            reactions=aligned((chunks, 24)),
+            kept=np.zeros((0, 0)),
+            moments=np.zeros((0, 0, 0)),
+            reactions=np.zeros((0, 0)),
         )

@@ -21,7 +21,7 @@ from kickdrift.jit.elementary import lane_exp, lane_log
 from kickdrift.jit.gathering import rows_of
 from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
 from kickdrift.jit.masks import mask_bits, select
-from kickdrift.jit.memory import load, store
+from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 
 COLUMNS = 8  # of `by_pair`
@@ -39,6 +39,14 @@ class StillingerWeberLaw(NamedTuple):
     kept: NDArray[np.float64]  # (chunks, room * 9)
     moments: NDArray[np.float64]  # (chunks, 2 species, 11) sums over neighbours of a species, and their weighted sums
     reactions: NDArray[np.float64]  # (chunks, 24)
+
+    def with_room(self, slots: int, room: int, chunks: int) -> StillingerWeberLaw:
+        """Return the law with workspace for this room."""
+        return self._replace(
+            kept=aligned((chunks, room * KEPT), fill=None),
+            moments=aligned((chunks, 2 * len(self.weight), MOMENTS)),
+            reactions=aligned((chunks, 3 * WIDTH)),
+        )
 
 
 @law_body(StillingerWeberLaw)

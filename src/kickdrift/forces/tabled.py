@@ -71,4 +71,4 @@ class TabledForce(ManyBodyForce):
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support."""
         super().check(system)
-        self.law(system.species, 0, 0)
+        self.law(system.species)

@@ -87,9 +87,9 @@ class Tersoff(TabledForce):
         if numbers["D"] >= numbers["R"]:
             raise InputError(f"{where}: D = {numbers['D']:g} must be less than R = {numbers['R']:g}")
 
-    def law(self, species: tuple[str, ...], slots: int, room: int, chunks: int = 1) -> Any:
+    def law(self, species: tuple[str, ...]) -> Any:
         """See ManyBodyForce."""
-        from kickdrift.forces.tersoff_kernel import BOND, OTHER, PAIR, TRIPLE, TersoffLaw
+        from kickdrift.forces.tersoff_kernel import PAIR, TRIPLE, TersoffLaw
         from kickdrift.jit.memory import aligned
 
         count = len(species)
@@ -111,8 +111,8 @@ class Tersoff(TabledForce):
         return TersoffLaw(
             by_pair,
             by_triple,
-            bonds=aligned((chunks, (room + 8) * BOND), fill=None),
-            others=aligned((chunks, room * (room + 8) * OTHER), fill=None),
-            bonded=np.zeros((chunks, room), np.int32),
-            reactions=aligned((chunks, 24)),
+            bonds=np.zeros((0, 0)),
+            others=np.zeros((0, 0)),
+            bonded=np.zeros((0, 0), np.int32),
+            reactions=np.zeros((0, 0)),
         )

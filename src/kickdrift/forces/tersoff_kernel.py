@@ -18,7 +18,7 @@ from kickdrift.jit.elementary import lane_exp, lane_log, lane_sine_cosine
 from kickdrift.jit.gathering import place_at, rows_of
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, splat
 from kickdrift.jit.masks import any_lane, lowest_bit, mask_bits, select
-from kickdrift.jit.memory import load, store
+from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 
 PAIR = 12  # columns of `by_pair`
@@ -39,6 +39,15 @@ class TersoffLaw(NamedTuple):
     others: NDArray[np.float64]  # (chunks, room * room * 5)
     bonded: NDArray[np.int32]  # (chunks, room) slots
     reactions: NDArray[np.float64]  # (chunks, 24)
+
+    def with_room(self, slots: int, room: int, chunks: int) -> TersoffLaw:
+        """Return the law with workspace for this room."""
+        return self._replace(
+            bonds=aligned((chunks, (room + WIDTH) * BOND), fill=None),
+            others=aligned((chunks, room * (room + WIDTH) * OTHER), fill=None),
+            bonded=np.zeros((chunks, room), np.int32),
+            reactions=aligned((chunks, 3 * WIDTH)),
+        )
 
 
 @law_body(TersoffLaw)
