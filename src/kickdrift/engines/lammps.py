@@ -1,4 +1,4 @@
-"""LAMMPS: its lj/cut with fix nve, in this process or in several processes started by mpiexec.
+"""LAMMPS: its lj/cut, eam, sw or tersoff with fix nve, in this process or in several processes started by mpiexec.
 
 LAMMPS' units "lj" have no constants, so they hold the system's own numbers in any units, with coherent masses (see
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.many_body import many_body, style_of, text_of
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
@@ -28,7 +29,7 @@ MOST_BLIND = 10**6  # steps without reading these counts
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if not many_body(system) and (reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system)):
         return reason
     if system.dimensions == 2 and system.forces[0].tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
@@ -56,6 +57,18 @@ def model_of(job: Job) -> Model:
     force: Any = system.forces[0]
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
+    if many_body(system):
+        return Model(
+            box=system.box,
+            types=(which + 1).astype(np.int32),
+            masses=tuple(kinds[:, 1].tolist()),
+            pairs=(),
+            cutoff=force.cutoff,
+            shifted=False,
+            tail=False,
+            dt=dt,
+            many_body=(style_of(force), text_of(force), tuple(species)),
+        )
     laws = [
         (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
     ]

@@ -3,7 +3,9 @@ their counts of box crossings."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
+MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Model(NamedTuple):
@@ -24,9 +27,10 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types
+    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
+    many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
     box: Box
@@ -38,12 +42,14 @@ class Model(NamedTuple):
     tail: bool
     dt: float
     dimensions: int = 3
+    many_body: tuple[str, str, tuple[str, ...]] | None = None
 
 
 class World:
     """LAMMPS instance. ``flags`` are command-line flags and choose the style of its force."""
 
     def __init__(self, flags: Sequence[str] = ("-sf", "opt")) -> None:
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite", *flags])
 
     @property
@@ -55,7 +61,7 @@ class World:
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
-        skin = SKIN * max(sigma for *_, sigma in model.pairs)
+        skin = MANY_BODY_SKIN if model.many_body else SKIN * max(sigma for *_, sigma in model.pairs)
         box, axes = model.box, np.array(model.box.periodic_axes)
         thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
         margin = np.where(thin, model.cutoff, skin)
@@ -67,6 +73,16 @@ class World:
         edges = np.column_stack([low, high]).ravel().tolist()
         shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
+        force = [
+            f"pair_style lj/cut {model.cutoff!r}",
+            f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
+            *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+        ]
+        if model.many_body:
+            style, text, species = model.many_body
+            file = self._folder() / "potential"
+            file.write_text(text, encoding="utf-8")
+            force = [f"pair_style {style}", f"pair_coeff * * {str(file)!r} {' '.join(species)}"]
         for line in (
             "units lj",  # no constants: the numbers are in any coherent system of units
             f"dimension {model.dimensions}",
@@ -74,10 +90,8 @@ class World:
             f"boundary {' '.join(boundary)}",
             f"region box {shape} units box",
             f"create_box {len(model.masses)} box",
-            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
-            f"pair_style lj/cut {model.cutoff!r}",
-            f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
-            *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+            *force,
+            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
             f"neighbor {skin!r} bin",
             "neigh_modify every 1 delay 0 check yes one 20000 page 400000",  # no pair is missed
             "fix move all nve",
@@ -97,6 +111,12 @@ class World:
         if (made := int(self.lmp.get_natoms())) != n:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
+
+    def _folder(self) -> Path:
+        """Folder for a file of parameters, removed with this instance."""
+        if self._temporary is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="kickdrift-lammps-")
+        return Path(self._temporary.name)
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""
@@ -128,3 +148,6 @@ class World:
     def close(self) -> None:
         """Close this instance. MPI continues in the process."""
         self.lmp.close()
+        if self._temporary is not None:
+            self._temporary.cleanup()
+            self._temporary = None
