@@ -7,9 +7,10 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces import FORCES
+from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import crystal, example
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
 FIELDS = ("forces", "units", "species", "names", "run", "equilibration", "invariants", "events", "dimensions")
@@ -42,7 +43,10 @@ def test_a_force_comes_back_from_its_text(name):
     force = example(FORCES[name], cutoff=1.5, species=species, **own)
     x = 1.2 * np.indices((2, 2, 2)).reshape(3, -1).T + np.random.default_rng(5).uniform(-0.1, 0.1, (8, 3))
     masses = np.where(np.arange(8) == 3, 30.0, 1.0)
-    system = kd.System(x, masses=masses, units="nbody", species=list("ABABABAB"), forces=[force])
+    if isinstance(force, ManyBodyForce):
+        system = crystal(force, few=True)
+    else:
+        system = kd.System(x, masses=masses, units="nbody", species=list("ABABABAB"), forces=[force])
     text = system.to_toml()
     assert_same(loads(text), system)
     assert loads(text).to_toml() == text

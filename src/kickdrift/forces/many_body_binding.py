@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,11 +16,20 @@ from kickdrift.forces.row_lanes import Wide
 from kickdrift.jit.chunks import in_chunks
 
 if TYPE_CHECKING:
-    from kickdrift.forces.many_body import ManyBodyForce
     from kickdrift.model.subject import Subject
 
 
-def bind(force: ManyBodyForce, system: Subject, threads: int) -> ManyBodyKernel:
+class ManyBodyPotential(Protocol):
+    """A many-body force as its compiled code needs it; see ``ManyBodyForce``."""
+
+    @property
+    def cutoff(self) -> float: ...
+
+    def law(self, species: tuple[str, ...]) -> Any:
+        """Return the law's parts for these species."""
+
+
+def bind(force: ManyBodyPotential, system: Subject, threads: int) -> ManyBodyKernel:
     """Bind a many-body force to a System, on this number of threads."""
     pairs = cluster_list(len(system), system.box, force.cutoff, Wide())
     rows = neighbours_of(pairs, system.box, system.species_index.astype(np.int64))

@@ -32,7 +32,9 @@ MOMENTS = 11
 class StillingerWeberLaw(NamedTuple):
     """Parameters of each pair and triple of species."""
 
-    by_pair: NDArray[np.float64]  # (species, species, 8) cutoff, sigma, gamma sigma, A epsilon, B sigma^p, sigma^q, p, q
+    by_pair: NDArray[
+        np.float64
+    ]  # (species, species, 8) cutoff, sigma, gamma sigma, A epsilon, B sigma^p, sigma^q, p, q
     weight: NDArray[np.float64]  # (species, species, species) lambda epsilon, the first at the centre
     cosine: NDArray[np.float64]  # (species, species, species)
     plain: bool  # whether p is 4 and q is 0 for all pairs

@@ -33,7 +33,9 @@ MOST_EXPONENT = 69.0776  # LAMMPS' limit: exp of this is 1e30
 class TersoffLaw(NamedTuple):
     """Parameters of each pair and triple of species, and workspace."""
 
-    by_pair: NDArray[np.float64]  # (species, species, 12) A, lambda1, B, lambda2, beta, n, R, D, least beta zeta, 0, 0, 0
+    by_pair: NDArray[
+        np.float64
+    ]  # (species, species, 12) A, lambda1, B, lambda2, beta, n, R, D, least beta zeta, 0, 0, 0
     by_triple: NDArray[np.float64]  # (species, species, species, 8) gamma, c^2, d^2, cos_theta0, lambda3, m - 1, 0, 0
     bonds: NDArray[np.float64]  # (chunks, room * 15)
     others: NDArray[np.float64]  # (chunks, room * room * 5)

@@ -18,7 +18,7 @@ CLOSE = (
     "events record them"
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
-MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
+MANY_BODY = "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff'"
 MOLECULES = "angles, torsions and force fields of molecules are not there yet; 'springs' are harmonic bonds"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
@@ -85,10 +85,12 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             CHARGES,
         ),
         (
-            "eam eam/alloy eam/fs meam tersoff sw stillinger-weber airebo rebo reaxff reax reax/c comb snap ace mace "
-            "nequip deepmd mlip gap",
+            "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
             MANY_BODY,
         ),
+        ("eam/alloy eam/fs embedded-atom setfl finnis-sinclair", "{word} is 'eam' here"),
+        ("sw stillinger", "{word} is 'stillinger-weber' here"),
+        ("tersoff/mod tersoff/zbl", "{word} is not there; 'tersoff' is Tersoff's form of 1988"),
         ("angle angles dihedral dihedrals improper torsion charmm amber opls gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
@@ -141,7 +143,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
         ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
         ("nacl salt", CHARGES),
-        ("copper cu silicon si iron fe", MANY_BODY),
+        ("copper cu", "{word} is 'copper-864' here"),
+        ("silicon si", "{word} is 'silicon-512' here"),
     ),
     "engine": (
         ("gromacs gmx namd amber charmm desmond", "{word} is no engine; kickdrift export writes frames for {word}"),

@@ -23,7 +23,12 @@ from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 
 METAL = UNIT_SYSTEMS["metal"]
-NEIGHBOURS = {"sc": (1, 6, 1.0), "bcc": (2, 8, np.sqrt(0.75)), "fcc": (4, 12, np.sqrt(0.5)), "diamond": (8, 4, np.sqrt(0.1875))}
+NEIGHBOURS = {
+    "sc": (1, 6, 1.0),
+    "bcc": (2, 8, np.sqrt(0.75)),
+    "fcc": (4, 12, np.sqrt(0.5)),
+    "diamond": (8, 4, np.sqrt(0.1875)),
+}
 
 
 @given(st.sampled_from(sorted(NEIGHBOURS)), st.integers(2, 5), st.floats(1e-3, 1e3))
