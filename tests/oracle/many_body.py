@@ -76,13 +76,11 @@ def tersoff(d: np.ndarray, species: list[str], entries: dict) -> complex:
     """Eqs. (1)-(9)."""
     r, n, energy = lengths(d), len(d), 0.0
     for i in range(n):
-        reach = [
-            entries[f"{species[i]}-{species[j]}-{species[j]}"]["R"] + entries[f"{species[i]}-{species[j]}-{species[j]}"]["D"]
-            for j in range(n)
-        ]  # fmt: skip
+        bonds = [entries[f"{species[i]}-{species[j]}-{species[j]}"] for j in range(n)]
+        reach = [bond["R"] + bond["D"] for bond in bonds]
         near = [j for j in range(n) if j != i and r[i, j].real < reach[j]]
         for j in near:
-            p = entries[f"{species[i]}-{species[j]}-{species[j]}"]
+            p = bonds[j]
             zeta = 0.0
             for k in near:
                 if k == j:

@@ -67,7 +67,9 @@ def beside(system: kd.System, engine: str, what: str, forces: float) -> list[Cla
     off = float(np.abs(ours.forces() - theirs.forces()).max() / np.abs(theirs.forces()).max())
     rows.append(claim(f"{what}: forces, over the largest", off, f"at most {forces:g}", off <= forces, program))
     pressed, bound = abs(one.pressure / other.pressure - 1.0), max(SAME, forces)
-    rows.append(claim(f"{what}: pressure, relative difference", pressed, f"at most {bound:g}", pressed <= bound, program))
+    rows.append(
+        claim(f"{what}: pressure, relative difference", pressed, f"at most {bound:g}", pressed <= bound, program)
+    )
     return rows
 
 

@@ -2,9 +2,8 @@
 
     python -m kickdrift_validation.zhou_copper FILE.eam.alloy
 
-X. W. Zhou, R. A. Johnson and H. N. G. Wadley, Phys. Rev. B 69, 144113 (2004), doi:10.1103/PhysRevB.69.144113: formulas in
-eqs. (1)-(5) and table III. The paper leaves the cutoff to the user. Here it is sqrt(10) / 2 lattice constants, as in the
-authors' own generator of such tables; the pair energy there is 1e-6 eV.
+X. W. Zhou, R. A. Johnson and H. N. G. Wadley, Phys. Rev. B 69, 144113 (2004), doi:10.1103/PhysRevB.69.144113. The paper
+leaves the cutoff to the user. Here it is sqrt(10) / 2 lattice constants, where the pair energy is 1e-6 eV.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ ENGINES: dict[str, Engine] = {
     for engine in (
         Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
-            "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: ASE's calculators and VelocityVerlet",
+            "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: ASE's own, by VelocityVerlet",
             ("ase",), ("3",), {_VERLET: "VelocityVerlet"},
         ),
         Engine(

@@ -49,7 +49,6 @@ class World:
     """LAMMPS instance. ``flags`` are command-line flags and choose the style of its force."""
 
     def __init__(self, flags: Sequence[str] = ("-sf", "opt")) -> None:
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite", *flags])
 
     @property
@@ -73,16 +72,11 @@ class World:
         edges = np.column_stack([low, high]).ravel().tolist()
         shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
-        force = [
+        pairs = [
             f"pair_style lj/cut {model.cutoff!r}",
             f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
             *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
         ]
-        if model.many_body:
-            style, text, species = model.many_body
-            file = self._folder() / "potential"
-            file.write_text(text, encoding="utf-8")
-            force = [f"pair_style {style}", f"pair_coeff * * {str(file)!r} {' '.join(species)}"]
         for line in (
             "units lj",  # no constants: the numbers are in any coherent system of units
             f"dimension {model.dimensions}",
@@ -90,7 +84,12 @@ class World:
             f"boundary {' '.join(boundary)}",
             f"region box {shape} units box",
             f"create_box {len(model.masses)} box",
-            *force,
+        ):
+            self.lmp.command(line)
+        if model.many_body:
+            self._many_body(*model.many_body)
+        for line in (
+            *(() if model.many_body else pairs),
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
             f"neighbor {skin!r} bin",
             "neigh_modify every 1 delay 0 check yes one 20000 page 400000",  # no pair is missed
@@ -112,11 +111,13 @@ class World:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
 
-    def _folder(self) -> Path:
-        """Folder for a file of parameters, removed with this instance."""
-        if self._temporary is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="kickdrift-lammps-")
-        return Path(self._temporary.name)
+    def _many_body(self, style: str, text: str, species: Sequence[str]) -> None:
+        """Give LAMMPS a many-body force, whose parameters it reads from a file."""
+        self.lmp.command(f"pair_style {style}")
+        with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
+            file = Path(folder) / "potential"
+            file.write_text(text, encoding="utf-8")
+            self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""
@@ -148,6 +149,3 @@ class World:
     def close(self) -> None:
         """Close this instance. MPI continues in the process."""
         self.lmp.close()
-        if self._temporary is not None:
-            self._temporary.cleanup()
-            self._temporary = None

@@ -71,7 +71,7 @@ def chunk_densities(force, c):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = rows.at[ROW * slot + 3]
             density = splat(0.0)
-            for first in range(0, rows.count[slot], WIDTH):
+            for first in range(0, rows.lengths[slot], WIDTH):
                 dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
                 r2 = select(beyond, splat(cutoff2), r2)
                 inverse = inverse_sqrt(r2)
@@ -138,7 +138,7 @@ def chunk_embedded_forces(force, c):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = law.slope[slot]
             fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-            for first in range(0, rows.count[slot], WIDTH):
+            for first in range(0, rows.lengths[slot], WIDTH):
                 at = (slot * room + first) * KEPT
                 dx, dy, dz = load(kept, at), load(kept, at + WIDTH), load(kept, at + 2 * WIDTH)
                 there = load(kept, at + (5 if several else 4) * WIDTH)

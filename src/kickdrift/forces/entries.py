@@ -39,7 +39,7 @@ def read_entries(name: str, file: Any, suffix: str, keys: tuple[str, ...]) -> di
 
 
 def checked_entries(name: str, entries: Any, keys: tuple[str, ...]) -> dict[str, dict[str, float]]:
-    """Return entries {"Si-Si-Si": {key: number}} as plain dicts of floats. Raises an InputError that names the entry."""
+    """Return entries {"Si-Si-Si": {key: number}} as dicts of floats. Raises an InputError that names the entry."""
     if not isinstance(entries, Mapping) or not entries:
         raise InputError(f"{name}: entries: expected a table of triples such as 'Si-Si-Si', got {shown(entries)}")
     found: dict[str, dict[str, float]] = {}

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 
 class ListedForce:
     """A force with a cutoff, whose particles find each other through a list of neighbours.
 
     ``bind(system, threads, mixed)`` returns a `pair_kernel.PairKernel`."""
+
+    name: ClassVar[str]

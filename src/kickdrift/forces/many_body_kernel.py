@@ -26,9 +26,9 @@ from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, re
 from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.gathering import place_at
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
-from kickdrift.jit.gathering import place_at
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import lowest_bit
 from kickdrift.jit.memory import store

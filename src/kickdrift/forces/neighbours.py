@@ -1,8 +1,8 @@
 """Neighbours of each particle, for many-body forces: rows of the cluster list, spread to both particles of each pair.
 
 A many-body force visits all neighbours of a particle at once. A row holds the slots of these neighbours, within the
-cutoff plus the inner skin when the list was last pruned. Distances are those between nearest images: a cutoff is at most
-half the height of the box, so the nearest image is the only image within the cutoff.
+cutoff plus the inner skin when the list was last pruned. Distances are those between nearest images: a cutoff is at
+most half the height of the box, so the nearest image is the only image within the cutoff.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Neighbours(NamedTuple):
     """Neighbours of the particle in each slot."""
 
     state: NDArray[np.int64]  # (2,) the list's number of prunings when the rows were made; the longest row
-    count: NDArray[np.int64]  # (slots,)
+    lengths: NDArray[np.int64]  # (slots,) neighbours in each row
     near: NDArray[np.int32]  # (slots, room) slots; the last block of eight ends with the particle's own slot
     at: NDArray[np.float64]  # (4 slots,) x, y, z and species of each slot
     species: NDArray[np.int64]  # (n,)
@@ -62,7 +62,7 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64]) -> N
     heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]
     return Neighbours(
         state=np.full(2, -1, np.int64),
-        count=np.zeros(slots, np.int64),
+        lengths=np.zeros(slots, np.int64),
         near=aligned((slots, room), fill=0, dtype=np.int32),
         at=aligned((ROW * slots,)),
         species=species,
@@ -80,7 +80,7 @@ def renew(rows, pairs):
     make_rows(rows, pairs)
     if rows.state[ROOM_NEEDED] > rows.near.shape[1]:
         return GROW
-    near, count = rows.near, rows.count
+    near, count = rows.near, rows.lengths
     for slot in range(WIDTH * pairs.counts[N_CLUSTERS]):
         for k in range(count[slot], -(-count[slot] // WIDTH) * WIDTH):
             near[slot, k] = slot
@@ -95,7 +95,7 @@ def renew(rows, pairs):
 def make_rows(rows, pairs):
     """Fill the rows from the list's pairs within the cutoff plus the inner skin, and count those that do not fit."""
     never_inline()
-    x, shifts, count = pairs.x, pairs.shifts, rows.count
+    x, shifts, count = pairs.x, pairs.shifts, rows.lengths
     reach2 = (pairs.cutoff + pairs.inner_skin) ** 2
     narrow = rows.height < 2.001 * (pairs.cutoff + pairs.inner_skin)
     clusters = pairs.counts[N_CLUSTERS]
@@ -142,18 +142,18 @@ def add_pair(rows, narrow, i, j):
 
 @jit
 def listed_already(rows, i, j):
-    for k in range(min(rows.count[i], rows.near.shape[1])):
-        if rows.near[i, k] == j:
-            return True
-    return False
+    found = False
+    for k in range(min(rows.lengths[i], rows.near.shape[1])):
+        found = found or rows.near[i, k] == j
+    return found
 
 
 @jit
 def add_one(rows, i, j):
-    k = rows.count[i]
+    k = rows.lengths[i]
     if k < rows.near.shape[1]:
         rows.near[i, k] = j
-    rows.count[i] = k + 1
+    rows.lengths[i] = k + 1
 
 
 @jit
@@ -181,5 +181,5 @@ def block_of_neighbours(rows, slot, first, cutoff2):
     dx = dx - lane_round(dx * inverse[0]) * matrix[0, 0]
     r2 = dx * dx + dy * dy + dz * dz
     # a distance that is nan counts as within the cutoff, so that a blow-up stays visible
-    beyond = (r2 >= cutoff2) | (lane_numbers() >= float(rows.count[slot] - first))
+    beyond = (r2 >= cutoff2) | (lane_numbers() >= float(rows.lengths[slot] - first))
     return dx, dy, dz, r2, beyond, kind

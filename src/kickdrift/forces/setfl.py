@@ -1,7 +1,7 @@
 """Files of embedded-atom potentials (eam.alloy, eam.fs), read through ASE, as cubic splines.
 
-LAMMPS and ASE join the same table by different cubics. Here the cubics are those of LAMMPS (``pair_eam.cpp``): a Hermite
-spline whose slopes are differences over five points, of r times the pair energy. ASE's are twice continuously
+LAMMPS and ASE join the same table by different cubics. Here the cubics are those of LAMMPS (``pair_eam.cpp``): a
+Hermite spline whose slopes are differences over five points, of r times the pair energy. ASE's are twice continuously
 differentiable, of the pair energy. Both are of fourth order in the spacing of the table.
 """
 
@@ -78,6 +78,8 @@ def read_setfl(name: str, file: str) -> Potential:
         float(found.cutoff),
         float(found.dr),
         float(found.drho),
-        *(hermite(each) for each in tables),
+        hermite(tables[0]),
+        hermite(tables[1]),
+        hermite(tables[2]),
         hashlib.sha256(content).hexdigest(),
     )

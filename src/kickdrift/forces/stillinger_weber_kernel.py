@@ -1,8 +1,8 @@
 """Compiled sums of Stillinger and Weber's potential, in a time that grows as the neighbours, not as their pairs.
 
 The sum over triples of g_j g_k (cos - c)^2 is a square of moments of the neighbours' directions n: with S = sum g,
-V = sum g n and M = sum g n n^T it is M:M - 2 c V.V + c^2 S^2, less the terms with j = k. So one loop over the neighbours
-finds the moments, and a second the forces.
+V = sum g n and M = sum g n n^T it is M:M - 2 c V.V + c^2 S^2, less the terms with j = k. So one loop over the
+neighbours finds the moments, and a second the forces.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def chunk_stillinger_weber(force, c):
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = rows.at[ROW * slot + 3]
-            for first in range(0, rows.count[slot], WIDTH):
+            for first in range(0, rows.lengths[slot], WIDTH):
                 dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
                 cut, sigma, gs, a, b, one, p, q = pair_numbers(law, own, kind)
                 r2 = select(beyond, splat(cutoff2), r2)
@@ -114,10 +114,10 @@ def chunk_stillinger_weber(force, c):
                 store(kept, at + 6 * WIDTH, slope * decay - pair_energy * sigma * near * near)
                 store(kept, at + 7 * WIDTH, select(beyond, splat(-1.0), kind))
                 store(kept, at + 8 * WIDTH, r)
-            sum_moments(kept, moments, rows.count[slot], species)
+            sum_moments(kept, moments, rows.lengths[slot], species)
             weigh_moments(law, moments, int(own), species)
             fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-            for first in range(0, rows.count[slot], WIDTH):
+            for first in range(0, rows.lengths[slot], WIDTH):
                 at = first * KEPT
                 nx, ny, nz = load(kept, at), load(kept, at + WIDTH), load(kept, at + 2 * WIDTH)
                 inverse, g, slope_g = load(kept, at + 3 * WIDTH), load(kept, at + 4 * WIDTH), load(kept, at + 5 * WIDTH)

@@ -1,5 +1,5 @@
-"""Compiled sums of Tersoff's potential: for each particle, its bonds in lanes, and for each bond the other neighbours in
-lanes."""
+"""Compiled sums of Tersoff's potential: for each particle, its bonds in lanes, and for each bond the other neighbours
+in lanes."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def find_bonds(rows, slot, cutoff2, bonds, bonded):
 
     The lanes after the last hold a neighbour far beyond all cutoffs."""
     made = 0
-    for first in range(0, rows.count[slot], WIDTH):
+    for first in range(0, rows.lengths[slot], WIDTH):
         dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
         bits = mask_bits(beyond) ^ 255
         if bits == 0:
@@ -224,7 +224,7 @@ def sum_others(law, own, bonds, others, count):
 
 @as_written
 def weigh_bonds(law, own, bonds, count):
-    """Write each bond's force along the bond at constant zeta, and the slope of the energy in zeta. Return the energy."""
+    """Write each bond's force along the bond at constant zeta, and the energy's slope in zeta. Return the energy."""
     energy = splat(0.0)
     for first in range(0, count, WIDTH):
         at = first * BOND

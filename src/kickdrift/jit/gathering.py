@@ -1,4 +1,4 @@
-"""Rows of four numbers, gathered for eight lanes: loads of whole rows and a transposition, faster than LLVM's gathers."""
+"""Rows of four numbers for eight lanes: loads of whole rows and a transposition, faster than LLVM's gathers."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ def _transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
     both = [shuffled(rows[k], rows[k + 4], list(range(WIDTH))) for k in range(4)]
     low, high = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
     first, last = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-    even = [shuffled(both[0], both[1], low), shuffled(both[2], both[3], low)]
-    odd = [shuffled(both[0], both[1], high), shuffled(both[2], both[3], high)]
-    return [shuffled(*even, first), shuffled(*odd, first), shuffled(*even, last), shuffled(*odd, last)]
+    even, other_even = shuffled(both[0], both[1], low), shuffled(both[2], both[3], low)
+    odd, other_odd = shuffled(both[0], both[1], high), shuffled(both[2], both[3], high)
+    halves = (even, other_even), (odd, other_odd)
+    return [shuffled(a, b, order) for order in (first, last) for a, b in halves]
 
 
 def _gathered(context: Any, builder: Any, sig: Any, table: Any, starts: list[ir.Value]) -> Any:
