@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
 import pytest
@@ -30,6 +31,8 @@ LONGEST = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background job ignores Ctrl-C, which tests press
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     absent = {*LONGEST} - {path.stem for path in (TOP / "tests").rglob("test_*.py")}
     if absent:
         raise pytest.UsageError(f"tests/conftest.py: LONGEST names files that are not there: {absent}")

@@ -77,7 +77,7 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-BATHS = ("temperature", "friction", "seed", "tau", "chain", "collision_rate")  # options of heat baths
+BATHS = ("temperature", "friction", "seed", "tau", "chain", "collision_rate", "substeps")  # younger than 0.1.0
 
 
 def step(name: str, but: str = "") -> dict[str, float]:

@@ -17,6 +17,7 @@ EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853
 STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
 BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 ANY_STEP = 1e-3
+SUBSTEPS = (2, 4, 8, 16)  # splits that a comparison tries of forces in groups
 LADDERED = ("dt", "rtol", "atol", "precision")  # options that a comparison sets itself
 
 
@@ -49,16 +50,22 @@ def chosen_methods(
     return found
 
 
-def default_integrators(subject: Subject, stiff: bool) -> list[str]:
-    """Names of methods that suit the subject.
+def default_integrators(subject: Subject, stiff: bool) -> list[str | Integrator]:
+    """Methods that suit the subject.
 
     Splittings of orders 2 to 8 suit accelerations that depend on positions alone, explicit Runge-Kutta methods other
-    equations, and implicit methods stiff ones.
+    equations, and implicit methods stiff ones. Forces in groups are tried with several splits of ``respa`` too.
     """
     names: Sequence[str] = STIFF if stiff else (*SPLITTINGS, *BESIDE_SPLITTINGS) if _separable(subject) else EXPLICIT
     if isinstance(subject, System) and len(subject) > 64:
         names = [name for name in names if name not in ("yoshida8", "dormand-prince45", "gauss-radau15")]
-    return [name for name in names if name in INTEGRATORS]
+    splits = [Integrator("respa", {"substeps": each}) for each in SUBSTEPS] if grouped(subject) else []
+    return [*(name for name in names if name in INTEGRATORS), *splits]
+
+
+def grouped(subject: Subject) -> bool:
+    """Whether the forces of a System are in more than one group."""
+    return isinstance(subject, System) and len({getattr(force, "group", 0) for force in subject.forces}) > 1
 
 
 def _separable(subject: Subject) -> bool:

@@ -15,6 +15,7 @@ from kickdrift.analysis.comparison import Comparison as Comparison
 from kickdrift.analysis.ladder import Bench, Row
 from kickdrift.analysis.pilot import OutOfTime, Subject, follow, state_at
 from kickdrift.analysis.reference import is_stiff, loose_method, reference, tolerances
+from kickdrift.analysis.resonance import resonance
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators.asked import Integrator
@@ -113,6 +114,8 @@ def work_precision(
         length, samples = plan.length, _sample_count(cost, plan.length) if plan.y is None else len(plan.y) - 1
     if length < whole:
         notes.append(f"pilot runs of {length:.4g}, not of {whole:.4g}")
+    if any(getattr(each.method, "groups", 0) for each in methods):
+        notes += resonance(subject, start)
     wanted = accuracy and accuracy * min(1.0, length / whole) ** 2  # errors may grow as the square of the time
     bench = Bench(subject, start, plan, length, samples, cost.evaluations * length, wanted, threads, share, stiff)
     rows: list[Row] = []

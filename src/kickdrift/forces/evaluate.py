@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kickdrift.forces.equation import call_at
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
-from kickdrift.forces.seam import accelerate
+from kickdrift.forces.seam import accelerate, accelerate_by
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes import lane_sum, splat
@@ -18,8 +18,14 @@ SLOTS = 5  # length of a cursor; the loops use the other slots
 @inlined
 def fill_accelerations(bound, t, x, v, a, sums, cursor):
     """a <- the accelerations at x; return a status."""
+    return fill_by(bound, None, 0, t, x, v, a, sums, cursor)
+
+
+@inlined
+def fill_by(bound, groups, group, t, x, v, a, sums, cursor):
+    """a <- the accelerations at x by one group of forces; return a status."""
     clear(a)
-    status = accelerate(bound, t, x, v, a, sums)
+    status = accelerate_by(bound, groups, group, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
         return status

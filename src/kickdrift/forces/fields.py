@@ -24,6 +24,7 @@ from kickdrift.forces.arguments import (
     number,
     vector,
 )
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
-class Field:
+class Field(Grouped):
     """Base class of the forces of this module.
 
     Attributes

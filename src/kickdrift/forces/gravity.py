@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
 from kickdrift.forces.central import check_masses, gravitational_constant
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.checks import number, positive
 from kickdrift.text import shown
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 @checked_arguments
 @dataclass(frozen=True)
-class Gravity:
+class Gravity(Grouped):
     """Newtonian gravity, every pair summed: U = -G sum m_i m_j / sqrt(r^2 + softening^2).
 
     The softening is Plummer's (1911, doi:10.1093/mnras/71.5.460).

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.group import Grouped
 from kickdrift.forces.listed import ListedForce
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
-class ManyBodyForce(ListedForce):
+class ManyBodyForce(ListedForce, Grouped):
     """A force whose energy depends on the neighbourhood of each particle; its numbers are in eV and angstroms."""
 
     name: ClassVar[str]

@@ -19,6 +19,7 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 @checked_arguments
 @dataclass(frozen=True)
-class Oblateness:
+class Oblateness(Grouped):
     """The zonal harmonics J2 and J4 of a flattened central body's field, on top of ``gravity``.
 
     U = (G M m / r) [J2 (R / r)^2 P2(s) + J4 (R / r)^4 P4(s)], P2 and P4 Legendre's polynomials, s = r . pole / r, the

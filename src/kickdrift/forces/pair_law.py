@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.group import Grouped
 from kickdrift.forces.law_check import check_class, check_law, check_slope
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.listed import ListedForce
@@ -32,7 +33,7 @@ SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume sta
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairForce(ListedForce):
+class PairForce(ListedForce, Grouped):
     """Parameters of every pair force, besides those of its law.
 
     Attributes

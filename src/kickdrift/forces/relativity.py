@@ -15,6 +15,7 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
 
@@ -26,7 +27,7 @@ FORMS = ("full", "potential")
 
 @checked_arguments
 @dataclass(frozen=True)
-class PostNewtonian:
+class PostNewtonian(Grouped):
     """First post-Newtonian (1PN) force of the central body on every other body, in addition to ``gravity``.
 
     The full form is Schwarzschild's field in harmonic coordinates, for r and v from the central body of mass M:

@@ -50,11 +50,24 @@ def accelerate(forces: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
 
 @overload(accelerate, forceinline=True)
 def _accelerate(forces, t, x, v, a, sums):
-    what = FORCES if isinstance(sums, types.NoneType) else FORCES_AND_SUMS
+    return lambda forces, t, x, v, a, sums: accelerate_by(forces, None, 0, t, x, v, a, sums)
 
-    def each(forces, t, x, v, a, sums):
+
+def accelerate_by(forces: Any, groups: Any, group: int, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+    """Like ``accelerate``, by the forces of one group. ``groups`` holds the group of each force; None for all forces"""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(accelerate_by, forceinline=True)
+def _accelerate_by(forces, groups, group, t, x, v, a, sums):
+    what = FORCES if isinstance(sums, types.NoneType) else FORCES_AND_SUMS
+    chosen = not isinstance(groups, types.NoneType)
+
+    def each(forces, groups, group, t, x, v, a, sums):
         table = forces.table
         for k in range(table.shape[0]):
+            if chosen and groups[k] != group:
+                continue
             if table[k, 0] == 0:
                 few_bodies(forces.few, flat(x), flat(a), sums)
             else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import number
 from kickdrift.forces.central import check_masses, check_open, check_positive, gravitational_constant
+from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 @checked_arguments
 @dataclass(frozen=True)
-class GravityTree:
+class GravityTree(Grouped):
     """Newtonian gravity of many particles to a chosen accuracy, in a time that grows as n log n.
 
     Far particles attract as groups, by their mass and quadrupole moment (Barnes & Hut 1986, doi:10.1038/324446a0).

@@ -11,6 +11,7 @@ from kickdrift.integrators import (
     gauss_radau,
     hermite,
     implicit,
+    respa,
     reversible,
     rosenbrock,
     runge_kutta,
@@ -28,6 +29,7 @@ INTEGRATORS: dict[str, Method] = {
     for row in (
         *splitting.ROWS,
         *baths.ROWS,
+        *respa.ROWS,
         *stormer.ROWS,
         *exact.ROWS,
         *reversible.ROWS,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from numba import types
 
-from kickdrift.forces.evaluate import fill_accelerations, fill_derivative
+from kickdrift.forces.evaluate import fill_accelerations, fill_by, fill_derivative
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.subflow_code import call_subflow
 from kickdrift.jit.compile import driver, inlined, jit, strict
@@ -27,8 +27,8 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.vectors import WIDTH
 
-# Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y,
-# rejected steps.
+# Slots of the cursor, after EVALUATIONS: steps done in this call, next stage, whether `work` holds the derivative at y
+# (with groups of forces a bit for each group), rejected steps.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
 
 
@@ -87,6 +87,40 @@ def _act(further, stage, start, first, dt, x, v, cursor):
     return each
 
 
+def kick(groups, stage, bound, t, x, v, lost, span, work, cursor):
+    """v <- v + span a, by the forces of the stage; return a status. ``work`` keeps a while positions stay fixed."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(kick, forceinline=True)
+def _kick(groups, stage, bound, t, x, v, lost, span, work, cursor):
+    if isinstance(groups, types.NoneType):
+
+        def by_all(groups, stage, bound, t, x, v, lost, span, work, cursor):
+            if not cursor[FRESH]:
+                status = fill_accelerations(bound, t, x, v, work, None, cursor)
+                if status != OK:
+                    return status
+                cursor[FRESH] = 1
+            advance(v, lost, span, work)
+            return OK
+
+        return by_all
+
+    def by_one_group(groups, stage, bound, t, x, v, lost, span, work, cursor):
+        group = groups.kicks[stage]
+        a = work[group]
+        if not cursor[FRESH] >> group & 1:
+            status = fill_by(bound, groups.forces, group, t, x, v, a, None, cursor)
+            if status != OK:
+                return status
+            cursor[FRESH] |= 1 << group
+        advance(v, lost, span, a)
+        return OK
+
+    return by_one_group
+
+
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
     """Apply the flows of a ``Word`` in turn. ``work`` holds the accelerations until positions change."""
@@ -94,18 +128,15 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
     y, carry, work = unowned(y), unowned(carry), unowned(work)
     stages, cursor = unowned(word.stages), unowned(cursor)
     x, v, lost_x, lost_v = y[0], y[1], carry[0], carry[1]
-    kick, drift, passed = stages[0], stages[1], stages[2]
+    kicks, drift, passed = stages[0], stages[1], stages[2]
     while cursor[STEP] < steps:
-        for stage in range(cursor[STAGE], kick.size):
-            if kick[stage] != 0.0:
-                if not cursor[FRESH]:
-                    t = start + (first + cursor[STEP] + passed[stage]) * dt
-                    status = fill_accelerations(bound, t, x, v, work, None, cursor)
-                    if status != OK:
-                        cursor[STAGE] = stage
-                        return status
-                    cursor[FRESH] = 1
-                advance(v, lost_v, kick[stage] * dt, work)
+        for stage in range(cursor[STAGE], kicks.size):
+            if kicks[stage] != 0.0:
+                t = start + (first + cursor[STEP] + passed[stage]) * dt
+                status = kick(word.groups, stage, bound, t, x, v, lost_v, kicks[stage] * dt, work, cursor)
+                if status != OK:
+                    cursor[STAGE] = stage
+                    return status
             if drift[stage] != 0.0:
                 advance(x, lost_x, drift[stage] * dt, v)
                 cursor[FRESH] = 0

@@ -80,11 +80,11 @@ def _pull(x: Floats) -> Floats:
 def _splitting_step(method: Splitting) -> Step:
     def step(t: float, y: Floats, dt: float) -> Floats:
         y = y.copy()
-        for letter, weight in zip(method.word, method.weights, strict=True):
+        for letter, weight in zip(method.letters, method.weights, strict=True):
             if letter == DRIFT:
                 y[:2] += weight * dt * y[2:]
-            elif letter == KICK:
-                y[2:] += weight * dt * _pull(y[:2])
+            elif letter[0] == KICK:
+                y[2:] += weight * dt * _pull(y[:2]) / max(1, method.groups)
         return y
 
     return step

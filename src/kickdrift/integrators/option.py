@@ -231,6 +231,9 @@ TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.
 RATE = Option(
     "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
 )  # fmt: skip
+SUBSTEPS = Option(
+    "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
+)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
 SEED = Option(
     "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53

@@ -79,7 +79,8 @@ def register_splitting(
     Parameters
     ----------
     name : a new one; with ``overwrite``, one that was registered before
-    word : the flows in the order in which they act: "A" drifts, "B" kicks
+    word : the flows in the order in which they act: "A" drifts, "B" kicks, "O" is a heat bath. "B0" and "B1" kick by
+        the forces of one group. "(B0 A B0)4" repeats a part, so "B1 (B0 A B0)4 B1" has two time steps
     weights : the part of dt for each letter, those of one letter adding up to one; equal parts by default
     kick, drift : in place of a word, the weights of dt of kicks and drifts in turn, each adding up to one
     first : "kick" or "drift", whichever comes first where no word is given
@@ -102,7 +103,7 @@ def register_splitting(
     else:
         if not (isinstance(word, str) and word):
             raise InputError(f"{name}: word must be letters of flows, got {word!r}")
-        row = even_weights(word) if weights is None else _row(name, "weights", weights)
+        row = even_weights(word, name) if weights is None else _row(name, "weights", weights)
     _register(Splitting(name, word, row, order, source, use), overwrite, check_order)
 
 

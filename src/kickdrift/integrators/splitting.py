@@ -9,11 +9,13 @@ from math import fsum
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import COMPENSATED, Option
 from kickdrift.integrators.subflows import DRIFT, FLOWS, KICK
+from kickdrift.integrators.words import group_of, letters_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ class Splitting(Method):
     """A word over flows, which act one after another, each for its part of the step.
 
     word : letters of the flows in the order of their action: A drifts (x += w dt v), B kicks (v += w dt a), and other
-        letters are in ``subflows.FLOWS``
+        letters are in ``subflows.FLOWS``. B0, B1, … kick by the forces of one group. See ``words.letters_of``
     weights : parts of dt, one for each letter; the weights of one letter add up to one
     order : the power of dt in the global error
     source : author, year, journal, DOI; kickdrift_validation.polish_splittings adds digits to rows that were published
@@ -47,19 +49,30 @@ class Splitting(Method):
     rescalable = True
 
     def __post_init__(self) -> None:
-        if unknown := sorted(set(self.word) - set(FLOWS)):
-            known = ", ".join(f"{letter} ({flow.name})" for letter, flow in FLOWS.items())
-            raise InputError(f"{self.name}: no flow has the letter {unknown[0]!r}; letters are {known}")
-        if len(self.word) != len(self.weights):
-            raise InputError(f"{self.name}: {len(self.word)} letters and {len(self.weights)} weights")
-        for letter in sorted({*self.word, KICK, DRIFT}, key=list(FLOWS).index):
+        letters = letters_of(self.name, self.word)
+        if len(letters) != len(self.weights):
+            raise InputError(f"{self.name}: {len(letters)} letters and {len(self.weights)} weights")
+        kicks = {letter for letter in letters if letter[0] == KICK} or {KICK}
+        for letter in sorted({*letters, *kicks, DRIFT}, key=lambda each: (list(FLOWS).index(each[0]), each)):
             total, size = fsum(self.of(letter)), fsum(map(abs, self.of(letter)))
             if not abs(total - 1.0) <= 1e-14 * size:
-                raise InputError(f"{self.name}: {FLOWS[letter].name} weights add up to {total!r}, not 1")
+                group = group_of(letter)
+                which = FLOWS[letter[0]].name + ("" if group is None else f" {letter}")
+                raise InputError(f"{self.name}: {which} weights add up to {total!r}, not 1")
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """Letters of the word in the order of their action, B0, B1, … with their group."""
+        return letters_of(self.name, self.word)
+
+    @property
+    def groups(self) -> int:
+        """Number of groups of forces that the word kicks apart; 0 if each kick is by all forces."""
+        return len({letter for letter in self.letters if group_of(letter) is not None})
 
     def of(self, letter: str) -> tuple[float, ...]:
         """Weights of one flow, in order."""
-        return tuple(weight for each, weight in zip(self.word, self.weights, strict=True) if each == letter)
+        return tuple(weight for each, weight in zip(self.letters, self.weights, strict=True) if each == letter)
 
     @property
     def kick(self) -> tuple[float, ...]:
@@ -74,53 +87,58 @@ class Splitting(Method):
     @property
     def first(self) -> str:
         """Name of the first flow."""
-        return FLOWS[self.word[0]].name
+        return FLOWS[self.letters[0][0]].name
 
     @property
     def symplectic(self) -> bool:
         """Whether every flow keeps the symplectic form."""
-        return all(FLOWS[letter].symplectic for letter in self.word)
+        return all(FLOWS[letter[0]].symplectic for letter in self.letters)
 
     @property
     def reversible(self) -> bool:
         """Whether the word reads the same from both ends, so that a step with -dt undoes one with dt."""
-        same = self.word == self.word[::-1] and self.weights == self.weights[::-1]
-        return same and all(FLOWS[letter].reversible for letter in self.word)
+        same = self.letters == self.letters[::-1] and self.weights == self.weights[::-1]
+        return same and all(FLOWS[letter[0]].reversible for letter in self.letters)
 
     @property
     def bath(self) -> bool:
-        return any(FLOWS[letter].bath for letter in self.word)
+        return any(FLOWS[letter[0]].bath for letter in self.letters)
 
     @property
     def drags(self) -> bool:
-        return any(FLOWS[letter].drags for letter in self.word)
+        return any(FLOWS[letter[0]].drags for letter in self.letters)
 
     @property
     def evaluations(self) -> int:
-        """Force evaluations per step; a last kick shares its force with the first kick of the next step."""
-        count, known = 0, self.ends_fresh
+        """Force evaluations per step, one for each group of forces; a last kick shares its force with the first kick of
+        the next step."""
+        count, known = 0, {letter for letter in self._acting if letter[0] == KICK and self._fresh_after(letter)}
         for letter in self._acting:
-            if letter == KICK and not known:
-                count, known = count + 1, True
-            elif FLOWS[letter].moves:
-                known = False
+            if letter[0] == KICK and letter not in known:
+                count, known = count + 1, {*known, letter}
+            elif FLOWS[letter[0]].moves:
+                known = set()
         return count
 
     @property
     def ends_fresh(self) -> bool:
-        """Whether positions stay fixed after a step's last kick, so that its forces are those at the step's end."""
-        after = self._acting[self._acting.rindex(KICK) :]
-        return not any(FLOWS[letter].moves for letter in after)
+        """Whether positions stay fixed after a step's last kicks, so that their forces are those at the step's end."""
+        return all(self._fresh_after(letter) for letter in self._acting if letter[0] == KICK)
+
+    def _fresh_after(self, kick: str) -> bool:
+        """Whether positions stay fixed after the last of these kicks."""
+        last = len(self._acting) - self._acting[::-1].index(kick)
+        return not any(FLOWS[letter[0]].moves for letter in self._acting[last:])
 
     @property
-    def _acting(self) -> str:
-        """The word without letters of weight zero."""
-        return "".join(letter for letter, weight in zip(self.word, self.weights, strict=True) if weight)
+    def _acting(self) -> tuple[str, ...]:
+        """Letters of the word without those of weight zero."""
+        return tuple(letter for letter, weight in zip(self.letters, self.weights, strict=True) if weight)
 
     @property
     def further(self) -> str:
         """Letters of the flows other than kicks and drifts, in the order of ``subflows.FLOWS``."""
-        return "".join(letter for letter in FLOWS if letter in self.word and letter not in (KICK, DRIFT))
+        return "".join(letter for letter in FLOWS if letter in self.letters and letter not in (KICK, DRIFT))
 
     @property
     def declared(self) -> tuple[Option, ...]:
@@ -136,24 +154,34 @@ class Splitting(Method):
     def further_stages(self) -> Floats:
         """Further flows (3, stages): weight of each stage's flow, part of dt that has passed before it acts, and its
         index in ``further``."""
-        return self._rows[3:].copy()
+        return self._rows[3:6].copy()
+
+    @cached_property
+    def kick_groups(self) -> NDArray[np.int64]:
+        """Group of forces of each stage's kick, (stages,)."""
+        return self._rows[6].astype(np.int64)
 
     @cached_property
     def _rows(self) -> Floats:
         slots = {KICK: 0, DRIFT: 1}
         stages: list[list[float]] = []
-        last, passed = len(slots), 0.0  # index of the slot that was filled last
-        for letter, weight in zip(self.word, self.weights, strict=True):
+        last, passed, before = len(slots), 0.0, ""  # ``last``: the slot that was filled last
+        for letter, weight in zip(self.letters, self.weights, strict=True):
             if not weight:
                 continue
-            slot = slots.get(letter, len(slots))
-            if slot <= last:
-                stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0])
-            if letter in slots:
-                stages[-1][slot] = weight
+            slot = slots.get(letter[0], len(slots))
+            if letter == before and slot < len(slots):  # the same flow again: one flow for the sum of the times
+                stages[-1][slot] += weight
             else:
-                stages[-1][3:] = weight, passed, self.further.index(letter)
-            last, passed = slot, passed + weight * (letter == DRIFT)
+                if slot <= last:
+                    stages.append([0.0, 0.0, passed, 0.0, 0.0, 0.0, 0.0])
+                if letter[0] in slots:
+                    stages[-1][slot] = weight
+                else:
+                    stages[-1][3:6] = weight, passed, self.further.index(letter)
+                if letter[0] == KICK:
+                    stages[-1][6] = group_of(letter) or 0
+            last, passed, before = slot, passed + weight * (letter == DRIFT), letter
         return np.array(stages, dtype=np.float64).T
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
@@ -163,11 +191,11 @@ class Splitting(Method):
 
     @property
     def particles_only(self) -> bool:
-        return bool(self.further)
+        return bool(self.further or self.groups)
 
     @property
     def batched(self) -> bool:
-        return not self.further
+        return not (self.further or self.groups)
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         from kickdrift.integrators.batch_loops import batch_splitting_loop
@@ -185,9 +213,10 @@ def in_turn(word: str, first: tuple[float, ...], second: tuple[float, ...]) -> t
     return (word * len(weights))[: len(weights)], tuple(weights)
 
 
-def even_weights(word: str) -> tuple[float, ...]:
-    """Weights of a word in which each flow acts for equal parts of the step."""
-    return tuple(1.0 / word.count(letter) for letter in word)
+def even_weights(word: str, name: str = "word") -> tuple[float, ...]:
+    """Weights of a word in which each flow acts for equal parts of the step. ``name`` begins messages."""
+    letters = letters_of(name, word)
+    return tuple(1.0 / letters.count(letter) for letter in letters)
 
 
 def palindrome(half: tuple[float, ...], middle: int = 1) -> tuple[float, ...]:

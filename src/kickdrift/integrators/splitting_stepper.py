@@ -12,8 +12,10 @@ from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
+from kickdrift.model.checks import whole_number
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
@@ -25,6 +27,7 @@ class Word(NamedTuple):
 
     stages: Floats  # see Splitting.stages
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
+    groups: Groups | None  # None for kicks by all forces
 
 
 class Further(NamedTuple):
@@ -32,6 +35,13 @@ class Further(NamedTuple):
 
     stages: Floats  # see Splitting.further_stages
     table: NDArray[np.int64]  # (flows, 3): addresses of machine code and of parts, and whether positions move
+
+
+class Groups(NamedTuple):
+    """Groups of forces, for a word that kicks by one group at a time."""
+
+    forces: NDArray[np.int64]  # (forces,) group of each force
+    kicks: NDArray[np.int64]  # (stages,) group of each stage's kick
 
 
 class Composition(Protocol):
@@ -49,6 +59,15 @@ class Composition(Protocol):
     @property
     def ends_fresh(self) -> bool: ...
 
+    @property
+    def groups(self) -> int: ...
+
+    @property
+    def kick_groups(self) -> NDArray[np.int64]: ...
+
+    @property
+    def name(self) -> str: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -59,9 +78,19 @@ class SplittingStepper(FixedStepper):
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         self.warnings = bath_warnings(options.dt, options) if self._baths else []
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
-        word = Word(method.stages, Further(method.further_stages, np.array(table, np.int64)) if table else None)
-        super().__init__(flow, splitting_loop, word, lambda shape: np.zeros(shape[1:]), options, kept=True)
-        self.ends_fresh = method.ends_fresh
+        further = Further(method.further_stages, np.array(table, np.int64)) if table else None
+        groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
+        if groups:
+            self.warnings += [
+                f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
+                for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
+            ]
+        some = (method.groups,) if groups else ()
+        super().__init__(
+            flow, splitting_loop, Word(method.stages, further, groups), lambda shape: np.zeros((*some, *shape[1:])),
+            options, kept=True,
+        )  # fmt: skip
+        self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
 
     @property
     def heat(self) -> float:
@@ -99,4 +128,16 @@ class SplittingStepper(FixedStepper):
 
     @property
     def fresh(self) -> bool:  # type: ignore[override]
-        return bool(self._cursor[FRESH])
+        return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
+    """Group of each force. Raises InputError for a group that the word does not kick."""
+    forces = [] if not isinstance(flow.subject, System) else flow.subject.forces
+    groups = [whole_number(f"force {force.name}: group", getattr(force, "group", 0), 0) for force in forces]
+    for force, group in zip(forces, groups, strict=True):
+        if group >= method.groups:
+            raise InputError(
+                f"{method.name}: kicks by groups 0 to {method.groups - 1}, and force {force.name} has group = {group}"
+            )
+    return np.array(groups, np.int64)

@@ -75,22 +75,27 @@ def imaginary_interval(method: Method | StabilityFunction) -> float:
 def stability_interval(splitting: Splitting) -> float:
     """Largest omega dt up to which a splitting's steps on the oscillator stay bounded.
 
-    Exactly at the edge, |trace| = 2, they may grow in proportion to time.
+    Exactly at the edge, |trace| = 2, they may grow in proportion to time. Multiple time steps resonate if the kicks of
+    the slow forces come twice in a fast period, at omega dt = pi (Biesiadecki & Skeel 1993,
+    doi:10.1006/jcph.1993.1220). So no word with groups has a larger interval.
     """
     half = half_trace(splitting)
-    return math.sqrt(_reach(half, Polynomial([1.0]), _sizes(half)))
+    own = math.sqrt(_reach(half, Polynomial([1.0]), _sizes(half)))
+    return min(own, math.pi) if splitting.groups else own
 
 
 def half_trace(splitting: Splitting) -> Polynomial:
     """Half the trace of the propagation matrix of (x, dt v) on the oscillator, in powers of (omega dt)^2.
+
+    The oscillator's force is in group 0, if the word has groups.
 
     The eigenvalues lie on the unit circle where its absolute value is below one, as the determinant is one.
     """
     trace = [Fraction(0)]
     for start in (0, 1):  # the columns of the matrix: images of x = 1, v = 0 and of x = 0, v = 1
         x, v = [Fraction(1 - start)], [Fraction(start)]
-        for letter, weight in zip(splitting.word, map(Fraction, splitting.weights), strict=True):
-            if letter == KICK:
+        for letter, weight in zip(splitting.letters, map(Fraction, splitting.weights), strict=True):
+            if letter in (KICK, KICK + "0"):
                 v = _add(v, -weight, [Fraction(0), *x])  # dt^2 a = -(omega dt)^2 x
             elif letter == DRIFT:
                 x = _add(x, weight, v)
