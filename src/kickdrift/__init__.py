@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.chaos_report import ChaosReport
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
+    from kickdrift.analysis.doctor import Installation, doctor
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
     from kickdrift.systemfile.reading import load
+    from kickdrift.systemfile.templates import template
+    from kickdrift.trajectory.citing import cite
     from kickdrift.trajectory.export import export
     from kickdrift.trajectory.opened import open
     from kickdrift.trajectory.options import FileOptions
@@ -75,6 +78,7 @@ _HOMES = {
     "FileOptions": "trajectory.options",
     "InputError": "errors",
     "KickdriftError": "errors",
+    "Installation": "analysis.doctor",
     "Listing": "run.listing",
     "Minimum": "run.minimization",
     "Option": "integrators.option",
@@ -87,7 +91,9 @@ _HOMES = {
     "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
+    "cite": "trajectory.citing",
     "compare": "analysis.comparing",
+    "doctor": "analysis.doctor",
     "export": "trajectory.export",
     "integrator": "integrators.asked",
     "listing": "run.listing",
@@ -102,6 +108,7 @@ _HOMES = {
     "resume": "run.resuming",
     "solve": "run.solve",
     "stability": "plots.figures",
+    "template": "systemfile.templates",
 }
 
 __all__ = [
@@ -123,6 +130,7 @@ __all__ = [
     "GravityTree",
     "HarmonicTrap",
     "InputError",
+    "Installation",
     "KickdriftError",
     "LennardJones",
     "LinearDrag",
@@ -146,7 +154,9 @@ __all__ = [
     "UniformField",
     "accelerations",
     "analysis",
+    "cite",
     "compare",
+    "doctor",
     "engines",
     "export",
     "integrator",
@@ -163,6 +173,7 @@ __all__ = [
     "resume",
     "solve",
     "stability",
+    "template",
 ]
 
 # A public name in no other table is a force.

@@ -141,6 +141,9 @@ OPTIONS: dict[str, dict[str, str]] = {
     },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)"},
+    "new": {"kind": "template(kind)", "--quiet": "template"},
+    "cite": {"name": "cite(name_or_path)"},
+    "doctor": {"--json": "Installation.as_json"},
     "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
 }
 
@@ -149,6 +152,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+    "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 
@@ -171,6 +175,7 @@ ELSEWHERE = {
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
+    "doctor": ("doctor",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, and orbits of the present": (
         "Column", "Energies", "Orbit", "OrbitTable", "State",

@@ -49,6 +49,15 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift list integrators wisdom-holman", "One integrator and its options."),
         ("kickdrift list systems --json -", "The table as JSON on standard output."),
     ),
+    "new": (
+        ("kickdrift new", "Write liquid.toml, with a comment on each choice."),
+        ("kickdrift new planets --output mine.toml", "A star with planets, under another name."),
+    ),
+    "cite": (
+        ("kickdrift cite run.h5md > run.bib", "The method, the forces and the system of a run."),
+        ("kickdrift cite nose-hoover", "One method."),
+    ),
+    "doctor": (("kickdrift doctor", "What is installed here, and what is missing."),),
     "show": (("kickdrift show lj-1000 > mine.toml", "A copy of a shipped system, to edit."),),
     "validate": (
         ("kickdrift validate --list", "List the scripts."),

@@ -22,6 +22,7 @@ from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import certify, chaos, compare
 from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
+from kickdrift.cli.starting import cite, doctor, new
 from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
@@ -29,14 +30,14 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    run, resume, relax, ensemble, compare, chaos, certify, plot, export, info, show, validate,
+    new, run, resume, relax, ensemble, compare, chaos, certify, plot, export, info, show, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(
     name="kickdrift",
     cls=Group,
     help="Molecular dynamics and N-body simulation in which you choose and measure the integrator.",
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

@@ -1,0 +1,59 @@
+"""The commands ``new``, ``cite`` and ``doctor``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from kickdrift.cli.console import print_lines, print_table, say, verbatim
+from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption
+from kickdrift.disk.files import shown_path
+from kickdrift.disk.kinds import SYSTEM
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
+from kickdrift.display.showing import lines_of, tables_of
+from kickdrift.errors import InputError
+
+
+def new(
+    kind: Annotated[str, typer.Argument(metavar="[KIND]", help="liquid, bath, mixture, planets or ode.")] = "liquid",
+    output: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Default: KIND.toml in this folder.")] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Write a commented system file to start from. No file is replaced."""
+    from kickdrift.systemfile.templates import template
+
+    text = template(kind)
+    target = Path(f"{kind}.toml") if output is None else output
+    if os.path.lexists(target):
+        raise InputError(
+            f"{shown_path(target)}: exists already, and new replaces no file; give another name by --output"
+        )
+    refuse_outputs({"output": target}, False, output=SYSTEM)
+    write_system(target, text, overwrite=False)
+    say(f"wrote {target}; run it with: kickdrift run {target}", quiet)
+
+
+def cite(
+    name: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A run's file, a system, a method or a force.")],
+) -> None:
+    """Print BibTeX entries for what a run used, or for a system, a method or a force."""
+    from kickdrift.trajectory.citing import cite as cited
+
+    verbatim(cited(name) + "\n")
+
+
+def doctor(json_file: JsonOption = None, overwrite: OverwriteOption = False) -> None:
+    """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
+    refuse_outputs({"json": json_file}, overwrite)
+    from kickdrift.analysis.doctor import doctor as found_by
+
+    found = found_by()
+    print_lines(lines_of(found))
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)
+    write_json(json_file, found.as_json(), overwrite=overwrite)
+    if found.problems:
+        raise typer.Exit(1)

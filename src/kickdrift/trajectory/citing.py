@@ -1,0 +1,128 @@
+"""References for what a run used, in BibTeX."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator
+from importlib.metadata import version
+from typing import Any
+
+from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.systemfile.files import is_shipped
+from kickdrift.systemfile.reading import load
+from kickdrift.text import shown
+
+_DOI = re.compile(r"doi:\s?(10\.\d+/[^\s;,]*[^\s;,.])")
+_REFERENCE = re.compile(
+    r"^(?:[\w ]+:\s)?(?P<who>[^\d:]+?),? (?P<year>1[5-9]\d\d|20\d\d)\b[a-z]?(?P<rest>.*)$", re.DOTALL
+)
+_JOURNAL = re.compile(r"^(?P<journal>[^\d]+?) (?P<volume>\d+), (?P<pages>[\w.]+)$")
+_CITED = re.compile(  # authors, year and DOI in running text
+    r"((?:[A-Z][\w'’-]+(?:, | & | and )?)+(?: et al\.)?),? "
+    r"\(?((?:1[6-9]|20)\d\d)[a-z]?,? ?[^.;()]*?"
+    r"doi:\s?(10\.\d+/[^\s;,)]*[^\s;,.)])"
+)
+KICKDRIFT = """@software{{kickdrift,
+  author = {{{{The kickdrift developers}}}},
+  title = {{kickdrift: molecular dynamics and N-body simulation in which the integrator is a measured choice}},
+  version = {{{version}}},
+}}"""
+
+
+def cite(name_or_path: str | os.PathLike[str]) -> str:
+    """References in BibTeX: for a run's file its method, forces and system; else for a method, a force or a system.
+
+    Each entry holds what kickdrift knows of its source: authors, year, DOI, and journal where it is known. The first
+    entry is kickdrift itself.
+
+    Raises
+    ------
+    InputError
+        For a name that is no method, force or system, and a file that is neither a run nor a system.
+    """
+    texts = list(dict.fromkeys(_sources(os.fspath(name_or_path))))
+    works: dict[str, dict[str, str]] = {}  # fields by what names a work: its DOI, else its authors and year
+    for text in texts:
+        for reference in re.split(r";\s+", text):
+            if fields := _fields(" ".join(reference.split())):
+                known = works.setdefault(fields.get("doi", fields["author"] + fields["year"]), fields)
+                known |= {key: value for key, value in fields.items() if key not in known}
+    keys = _keys(works.values())
+    entries = [_entry(key, fields) for key, fields in zip(keys, works.values(), strict=True)]
+    return "\n\n".join([KICKDRIFT.format(version=version("kickdrift")), *entries])
+
+
+def _sources(name: str) -> Iterator[str]:
+    """Texts of the sources."""
+    if name in INTEGRATORS:
+        yield INTEGRATORS[name].source
+    elif name in FORCES:
+        yield from _of_force(FORCES[name])
+    elif name.endswith((".h5md", ".h5")):
+        from kickdrift.trajectory.opened import open as opened
+
+        with opened(name) as run:
+            recorded: Any = run
+            method = dict(recorded.method).get("integrator", "")
+            yield INTEGRATORS[method].source if method in INTEGRATORS else ""
+            if hasattr(recorded, "system_record"):
+                yield from _of_system(recorded.system())
+    elif is_shipped(name) or name.endswith(".toml"):
+        subject: Any = load(name)
+        method = subject.run.integrator
+        yield INTEGRATORS[method].source if method in INTEGRATORS else ""
+        yield from _of_system(subject)
+    else:
+        raise InputError(
+            f"cite: {shown(name)} is no method, force or system, and no run's file; see kickdrift list integrators"
+        )
+
+
+def _of_system(subject: Any) -> Iterator[str]:
+    """Sources of a System's forces, and of its reference values."""
+    for force in getattr(subject, "forces", ()):
+        yield from _of_force(type(force))
+    if source := dict(getattr(subject, "invariants", {}) or {}).get("source"):
+        yield str(source)
+
+
+def _of_force(cls: Any) -> Iterator[str]:
+    """Sources that the docstring of a class of forces cites with a DOI."""
+    texts: Iterable[str] = [cls.__doc__ or "", getattr(getattr(cls, "Parameters", None), "__doc__", "") or ""]
+    for text in texts:
+        for who, year, doi in _CITED.findall(" ".join(text.split())):
+            yield f"{who.strip(' ,')} {year}, doi:{doi}"
+
+
+def _fields(reference: str) -> dict[str, str] | None:
+    """Fields of the entry of one reference; None for a text that names no work."""
+    found = _REFERENCE.match(reference)
+    if found is None:
+        return None
+    who, year = re.sub(r"^(?:dense output|step:) ", "", found["who"]).strip(" ,"), found["year"]
+    doi = _DOI.search(found["rest"])
+    rest = (found["rest"][: doi.start()] if doi else found["rest"]).strip(" ,")
+    authors = re.sub(r"\s*(?:,|&)\s*", " and ", re.sub(r"['’]s\b", "", who).replace(" et al.", " and others"))
+    fields = {"author": authors, "year": year}
+    if journal := _JOURNAL.match(rest):
+        fields |= journal.groupdict()
+    elif rest:
+        fields["note"] = rest
+    return fields | ({"doi": doi[1]} if doi else {})
+
+
+def _keys(works: Iterable[dict[str, str]]) -> list[str]:
+    """Key of each work: first author and year, with a letter for a second work of both."""
+    found: list[str] = []
+    for fields in works:
+        first = re.sub(r"\W", "", fields["author"].split(" and ")[0].split()[-1]).lower() + fields["year"]
+        found.append(next(key for letter in ("", *"bcdefghijklmnop") if (key := first + letter) not in found))
+    return found
+
+
+def _entry(key: str, fields: dict[str, str]) -> str:
+    lines = [f"  {name} = {{{value}}}," for name, value in fields.items()]
+    return "\n".join([f"@{'article' if 'journal' in fields else 'misc'}{{{key},", *lines, "}"])

@@ -1,0 +1,104 @@
+"""Commands to begin with: a system file, references, and the state of the installation."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+import kickdrift as kd
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.systemfile.templates import kinds
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_a_new_file_is_valid_and_commented(kind, kickdrift, folder):
+    code, _, err = kickdrift("new", kind)
+    assert code == 0
+    assert err == f"wrote {kind}.toml; run it with: kickdrift run {kind}.toml\n"
+    text = (folder / f"{kind}.toml").read_text(encoding="utf-8")
+    assert text == kd.template(kind)
+    assert text.startswith("# ")
+    kd.load(f"{kind}.toml")
+
+
+def test_no_file_is_replaced(kickdrift, folder):
+    (folder / "liquid.toml").write_text("mine")
+    code, _, err = kickdrift("new")
+    assert (code, (folder / "liquid.toml").read_text()) == (2, "mine")
+    assert "liquid.toml: exists already, and new replaces no file" in err
+    assert kickdrift("new", "plants")[2].endswith("got 'plants'; did you mean 'planets'?\n")
+
+
+@pytest.mark.parametrize("name", sorted({method.name for method in INTEGRATORS.values()}))
+def test_every_method_has_a_reference(name):
+    """Each DOI of a method's source is in an entry, and no key stands twice."""
+    text, source = kd.cite(name), INTEGRATORS[name].source
+    keys = re.findall(r"^@\w+\{([\w-]+),$", text, re.MULTILINE)
+    assert keys[0] == "kickdrift"
+    assert len(keys) == len(set(keys))
+    assert len(keys) > 1 or not re.search(r"\b(1[789]|20)\d\d\b", source)
+    for doi in re.findall(r"doi:(10\.\S+?)(?=[;,]?(?:\s|$))", source):
+        assert f"doi = {{{doi.rstrip(',;')}}}" in text
+    assert text.count("{") == text.count("}")
+
+
+def test_a_run_is_cited_from_its_file(kickdrift):
+    kd.Simulation(kd.load("two-body"), "yoshida4").run(5, output="run.h5md")
+    code, out, _ = kickdrift("cite", "run.h5md")
+    assert code == 0
+    assert "author = {Yoshida}" in out
+    assert "author = {Plummer}" in out  # the softening of gravity
+    assert kickdrift("cite", "foo")[0] == 2
+
+
+def test_two_works_of_one_author_and_year_have_two_keys():
+    from kickdrift.trajectory.citing import _keys
+
+    assert _keys([{"author": "Bussi", "year": "2007"}] * 3) == ["bussi2007", "bussi2007b", "bussi2007c"]
+
+
+def test_doctor_says_what_is_here(kickdrift, folder):
+    code, out, _ = kickdrift("doctor", "--json", "found.json")
+    found = json.loads((folder / "found.json").read_text())
+    assert found["kickdrift"] == kd.__version__
+    assert {"lanes", "threads", "compiled code", "packages", "problems"} <= set(found)
+    assert "numba" in [row["package"] for row in found["packages"]]
+    assert code == bool(found["problems"])
+    assert "compiled code" in out
+
+
+def test_doctor_finds_what_is_missing(monkeypatch):
+    from kickdrift.analysis import doctor as module
+
+    monkeypatch.setattr(module, "_version", lambda name: "not installed" if name == "h5py" else "1")
+    assert "h5py is not installed: pip install h5py" in kd.doctor().problems
+    monkeypatch.setattr("kickdrift.jit.folders.folder", lambda: None)
+    assert any("every run compiles anew" in line for line in kd.doctor().problems)
+
+
+@pytest.mark.parametrize(
+    ("shell", "given"),
+    [
+        ("bash", {"COMP_WORDS": "kickdrift re", "COMP_CWORD": "1"}),
+        ("zsh", {"_TYPER_COMPLETE_ARGS": "kickdrift re"}),
+        ("fish", {"_TYPER_COMPLETE_ARGS": "kickdrift re", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}),
+    ],
+)
+def test_shells_complete_commands(shell, given):
+    variables = {**os.environ, **given, "_KICKDRIFT_COMPLETE": f"complete_{shell}"}
+    done = subprocess.run(
+        [sys.executable, "-m", "kickdrift"], env=variables, capture_output=True, text=True, check=False
+    )
+    assert "resume" in done.stdout
+    assert "relax" in done.stdout
