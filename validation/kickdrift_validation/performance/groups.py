@@ -140,7 +140,8 @@ def crystal(name: str, system: str, title: str) -> Group:
             Contestant("kickdrift", crystals.kickdrift),
             Contestant("LAMMPS plain", LammpsCrystal),
             Contestant("LAMMPS opt", partial(LammpsCrystal, style="opt")),
-            Contestant("LAMMPS omp", partial(LammpsCrystal, style="omp")),
+            Contestant("LAMMPS opt, skin 0.5", partial(LammpsCrystal, style="opt", skin=0.5)),
+            Contestant("LAMMPS omp, skin 0.5", partial(LammpsCrystal, style="omp", skin=0.5)),
         ),
         (Goal("LAMMPS", 1.0),),
     )  # fmt: skip
