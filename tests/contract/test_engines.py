@@ -21,6 +21,7 @@ from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
+from kickdrift_validation.example_forces import crystal, example
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is a function, so take the module here
 FOREIGN = [name for name in ENGINES if name != "native"]
@@ -91,6 +92,19 @@ def planets() -> kd.System:
     return kd.load("outer-solar-system")
 
 
+def copper() -> kd.System:
+    return crystal(example(kd.EmbeddedAtom))
+
+
+def silicon() -> kd.System:
+    return crystal(kd.StillingerWeber())
+
+
+def silicon_of_tersoff() -> kd.System:
+    return crystal(kd.Tersoff(), few=True)
+
+
+CRYSTAL = {"integrator": "velocity-verlet", "dt": 0.001}
 MD = {"integrator": "velocity-verlet", "dt": 0.002}
 CASES = [
     ("ase", liquid, MD),
@@ -99,6 +113,7 @@ CASES = [
     ("ase", leaning, MD),
     ("ase", slab, MD),
     ("ase", tube, MD),
+    ("ase", silicon_of_tersoff, CRYSTAL),
     ("rebound", planets, {"integrator": "leapfrog-dkd", "dt": 0.01}),
     ("rebound", planets, {"integrator": "forest-ruth", "dt": 0.01}),
     ("rebound", planets, {"integrator": "wisdom-holman", "dt": 0.1, "corrector": 17}),
@@ -118,6 +133,9 @@ CASES = [
     ("lammps", leaning, MD | {"processes": 2}),
     ("lammps", liquid, MD | {"processes": 2}),
     ("lammps", mixture, MD | {"processes": 2}),
+    ("lammps", copper, CRYSTAL),
+    ("lammps", silicon, CRYSTAL),
+    ("lammps", silicon_of_tersoff, CRYSTAL | {"processes": 2}),
     ("openmm", liquid, MD),
     ("openmm", of_argon, MD),
     ("openmm", mixture, MD),

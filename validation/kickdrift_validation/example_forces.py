@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
+from kickdrift.forces import EmbeddedAtom
 from kickdrift.forces.bonded_law import BondedForce
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.systemfile.files import shipped
 
 
 def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -> tuple[Any, float, float]:
@@ -25,6 +28,9 @@ def ases_lennard_jones(**given: float) -> Any:
 
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
+    "eam": {"file": str(shipped()["copper-864"].with_name("Cu_zhou2004.eam.alloy")), "digest": ""},
+    "stillinger-weber": {"entries": None, "file": None},
+    "tersoff": {"entries": None, "file": None},
     "relativity-1pn": {"c": 100.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
@@ -53,3 +59,17 @@ def example(cls: Any, **given: Any) -> Any:
     required = [key for key, each in parameters.items() if each.default is each.empty]
     known = {key: value for key, value in given.items() if key in parameters}
     return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {}) | known))
+
+
+def crystal(force: Any, few: bool = False, shaken: float = 0.05, seed: int = 5) -> kd.System:
+    """A shaken crystal at 600 K under a many-body force: 256 copper atoms or 512 silicon atoms in a periodic box, or a
+    ``few`` in open space."""
+    metal = isinstance(force, EmbeddedAtom)
+    kind, sites, edge, mass = ("fcc", 4, 3.615, 63.546) if metal else ("diamond", 8, 5.431, 28.0855)
+    count = sites * (2 if few else 4) ** 3
+    x, edges = lattice(kind, count, sites / edge**3)
+    x = x + np.random.default_rng(seed).uniform(-shaken, shaken, x.shape)
+    box, species = None if few else edges, [force.elements[0]] * count
+    system = kd.System(x, masses=mass, box=box, forces=[force], units="metal", species=species)
+    v = maxwell_boltzmann(system.coherent_masses, 600.0, system.units.boltzmann, seed)
+    return kd.System(x, v, mass, box, [force], "metal", species=species)

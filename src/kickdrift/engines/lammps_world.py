@@ -3,7 +3,9 @@ their counts of box crossings."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
+MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Model(NamedTuple):
@@ -25,10 +28,11 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types
+    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
     bonded : bonds, angles and dihedrals, if any
+    many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
     box: Box
@@ -41,6 +45,7 @@ class Model(NamedTuple):
     dt: float
     dimensions: int = 3
     bonded: Bonded | None = None
+    many_body: tuple[str, str, tuple[str, ...]] | None = None
 
 
 class World:
@@ -58,7 +63,7 @@ class World:
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
-        skin = SKIN * max(sigma for *_, sigma in model.pairs)
+        skin = MANY_BODY_SKIN if model.many_body else SKIN * max(sigma for *_, sigma in model.pairs)
         box, axes = model.box, np.array(model.box.periodic_axes)
         thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
         margin = np.where(thin, model.cutoff, skin)
@@ -84,15 +89,17 @@ class World:
                 f"comm_modify cutoff {reach!r}", *(line for line in model.bonded.commands if "_coeff" in line)
             )
         else:
+            self._commands(f"region box {shape} units box", f"create_box {len(model.masses)} box")
+        if model.many_body:
+            self._many_body(*model.many_body)
+        else:
             self._commands(
-                f"region box {shape} units box",
-                f"create_box {len(model.masses)} box",
-                *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
+                f"pair_style lj/cut {model.cutoff!r}",
+                f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
+                *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
             )
         self._commands(
-            f"pair_style lj/cut {model.cutoff!r}",
-            f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
-            *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
             f"neighbor {skin!r} bin",
             "neigh_modify every 1 delay 0 check yes one 20000 page 400000",  # no pair is missed
             "fix move all nve",
@@ -115,6 +122,14 @@ class World:
     def _commands(self, *lines: str) -> None:
         for line in lines:
             self.lmp.command(line)
+
+    def _many_body(self, style: str, text: str, species: Sequence[str]) -> None:
+        """Give LAMMPS a many-body force, whose parameters it reads from a file."""
+        self.lmp.command(f"pair_style {style}")
+        with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
+            file = Path(folder) / "potential"
+            file.write_text(text, encoding="utf-8")
+            self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""

@@ -14,6 +14,7 @@ from kickdrift.forces.bonded import (
     PeriodicDihedral,
     RyckaertBellemans,
 )
+from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
@@ -22,12 +23,17 @@ from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
+from kickdrift.forces.stillinger_weber import StillingerWeber
+from kickdrift.forces.tersoff import Tersoff
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    EmbeddedAtom,
+    StillingerWeber,
+    Tersoff,
     PostNewtonian,
     Oblateness,
     Springs,

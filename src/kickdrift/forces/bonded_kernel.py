@@ -61,7 +61,7 @@ KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKern
 ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
 
 
-class ListedForce(Protocol):
+class BondedPotential(Protocol):
     """A bonded force as its compiled code needs it; see ``BondedForce``."""
 
     kind: ClassVar[str]
@@ -71,7 +71,7 @@ class ListedForce(Protocol):
         """Return the listed particles, the laws of the types, and the law of each item."""
 
 
-def bind(force: ListedForce, system: Subject) -> Any:
+def bind(force: BondedPotential, system: Subject) -> Any:
     """Bind a bonded force to a System."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):

@@ -14,8 +14,8 @@ from kickdrift.forces.external_host import Host, host_of
 from kickdrift.forces.external_kernel import ExternalKernel
 from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.pair_kernel import PairKernel
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
@@ -79,7 +79,7 @@ class BoundForces:
         self, system: UnderForces, threads: int = 1, jumps: bool = True, thin: bool = False, mixed: bool = False
     ) -> None:
         self.threads = check_threads(threads)
-        pairs = [isinstance(force, PairForce) for force in system.forces]
+        pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
         self.forces: tuple[BoundForce, ...] = tuple(

@@ -17,6 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.group import Grouped
 from kickdrift.forces.law import Form, force_of_law
 from kickdrift.forces.law_check import check_law, check_slope
+from kickdrift.forces.listed import ListedForce
 from kickdrift.model.checks import number
 from kickdrift.text import shown
 
@@ -31,7 +32,7 @@ SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume sta
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairForce(Grouped):
+class PairForce(ListedForce, Grouped):
     """Parameters of every pair force, besides those of its law.
 
     Attributes

@@ -14,7 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Varied:
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, (PairForce, GravityTree)):  # their lists and trees make the sums jump
+        if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")

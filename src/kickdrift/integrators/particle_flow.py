@@ -8,7 +8,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
@@ -29,7 +29,7 @@ class ParticleFlow(ParticleStates):
             system, threads, thin=True
         )  # with own lists: a sample must not change the run's lists
         self._aside.follow(self.forces)
-        self._listed = any(isinstance(force, PairForce) for force in system.forces)
+        self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = self._listed and not mixed
         self._look_at(system)
         if system.dimensions == 2:

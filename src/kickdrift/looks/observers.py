@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
@@ -110,9 +109,9 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
 
 
 def particles_interact(system: System) -> bool:
-    """Tell whether particles exchange energy by their forces, so that they have a temperature: under pair forces, and
-    under forces that say so (``thermal``)."""
-    return any(isinstance(force, PairForce) or getattr(force, "thermal", False) for force in system.forces)
+    """Tell whether particles exchange energy by their forces, so that they have a temperature. Forces on a list of
+    neighbours and calculators say so (``thermal``)."""
+    return any(getattr(force, "thermal", False) for force in system.forces)
 
 
 class Measuring(Protocol):

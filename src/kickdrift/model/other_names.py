@@ -18,7 +18,10 @@ CLOSE = (
     "events record them"
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
-MANY_BODY = "{word} is not shipped; a calculator of ASE's is the force 'ase', and kd.pair_law makes pair forces"
+MANY_BODY = (
+    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
+    "of ASE's"
+)
 MOLECULES = (
     "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
 )
@@ -87,10 +90,12 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             CHARGES,
         ),
         (
-            "eam eam/alloy eam/fs meam tersoff sw stillinger-weber airebo rebo reaxff reax reax/c comb snap ace mace "
-            "nequip deepmd mlip gap",
+            "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
             MANY_BODY,
         ),
+        ("eam/alloy eam/fs embedded-atom setfl finnis-sinclair", "{word} is 'eam' here"),
+        ("sw stillinger", "{word} is 'stillinger-weber' here"),
+        ("tersoff/mod tersoff/zbl", "{word} is not there; 'tersoff' is Tersoff's form of 1988"),
         ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
         (
             "dihedral dihedrals torsion proper",
@@ -153,7 +158,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
         ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
         ("nacl salt", CHARGES),
-        ("copper cu silicon si iron fe", MANY_BODY),
+        ("copper cu", "{word} is 'copper-864' here"),
+        ("silicon si", "{word} is 'silicon-512' here"),
     ),
     "engine": (
         ("gromacs gmx namd amber charmm desmond", "{word} is no engine; kickdrift export writes frames for {word}"),

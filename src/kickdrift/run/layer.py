@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -17,7 +17,7 @@ def layer_warning(system: Any, phase: Floats) -> str:
     Pair forces keep such particles in their plane. The temperature then counts velocities that are always zero."""
     if not isinstance(system, System) or system.dimensions == 2 or len(system) < 3:
         return ""
-    if not any(isinstance(force, PairForce) for force in system.forces):
+    if not any(isinstance(force, ListedForce) for force in system.forces):
         return ""
     x, v = phase
     flat = np.flatnonzero((np.ptp(x, axis=1) == 0.0) & ~v.any(axis=1))

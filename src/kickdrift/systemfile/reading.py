@@ -168,7 +168,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
     run = run_defaults(table.run, units)
-    forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
+    forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
     start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
@@ -222,7 +222,7 @@ def _note_unused_seed() -> None:
     warn("seed: this system draws nothing at random, so the seed has no effect", stacklevel=5)
 
 
-def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
+def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) -> Any:
     if "type" not in given:
         raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
     name = given["type"]
@@ -233,6 +233,8 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)
+    if isinstance(parameters.get("file"), str):
+        parameters["file"] = str(folder / parameters["file"])
     with prefixed(f"{path}: "):
         return cls(**parameters)
 

@@ -81,7 +81,7 @@ Density = Annotated[Any, BeforeValidator(_density)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc", "square", "hexagonal"]
+    lattice: Literal["sc", "bcc", "fcc", "diamond", "square", "hexagonal"]
     count: PositiveInt
     density: Density = None
     mass: Masses = None

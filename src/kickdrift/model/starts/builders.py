@@ -31,6 +31,10 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "sc": ((0.5, 0.5, 0.5),),
     "bcc": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
     "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+    "diamond": (
+        *((0.125, 0.125, 0.125), (0.125, 0.625, 0.625), (0.625, 0.125, 0.625), (0.625, 0.625, 0.125)),
+        *((0.375, 0.375, 0.375), (0.375, 0.875, 0.875), (0.875, 0.375, 0.875), (0.875, 0.875, 0.375)),
+    ),
 }
 
 LAMMPS_DATA = (".data", ".lmp", ".lammps-data")
@@ -44,8 +48,8 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
 
     Parameters
     ----------
-    kind : "sc", "bcc" or "fcc"
-    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice continues across the periodic faces without a gap
+    kind : "sc", "bcc", "fcc" or "diamond"
+    count : particles; k^3, 2 k^3, 4 k^3 or 8 k^3, so that the lattice continues across the periodic faces without a gap
     density : particles per volume
 
     Raises
