@@ -107,6 +107,7 @@ _HOMES = {
 __all__ = [
     "Body",
     "Box",
+    "CalculatorForce",
     "ChaosReport",
     "CloseApproach",
     "Collision",
@@ -133,6 +134,7 @@ __all__ = [
     "OrbitTable",
     "PostNewtonian",
     "Problem",
+    "PythonForce",
     "Report",
     "RunError",
     "Simulation",

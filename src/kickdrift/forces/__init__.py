@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.forces.external import PythonForce
+from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
@@ -23,6 +25,8 @@ _ALL: tuple[Any, ...] = (
     UniformField,
     DrivenField,
     LinearDrag,
+    PythonForce,
+    CalculatorForce,
 )
 FORCES.update({force.name: force for force in _ALL})
 __all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME

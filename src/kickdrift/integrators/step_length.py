@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.exact import Exact
 from kickdrift.integrators.flow import Flow
@@ -52,12 +53,13 @@ def longest_step(method: Method) -> float | None:
 def can_be_checked(flow: Flow, method: Method) -> bool:
     """Tell whether a run is subject to ``step_warning``: fixed steps, not too many particles, and no pair force.
 
-    Under a pair force a step that is too long blows up at once.
+    Under a pair force or a calculator a step that is too long blows up at once.
     """
     if not isinstance(flow, ParticleFlow) or longest_step(method) is None:
         return False
     forces = flow.subject.forces
-    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, PairForce) for f in forces)
+    refused = any(isinstance(force, PairForce | CalculatorForce) for force in forces)
+    return 1 <= len(flow.subject) <= MOST and bool(forces) and not refused
 
 
 def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:

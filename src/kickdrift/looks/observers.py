@@ -109,6 +109,12 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
     return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
+def particles_interact(system: System) -> bool:
+    """Tell whether particles exchange energy by their forces, so that they have a temperature: under pair forces, and
+    under forces that say so (``thermal``)."""
+    return any(isinstance(force, PairForce) or getattr(force, "thermal", False) for force in system.forces)
+
+
 class Measuring(Protocol):
     """An object that evaluates forces and sums at (2, 3, n) positions and velocities; None if not finite."""
 
@@ -127,7 +133,7 @@ def take_sample(system: System, forces: Measuring, step: int, time: float, phase
     kinetic = kinetic_energy(m, v)
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
-    collides = any(isinstance(force, PairForce) for force in system.forces)
+    collides = particles_interact(system)
     degrees = system.degrees_of_freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     room = system.dimensions * system.volume

@@ -313,16 +313,16 @@ class System(ShownSystem):
             Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
             velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
             except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms.
-        forces : iterable of forces, in ``units``; default those of the atoms' calculator, if it is ASE's LennardJones
-            (shifted at its rc; not smooth) or kickdrift's
+        forces : iterable of forces, in ``units``; default those of the atoms' calculator: `LennardJones` (shifted at
+            its rc) for ASE's LennardJones that is not smooth, kickdrift's own, and `CalculatorForce` for any other
         units : name of a unit system
         species : (n,) names, default the chemical symbols
 
         Raises
         ------
         InputError
-            For a cell that no `Box` can have, constraints, any other calculator, atoms with a momentum but no mass, and
-            numbers that are not finite.
+            For a cell that no `Box` can have, constraints, a calculator that cannot follow motion, atoms with a
+            momentum but no mass, and numbers that are not finite.
         """
         return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import path_of
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import RunDefaults
@@ -49,7 +50,7 @@ def _plain(value: Any) -> Any:
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    return f"{value.__module__}.{value.__qualname__}" if callable(value) else str(value)
+    return path_of(value) if callable(value) else str(value)
 
 
 def record_of(system: System) -> dict[str, Any]:
