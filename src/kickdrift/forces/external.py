@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -72,9 +71,7 @@ class PythonForce(Field):
         if not callable(self.function):
             raise InputError(f"{self.name}: function: expected a function, got {shown(self.function)}")
         if signature := misfit(self.function, None, None, None, None):
-            raise InputError(
-                f"{self.name}: function must take (positions, velocities, time, box), not {signature}"
-            )
+            raise InputError(f"{self.name}: function must take (positions, velocities, time, box), not {signature}")
         for key in ("velocity_dependent", "time_dependent", "works", "external"):
             if not isinstance(getattr(self, key), bool):
                 raise InputError(f"{self.name}: {key} must be True or False, got {shown(getattr(self, key))}")

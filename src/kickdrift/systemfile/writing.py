@@ -97,7 +97,11 @@ def _force(system: System, force: Any) -> dict[str, Any]:
         value = getattr(force, key)
         if callable(value):
             value = path_of(value)
-        if value is None or value == {} or (parameter.default is not Parameter.empty and _same(value, parameter.default)):
+        if (
+            value is None
+            or value == {}
+            or (parameter.default is not Parameter.empty and _same(value, parameter.default))
+        ):
             continue
         if key == "pairs" and isinstance(force, PairForce):
             value = [{"species": pair, **parameters} for pair, parameters in value.items()]
