@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.analysis.evaluation import Evaluator, Values
 from kickdrift.analysis.force_certificate import ForceCheck, judged, skipped
@@ -21,7 +22,8 @@ SHIFT, IMAGE, TURN, SWAP = "translation", "periodic images", "rotation", "exchan
 VIRIAL, BITS = "virial = -dE/dV", "same bits again"
 STEPS = (3e-3, 1e-3, 3e-4, 1e-4)  # of central differences, in nearest distances
 SAME, EXACT = 1e-9, 1e-11  # relative: of energies of equal configurations, and of sums that vanish
-SLOPE_BOUND = 1e-6  # relative to the typical force
+SLOPE_BOUND = 1e-6  # relative to the force on the particle
+LEAST = 1e-3  # smallest force that counts by itself, relative to the typical force
 NOISE_BOUND = 1e-10  # of the energy; float32 has 1e-7
 SAMPLED = 24  # particles and directions whose force is tested
 
@@ -31,6 +33,7 @@ class Subject(NamedTuple):
 
     evaluate: Evaluator
     states: list[Floats]
+    first: Values  # at the first of these positions, before all tests
     near: Floats  # (n,) distance to the nearest neighbour
     rng: np.random.Generator
     external: tuple[str, ...]  # names of forces that change the total momentum
@@ -52,7 +55,9 @@ def slope_tests(given: Subject) -> tuple[list[ForceCheck], Floats]:
         for _ in range(SAMPLED // len(given.states)):
             i, axis = int(given.rng.choice(free)), int(given.rng.integers(axes))
             slopes = [_slope(given, x, i, axis, h * given.near[i]) for h in STEPS]
-            off = np.abs(np.array(slopes) + at.forces[i, axis]) / max(typical, float(np.abs(at.forces[i]).max()))
+            off = np.abs(np.array(slopes) + at.forces[i, axis]) / max(
+                LEAST * typical, float(np.abs(at.forces[i]).max())
+            )
             errors = np.maximum(errors, off)
             if off.min() > worst:
                 worst, culprit = float(off.min()), f"{system.body(i)}, {'xyz'[axis]}"
@@ -195,12 +200,12 @@ def bits_test(given: Subject) -> ForceCheck:
     same = np.array_equal(first.forces, second.forces) and first.energy == second.energy
     if not same:
         return judged(BITS, _difference(first, second, np.eye(3)), 0.0, "two evaluations of the same positions differ")
-    later = given.evaluate(x)  # after many others, with lists of its own
-    off = _difference(later, first, np.eye(3))
+    off = _difference(given.evaluate(x), first, np.eye(3))  # after many others, with lists of its own
+    off = max(off, _difference(given.evaluate(given.states[0]), given.first, np.eye(3)))
     return judged(BITS, off, SAME, "also after other positions, to rounding")
 
 
-def _like_for_like(given: Subject) -> Floats:
+def _like_for_like(given: Subject) -> NDArray[np.int64]:
     """A random order that exchanges particles of the same species and mass."""
     system = given.evaluate.system
     order = np.arange(len(system))

@@ -53,8 +53,9 @@ def _jump_of(value: Callable[[float], float], s: Floats, values: Floats) -> Jump
     noise = ROUNDING * np.spacing(np.abs(values).max())
     if not size[place] > max(CLEAR * np.median(size), noise):
         return None
-    exponents, spacing, centre = [], float(s[1] - s[0]), float(s[place + 2])
-    largest, found = float(size[place]), values
+    exponents: list[float] = []
+    levels: list[tuple[Floats, float]] = []  # values near the place, and their spacing
+    spacing, centre, largest = float(s[1] - s[0]), float(s[place + 2]), float(size[place])
     for _ in range(LEVELS):
         finer = spacing / FINER
         near = centre + finer * np.arange(-STENCIL, STENCIL + 1)
@@ -64,7 +65,8 @@ def _jump_of(value: Callable[[float], float], s: Floats, values: Floats) -> Jump
         place = int(np.argmax(size))
         if not size[place] > noise:
             break
-        exponents.append(np.log(largest / size[place]) / np.log(FINER))
+        exponents.append(float(np.log(largest / size[place]) / np.log(FINER)))
+        levels.append((found, finer))
         spacing, centre, largest = finer, float(near[place + 2]), float(size[place])
     if not exponents:
         return None
@@ -72,9 +74,13 @@ def _jump_of(value: Callable[[float], float], s: Floats, values: Floats) -> Jump
     derivative = round(exponent)
     if derivative > 2 or abs(exponent - derivative) > 0.3:
         return None
-    # Fourth differences around a jump of one are 1, -3, 3, -1; around a kink h, -2 h, h; then h^2, -h^2.
-    largest_of_unit = (3.0, 2.0, 1.0)[derivative] * spacing**derivative
-    return Jump(derivative, largest / largest_of_unit, centre)
+    if derivative == 0:  # fourth differences around a jump of one are 1, -3, 3, -1
+        return Jump(0, largest / 3, centre)
+    level = min(1, len(levels) - 1) if derivative == 2 else -1  # rounding limits the spacing for a curvature
+    found, spacing = levels[level]
+    place = int(np.argmax(np.abs(_fourth(found))))
+    near = np.diff(found[max(place - 2, 0) : place + 7], derivative) / spacing**derivative
+    return Jump(derivative, abs(float(near[-1] - near[0])), centre)
 
 
 def _fourth(values: Floats) -> Floats:

@@ -172,7 +172,7 @@ def certify(
     _print_page(found, json_file, overwrite)
 
 
-def _print_page(found: Any, json_file: str | None, overwrite: bool) -> None:
+def _print_page(found: Any, json_file: Path | None, overwrite: bool) -> None:
     """Show a certificate and write it as JSON; exit status 1 if a test failed."""
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows)

@@ -41,9 +41,12 @@ class Field(Grouped):
         Whether this force allows particles to begin at the same place.
     external : bool
         Whether this force changes the total momentum.
+    listed : bool
+        Whether this force acts on listed particles, so that like particles differ.
     """
 
     may_overlap: ClassVar[bool] = True
+    listed: ClassVar[bool] = False
     external: ClassVar[bool] = True
     name: ClassVar[str]
 
@@ -252,6 +255,7 @@ class Springs(Field):
     length: float | Sequence[float] = 0.0
 
     name: ClassVar[str] = "springs"
+    listed: ClassVar[bool] = True
     external: ClassVar[bool] = False
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
