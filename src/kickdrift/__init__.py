@@ -259,6 +259,7 @@ def _loader(module: str, name: str) -> Callable[[], Any]:
 ABOVE.update(
     {
         "comparison figure": _loader("plots.compare", "comparison_figure"),
+        "force figure": _loader("plots.forces", "force_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
         "problem figure": _loader("plots.problems", "problem_figure"),

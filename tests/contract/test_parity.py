@@ -94,6 +94,8 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--constraints": "analysis.ensemble_checks(constraints)",
         "--topology": "analysis.ensemble_checks(runs)",
         "--engine": "analysis.engine_checks(engine)",
+        "--forces": "analysis.force_checks(subject)",
+        "--plot": "analysis.ForceChecks.plot",
         "--integrator": "analysis.engine_checks(integrator)",
         "--steps": "analysis.engine_checks(steps)",
         "--every": "analysis.engine_checks(every)",

@@ -106,6 +106,7 @@ SCRIPTS = (
     Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
+    Script("force_faults.py", "certify passes right forces, and finds and names planted faults", 40),
     Script(
         "certify.py", "certify passes right heat baths and fails planted faults", 150, peers=("physical_validation",)
     ),
