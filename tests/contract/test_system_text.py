@@ -42,7 +42,7 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 def test_a_force_comes_back_from_its_text(name):
     species, pairs = {"A": {}, "B": {"sigma": 0.9}}, {("B", "A"): {"epsilon": 0.3}}
     own = {"stiffness": (2.0, 3.0)} if name == "springs" else {"pairs": pairs, "softening": 0.1, "G": 1e-4}
-    force = example(FORCES[name], cutoff=1.5, species=species, **own)
+    force = example(FORCES[name], cutoff=1.5, species=species, group=1, **own)
     x = 1.2 * np.indices((2, 2, 2)).reshape(3, -1).T + np.random.default_rng(5).uniform(-0.1, 0.1, (8, 3))
     masses = np.where(np.arange(8) == 3, 30.0, 1.0)
     if isinstance(force, ManyBodyForce):

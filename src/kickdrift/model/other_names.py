@@ -64,7 +64,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("yoshida", "did you mean 'yoshida4', 'yoshida6' or 'yoshida8'?"),
         ("fr4 forestruth", "{word} is 'forest-ruth' here"),
         ("omelyan", "{word} is 'pefrl' here"),
-        ("respa r-respa rrespa mts multiple-time-step", "multiple time steps are not there yet"),
+        ("r-respa rrespa mts multiple-time-step", "{word} is 'respa' here"),
         ("rattle shake settle lincs", "constraints are not there yet; 'harmonic-bond' is a stiff bond"),
         ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
         ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
