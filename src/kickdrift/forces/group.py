@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,4 +16,4 @@ class Grouped:
         a higher group less often. Other methods ignore groups.
     """
 
-    group: int = 0
+    group: int = field(default=0, repr=False)

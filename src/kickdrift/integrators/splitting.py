@@ -170,7 +170,7 @@ class Splitting(Method):
             if not weight:
                 continue
             slot = slots.get(letter[0], len(slots))
-            if letter == before and slot < len(slots):  # the same flow again: one flow for the sum of the times
+            if letter == before and group_of(letter) is not None:  # the same kick again: one kick for the sum of times
                 stages[-1][slot] += weight
             else:
                 if slot <= last:

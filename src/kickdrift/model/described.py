@@ -23,13 +23,18 @@ class ShownSystem(Shown):
             *([("dimensions", "2")] if self.dimensions == 2 else []),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *([("topology", str(self.topology))] if self.topology is not None else []),
-            *(("force", str(force)) for force in self.forces),
+            *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]
         if self.equilibration:
             wanted = vars(self.equilibration).items()
             lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
         return lines
+
+
+def _force(force: Any) -> str:
+    group = getattr(force, "group", 0)
+    return f"{force}, group {group}" if group else str(force)
 
 
 class ShownProblem(Shown):
