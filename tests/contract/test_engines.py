@@ -104,6 +104,15 @@ def silicon_of_tersoff() -> kd.System:
     return crystal(kd.Tersoff(), few=True)
 
 
+def bonded_silicon() -> kd.System:
+    """Silicon with a bond and an angle of the first atoms beside the many-body force."""
+    base = silicon()
+    near = np.argsort(np.linalg.norm(base.box.minimum_image(base.state.positions - base.state.positions[0]), axis=1))
+    forces = [*base.forces, kd.HarmonicBond(3.0, 2.2), kd.HarmonicAngle(1.0, 100.0)]
+    bonds = [(0, int(near[1])), (0, int(near[2]))]
+    return base.remade(forces=forces, topology=kd.Topology(bonds, True))
+
+
 CRYSTAL = {"integrator": "velocity-verlet", "dt": 0.001}
 MD = {"integrator": "velocity-verlet", "dt": 0.002}
 CASES = [
@@ -136,6 +145,7 @@ CASES = [
     ("lammps", copper, CRYSTAL),
     ("lammps", silicon, CRYSTAL),
     ("lammps", silicon_of_tersoff, CRYSTAL | {"processes": 2}),
+    ("lammps", bonded_silicon, CRYSTAL),
     ("openmm", liquid, MD),
     ("openmm", of_argon, MD),
     ("openmm", mixture, MD),

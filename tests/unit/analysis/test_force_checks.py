@@ -35,6 +35,22 @@ def test_right_forces_pass():
 
 
 @pytest.mark.parametrize(
+    ("force", "topology", "named"),
+    [
+        (kd.Springs([[0, 1]], 1.0), None, "springs"),
+        (kd.HarmonicBond(1.0, 1.2), kd.Topology([(0, 1)]), "harmonic-bond"),
+        (kd.LennardJones(), kd.Topology(exclusions=[(0, 1)]), "topology"),
+    ],
+)
+def test_particles_of_a_list_are_not_exchanged(force, topology, named):
+    x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.2
+    checks = kd.analysis.force_checks(kd.System(x, forces=[force], topology=topology), steps=100, dt=0.01)
+    row = checks.row("exchange of like particles")
+    assert (row.verdict, row.remark) == ("not tested", f"{named} acts on listed particles")
+    assert checks.passed
+
+
+@pytest.mark.parametrize(
     ("fault", "named"),
     [({"factor": 1.001}, "force = -dE/dx"), ({"factor": -1.0}, "force = -dE/dx"), ({"across": 0.01}, "sum of torques")],
 )

@@ -265,6 +265,7 @@ def two(force, **arguments) -> kd.System:
 def test_a_system_that_does_not_fit_is_refused():
     force = kd.StillingerWeber()
     for arguments, message in (
+        ({"topology": kd.Topology(exclusions=[(0, 1)])}, r"a topology can leave out or scale only pair forces"),
         (
             {"units": "lj"},
             r"stillinger-weber: its parameters are in eV and angstroms, which needs units 'metal', not 'lj'",
