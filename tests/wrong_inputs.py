@@ -45,7 +45,7 @@ PYTHON = [
     ),
     (
         "kd.System(X, forces=[lambda x: -x])",
-        "forces[0]: expected a force, such as kd.LennardJones(cutoff=2.5), got a function; a formula U(r) becomes a force by @kd.pair_law, see docs/your-own-force.md",
+        "forces[0]: expected a force, such as kd.LennardJones(cutoff=2.5), got a function; kd.PythonForce(function) makes it a force, see docs/your-own-force.md",
     ),
     (
         'kd.System(X, forces=["lennard-jones"])',
@@ -221,7 +221,7 @@ FILES = [
     (
         'type = "lennard-jones"',
         'type = "LJ"',
-        "system: force[0].type: expected one of lennard-jones, gravity, gravity-tree, relativity-1pn, j2, springs, harmonic-trap, uniform-field, driven-field, linear-drag…",
+        "system: force[0].type: expected one of lennard-jones, gravity, gravity-tree, eam, stillinger-weber, tersoff, relativity-1pn…",
     ),
     ('type = "lennard-jones"', 'type = "lennard-jones"\nrc = 2.5', "system: force[0].rc: unknown key…"),
     ("dt = 0.005", 'dt = "0.005 fs"', "system: run.dt: lj quantities are plain numbers, got '0.005 fs'"),

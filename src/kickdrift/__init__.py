@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
+    from kickdrift.forces.body_law import body_law
+    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+    from kickdrift.forces.field_law import field_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
     from kickdrift.integrators.asked import integrator
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
+    from kickdrift.model.topology import Topology
     from kickdrift.plots.figures import stability
     from kickdrift.run.listing import Listing, listing
     from kickdrift.run.minimization import Minimum
@@ -91,15 +95,21 @@ _HOMES = {
     "Solution": "run.solve",
     "State": "model.state",
     "System": "model.system",
+    "Topology": "model.topology",
+    "body_law": "forces.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.comparing",
     "doctor": "analysis.doctor",
     "export": "trajectory.export",
+    "field_law": "forces.field_law",
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
     "open": "trajectory.opened",
+    "angle_law": "forces.bonded_law",
+    "bond_law": "forces.bonded_law",
+    "dihedral_law": "forces.bonded_law",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
@@ -114,19 +124,25 @@ _HOMES = {
 __all__ = [
     "Body",
     "Box",
+    "CalculatorForce",
     "ChaosReport",
     "CloseApproach",
     "Collision",
     "Column",
     "Comparison",
+    "CosineAngle",
     "Crossing",
     "DrivenField",
+    "EmbeddedAtom",
     "Energies",
     "Ensemble",
     "Escape",
+    "Fene",
     "FileOptions",
     "Gravity",
     "GravityTree",
+    "HarmonicAngle",
+    "HarmonicBond",
     "HarmonicTrap",
     "InputError",
     "Installation",
@@ -135,27 +151,40 @@ __all__ = [
     "LinearDrag",
     "Listing",
     "Minimum",
+    "MorseBond",
     "Oblateness",
+    "OplsDihedral",
     "Option",
     "Orbit",
     "OrbitTable",
+    "PeriodicDihedral",
     "PostNewtonian",
     "Problem",
+    "PythonForce",
     "Report",
     "RunError",
+    "RyckaertBellemans",
     "Simulation",
     "Solution",
     "Springs",
     "State",
+    "StillingerWeber",
     "System",
+    "Tersoff",
+    "Topology",
     "UniformField",
     "accelerations",
     "analysis",
+    "angle_law",
+    "body_law",
+    "bond_law",
     "cite",
     "compare",
+    "dihedral_law",
     "doctor",
     "engines",
     "export",
+    "field_law",
     "integrator",
     "integrators",
     "listing",
@@ -230,6 +259,7 @@ def _loader(module: str, name: str) -> Callable[[], Any]:
 ABOVE.update(
     {
         "comparison figure": _loader("plots.compare", "comparison_figure"),
+        "force figure": _loader("plots.forces", "force_figure"),
         "sampling figure": _loader("plots.compare", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),

@@ -26,8 +26,10 @@ class InputError(KickdriftError, ValueError):
 class RunError(KickdriftError, RuntimeError):
     """Failure of a run. The message names the step and the cause (exit status 1).
 
-    For a run that blew up, ``state`` is the last good State or ProblemState.
+    For a run that blew up, ``state`` is the last good State or ProblemState, and ``failed_at`` the step that failed and
+    its time.
     """
 
     exit_status = 1
     state: Any = None
+    failed_at: tuple[int, float] | None = None

@@ -21,6 +21,7 @@ from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.info import info
+from kickdrift_validation.example_forces import crystal, example
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is a function, so take the module here
 FOREIGN = [name for name in ENGINES if name != "native"]
@@ -91,6 +92,28 @@ def planets() -> kd.System:
     return kd.load("outer-solar-system")
 
 
+def copper() -> kd.System:
+    return crystal(example(kd.EmbeddedAtom))
+
+
+def silicon() -> kd.System:
+    return crystal(kd.StillingerWeber())
+
+
+def silicon_of_tersoff() -> kd.System:
+    return crystal(kd.Tersoff(), few=True)
+
+
+def bonded_silicon() -> kd.System:
+    """Silicon with a bond and an angle of the first atoms beside the many-body force."""
+    base = silicon()
+    near = np.argsort(np.linalg.norm(base.box.minimum_image(base.state.positions - base.state.positions[0]), axis=1))
+    forces = [*base.forces, kd.HarmonicBond(3.0, 2.2), kd.HarmonicAngle(1.0, 100.0)]
+    bonds = [(0, int(near[1])), (0, int(near[2]))]
+    return base.remade(forces=forces, topology=kd.Topology(bonds, True))
+
+
+CRYSTAL = {"integrator": "velocity-verlet", "dt": 0.001}
 MD = {"integrator": "velocity-verlet", "dt": 0.002}
 CASES = [
     ("ase", liquid, MD),
@@ -99,6 +122,7 @@ CASES = [
     ("ase", leaning, MD),
     ("ase", slab, MD),
     ("ase", tube, MD),
+    ("ase", silicon_of_tersoff, CRYSTAL),
     ("rebound", planets, {"integrator": "leapfrog-dkd", "dt": 0.01}),
     ("rebound", planets, {"integrator": "forest-ruth", "dt": 0.01}),
     ("rebound", planets, {"integrator": "wisdom-holman", "dt": 0.1, "corrector": 17}),
@@ -118,6 +142,10 @@ CASES = [
     ("lammps", leaning, MD | {"processes": 2}),
     ("lammps", liquid, MD | {"processes": 2}),
     ("lammps", mixture, MD | {"processes": 2}),
+    ("lammps", copper, CRYSTAL),
+    ("lammps", silicon, CRYSTAL),
+    ("lammps", silicon_of_tersoff, CRYSTAL | {"processes": 2}),
+    ("lammps", bonded_silicon, CRYSTAL),
     ("openmm", liquid, MD),
     ("openmm", of_argon, MD),
     ("openmm", mixture, MD),

@@ -95,6 +95,8 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--constraints": "analysis.ensemble_checks(constraints)",
         "--topology": "analysis.ensemble_checks(runs)",
         "--engine": "analysis.engine_checks(engine)",
+        "--forces": "analysis.force_checks(subject)",
+        "--plot": "analysis.ForceChecks.plot",
         "--integrator": "analysis.engine_checks(integrator)",
         "--steps": "analysis.engine_checks(steps)",
         "--every": "analysis.engine_checks(every)",
@@ -167,12 +169,13 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Crossing", "Escape",
+        "Body", "Box", "CloseApproach", "Collision", "Crossing", "Escape", "Topology",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
     "--load FILE.py": (
-        "accelerations", "pair_law", "register_force", "register_splitting", "register_step", "register_tableau",
+        "accelerations", "angle_law", "body_law", "bond_law", "dihedral_law", "field_law", "pair_law", "register_force",
+        "register_splitting", "register_step", "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),

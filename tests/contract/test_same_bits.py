@@ -18,13 +18,14 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import MIXED, PRECISIONS
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift_validation import same_bits
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum
 from tests.processes import python
 from tests.systems import liquid, needed, pressed, tried_with
@@ -194,7 +195,11 @@ def test_forces_remember_what_their_sums_depend_on(name):
     x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
     force = example(FORCES[name], cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}}, softening=0.1, G=1e-4)
     species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
-    system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[force])
+    if isinstance(force, ManyBodyForce):
+        system = crystal(force)
+        x = system.state.positions.T
+    else:
+        system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[force], topology=topology(force))
     v = rng.normal(size=x.shape)
 
     def along(bound: BoundForces, steps: range) -> list[Any]:

@@ -7,12 +7,15 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces import FORCES
+from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import crystal, example, topology
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
-FIELDS = ("forces", "units", "species", "names", "run", "equilibration", "invariants", "events", "dimensions")
+FIELDS = (
+    "forces", "units", "species", "names", "run", "equilibration", "invariants", "events", "dimensions", "topology"
+)  # fmt: skip
 
 
 def assert_same(read: kd.System, system: kd.System) -> None:
@@ -39,10 +42,14 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 def test_a_force_comes_back_from_its_text(name):
     species, pairs = {"A": {}, "B": {"sigma": 0.9}}, {("B", "A"): {"epsilon": 0.3}}
     own = {"stiffness": (2.0, 3.0)} if name == "springs" else {"pairs": pairs, "softening": 0.1, "G": 1e-4}
-    force = example(FORCES[name], cutoff=1.5, species=species, **own)
+    force = example(FORCES[name], cutoff=1.5, species=species, group=1, **own)
     x = 1.2 * np.indices((2, 2, 2)).reshape(3, -1).T + np.random.default_rng(5).uniform(-0.1, 0.1, (8, 3))
     masses = np.where(np.arange(8) == 3, 30.0, 1.0)
-    system = kd.System(x, masses=masses, units="nbody", species=list("ABABABAB"), forces=[force])
+    if isinstance(force, ManyBodyForce):
+        system = crystal(force, few=True)
+    else:
+        given = {"forces": [force], "topology": topology(force)}
+        system = kd.System(x, masses=masses, units="nbody", species=list("ABABABAB"), **given)
     text = system.to_toml()
     assert_same(loads(text), system)
     assert loads(text).to_toml() == text

@@ -5,14 +5,52 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces import EmbeddedAtom
+from kickdrift.forces.bonded_law import BondedForce
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
+from kickdrift.systemfile.files import shipped
+
+
+def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -> tuple[Any, float, float]:
+    """A weak harmonic trap as a plain function; no pairs of particles, so no virial."""
+    return -0.1 * positions, 0.05 * float(np.sum(positions**2)), 0.0
+
+
+def ases_lennard_jones(**given: float) -> Any:
+    """ASE's calculator, imported where it is made: ASE is no part of kickdrift."""
+    from ase.calculators.lj import LennardJones
+
+    return LennardJones(**given)
+
+
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
+    "eam": {"file": str(shipped()["copper-864"].with_name("Cu_zhou2004.eam.alloy")), "digest": ""},
+    "stillinger-weber": {"entries": None, "file": None},
+    "tersoff": {"entries": None, "file": None},
     "relativity-1pn": {"c": 100.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
+    "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
+    "fene": {"length": 20.0},
+    "morse-bond": {"depth": 2.0, "width": 1.5, "length": 0.9},
+    "harmonic-angle": {"stiffness": 2.0, "rest": 110.0},
+    "periodic-dihedral": {"barrier": 2.0, "multiplicity": 3.0, "phase": 30.0},
+    "ryckaert-bellemans": {"c0": 0.3, "c1": 0.5, "c2": -0.4, "c3": 0.2, "c4": 0.6, "c5": -0.1},
+    "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
+    "python": {"function": pull},
+    "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
+
+
+def topology(force: Any) -> kd.Topology | None:
+    """A chain of the first four particles for a bonded force; None for other forces."""
+    return kd.Topology([(0, 1), (1, 2), (2, 3)], True, True) if isinstance(force, BondedForce) else None
 
 
 def example(cls: Any, **given: Any) -> Any:
@@ -21,3 +59,17 @@ def example(cls: Any, **given: Any) -> Any:
     required = [key for key, each in parameters.items() if each.default is each.empty]
     known = {key: value for key, value in given.items() if key in parameters}
     return cls(**(dict.fromkeys(required, 0.1) | EXAMPLES.get(cls.name, {}) | known))
+
+
+def crystal(force: Any, few: bool = False, shaken: float = 0.05, seed: int = 5) -> kd.System:
+    """A shaken crystal at 600 K under a many-body force: 256 copper atoms or 512 silicon atoms in a periodic box, or a
+    ``few`` in open space."""
+    metal = isinstance(force, EmbeddedAtom)
+    kind, sites, edge, mass = ("fcc", 4, 3.615, 63.546) if metal else ("diamond", 8, 5.431, 28.0855)
+    count = sites * (2 if few else 4) ** 3
+    x, edges = lattice(kind, count, sites / edge**3)
+    x = x + np.random.default_rng(seed).uniform(-shaken, shaken, x.shape)
+    box, species = None if few else edges, [force.elements[0]] * count
+    system = kd.System(x, masses=mass, box=box, forces=[force], units="metal", species=species)
+    v = maxwell_boltzmann(system.coherent_masses, 600.0, system.units.boltzmann, seed)
+    return kd.System(x, v, mass, box, [force], "metal", species=species)

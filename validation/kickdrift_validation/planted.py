@@ -51,7 +51,7 @@ FAULTS = (
         "slope = 1260.0 *", "slope = 630.0 *",
     ),
     Fault(
-        "relativity-sign", "the second term of the 1PN acceleration with the wrong sign", "forces/relativity_kernel.py",
+        "relativity-sign", "the second term of the 1PN acceleration with the wrong sign", "forces/relativity.py",
         "4.0 * scale * rv", "-4.0 * scale * rv",
     ),
     Fault(

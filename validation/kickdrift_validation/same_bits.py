@@ -30,11 +30,12 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.forces import FORCES
+from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.example_forces import example
+from kickdrift_validation.example_forces import crystal, example, topology
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -80,7 +81,8 @@ def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = 
     x, v = grid + rng.uniform(-0.08, 0.08, (count, 3)), 1.4 * rng.normal(size=(count, 3))
     names = ["A" if k % 3 or species == 1 else "B" for k in range(count)]
     masses, box = np.where(np.array(names) == "A", 1.0, 2.0), (length,) * 3 if periodic else None
-    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names)
+    joined = next((found for force in forces if (found := topology(force))), None)
+    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names, topology=joined)
 
 
 def disc(forces: list[Any], few: bool = False) -> kd.System:
@@ -98,6 +100,8 @@ def other(name: str, few: bool) -> kd.System:
     """A registered force that is no pair law: beside gravity where it is of a central body, else in a liquid."""
     softening = {"softening": 0.01} if name == "gravity-tree" else {}
     force = example(FORCES[name], G=1.0, **softening)
+    if isinstance(force, ManyBodyForce):
+        return crystal(force, few)
     if name in ("gravity", "gravity-tree"):
         return disc([force], few)
     if "G" in inspect.signature(FORCES[name]).parameters:

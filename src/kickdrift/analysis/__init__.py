@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kickdrift.analysis.certificate import EnsembleChecks
     from kickdrift.analysis.certifying import engine_checks, ensemble_checks
+    from kickdrift.analysis.force_certificate import ForceChecks
+    from kickdrift.analysis.force_testing import force_checks
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
@@ -22,11 +24,13 @@ if TYPE_CHECKING:
 _HOMES = {
     "Diffusion": "analysis.motion",
     "EnsembleChecks": "analysis.certificate",
+    "ForceChecks": "analysis.force_certificate",
     "SamplingComparison": "analysis.sampling",
     "SamplingRow": "analysis.sampling",
     "block_average": "statistics.blocks",
     "engine_checks": "analysis.certifying",
     "ensemble_checks": "analysis.certifying",
+    "force_checks": "analysis.force_testing",
     "mean_squared_displacement": "analysis.motion",
     "orbital_elements": "analysis.orbits",
     "pressure_tensor": "analysis.pressure",
@@ -38,11 +42,13 @@ _HOMES = {
 __all__ = [
     "Diffusion",
     "EnsembleChecks",
+    "ForceChecks",
     "SamplingComparison",
     "SamplingRow",
     "block_average",
     "engine_checks",
     "ensemble_checks",
+    "force_checks",
     "mean_squared_displacement",
     "orbital_elements",
     "pressure_tensor",

@@ -10,58 +10,34 @@ fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator as AseCalculator
 from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
+from ase.calculators.singlepoint import SinglePointCalculator
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces import LennardJones
+from kickdrift.forces import CalculatorForce, LennardJones
 from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
+from kickdrift.model.ase_units import Scale
 from kickdrift.model.box import Box, Oriented
-from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.topology import SIZES, Topology
 from kickdrift.model.unit_systems import UnitSystem, unit_system
-from kickdrift.model.units import quantity
 from kickdrift.text import shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
 DIMENSIONS = "dimensions"  # 2 in info, for particles in a plane
 SQUARE = 1e-12  # tilt of a cell vector, relative to its length, that counts as rounding
-
-
-class Scale(NamedTuple):
-    """Factors from ASE's units to a unit system."""
-
-    length: float
-    energy: float
-    mass: float
-    velocity: float
-
-    @property
-    def force(self) -> float:
-        return self.energy / self.length
-
-    @classmethod
-    def of(cls, units: UnitSystem) -> Scale:
-        """Return the factors; all are 1 for units unknown to ASE."""
-        if FileUnits.of(units).nominal:
-            return cls(1.0, 1.0, 1.0, 1.0)
-        given = {"length": "angstrom", "energy": "eV", "mass": "u"}
-        length, energy, mass = (
-            1.0 if getattr(units, key) == unit else quantity(f"1 {unit}", key, units) for key, unit in given.items()
-        )
-        return cls(length, energy, mass, math.sqrt(energy / (mass * units.coherent_mass)))
 
 
 def system_of(
@@ -78,13 +54,18 @@ def system_of(
 
 
 def _system(
-    atoms: Any, forces: Iterable[Any] | None, units: str | UnitSystem, species: Any = None
+    atoms: Any,
+    forces: Iterable[Any] | None,
+    units: str | UnitSystem,
+    species: Any = None,
+    topology: Topology | None = None,
 ) -> tuple[System, Floats | None]:
     """Return the System, and the rotation (3, 3) of ASE's axes into its own; None if the axes are the same."""
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms: expected ase.Atoms, got {type(atoms).__name__}")
     units = unit_system(units) if isinstance(units, str) else units
     scale, arrays = Scale.of(units), atoms.arrays
+    species = None if species is None else list(species)
     masses, momenta = atoms.get_masses(), atoms.get_momenta()
     stray = np.flatnonzero((masses == 0) & momenta.any(axis=1))
     if stray.size:
@@ -100,15 +81,23 @@ def _system(
         velocities * scale.velocity,
         masses * scale.mass,
         box,
-        _forces_of(atoms, units, scale) if forces is None else forces,
+        _forces_of(atoms, units, scale, species) if forces is None else forces,
         units,
-        _species(atoms) if species is None else list(species),
+        _species(atoms) if species is None else species,
         atoms.get_chemical_formula(),
         names=_names(atoms),
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
         dimensions=_dimensions(atoms),
+        topology=_topology(atoms) if topology is None else topology,
     )
     return system, rotation
+
+
+def _topology(atoms: Any) -> Topology | None:
+    """Return the topology of the atoms' calculator, or of lists that ASE's reader of LAMMPS data files stored."""
+    if (kept := getattr(atoms.calc, "topology", None)) is not None and isinstance(kept, Topology):
+        return kept
+    return Topology.from_ase(atoms) if any(kind in atoms.arrays for kind in SIZES) else None
 
 
 def _dimensions(atoms: Any) -> int:
@@ -143,7 +132,7 @@ def _box(atoms: Any, scale: Scale) -> Oriented:
     return oriented(without_rounding(cell, SQUARE), axes)
 
 
-def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
+def _forces_of(atoms: Any, units: UnitSystem, scale: Scale, species: list[str] | None) -> tuple[Any, ...]:
     """Return the forces of the atoms' calculator."""
     calculator = atoms.calc
     if calculator is None:
@@ -154,16 +143,15 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
                 f"forces: the calculator's forces are in units {calculator.units.name!r}, not {units.name!r}"
             )
         return calculator.forces
-    if type(calculator) is not AseLennardJones:
+    if isinstance(calculator, SinglePointCalculator):
         raise InputError(
-            f"forces: the calculator {type(calculator).__name__} has no equivalent in kickdrift; give forces"
+            f"forces: the calculator {type(calculator).__name__} only holds results of one configuration; give forces"
         )
+    if type(calculator) is not AseLennardJones or calculator.parameters.smooth:
+        _check_plain(atoms)
+        symbols = None if species is None else dict(zip(species, atoms.get_chemical_symbols(), strict=False))
+        return (CalculatorForce(calculator, symbols=symbols),)
     given = calculator.parameters
-    if given.smooth:
-        raise InputError(
-            "forces: LennardJones(smooth=True) has no equivalent in kickdrift; "
-            "give forces, for example with truncation='switch'"
-        )
     return (
         LennardJones(  # type: ignore[call-arg]
             epsilon=float(given.epsilon) * scale.energy,
@@ -172,6 +160,13 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale) -> tuple[Any, ...]:
             truncation="shift",
         ),
     )
+
+
+def _check_plain(atoms: Any) -> None:
+    """Refuse charges and magnetic moments, which a calculator would no longer see."""
+    for key in ("initial_charges", "initial_magmoms"):
+        if key in atoms.arrays and atoms.arrays[key].any():
+            raise InputError(f"atoms: {key} have no place in a System, so its calculator would not see them")
 
 
 def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
@@ -208,7 +203,9 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
     if system.dimensions == 2:
         atoms.info[DIMENSIONS] = 2
     if calculator and system.forces:
-        atoms.calc = Calculator(system.forces, system.units)
+        one = system.forces[0] if len(system.forces) == 1 else None
+        ready = vars(one)["made"] if isinstance(one, CalculatorForce) and not one.symbols else None
+        atoms.calc = ready or Calculator(system.forces, system.units, topology=system.topology)
     return atoms
 
 
@@ -226,6 +223,7 @@ class Calculator(AseCalculator):
     units : str or UnitSystem
         Units of the forces' parameters; see `System.from_ase`.
     threads : int
+    topology : Topology of molecules; default that of the atoms, see `System.from_ase`
 
     Raises
     ------
@@ -239,11 +237,17 @@ class Calculator(AseCalculator):
     implemented_properties = ["energy", "free_energy", "forces", "stress"]  # noqa: RUF012
     nolabel = True
 
-    def __init__(self, forces: Iterable[Any], units: str | UnitSystem = "metal", threads: int = 1) -> None:
+    def __init__(
+        self,
+        forces: Iterable[Any],
+        units: str | UnitSystem = "metal",
+        threads: int = 1,
+        topology: Topology | None = None,
+    ) -> None:
         super().__init__()
         self.forces = tuple(forces)
         self.units = unit_system(units) if isinstance(units, str) else units
-        self.threads = threads
+        self.threads, self.topology = threads, topology
         for force in self.forces:
             for trait in ("velocity_dependent", "works"):
                 if getattr(force, trait, False):
@@ -266,7 +270,7 @@ class Calculator(AseCalculator):
 
         super().calculate(atoms, properties, system_changes)
         if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:
-            self._system, self._rotation = _system(self.atoms, self.forces, self.units)
+            self._system, self._rotation = _system(self.atoms, self.forces, self.units, topology=self.topology)
             self._bound = BoundForces(self._system, self.threads)
         turn = np.eye(3) if self._rotation is None else self._rotation
         given = self.atoms.positions if self._rotation is None else self.atoms.positions @ turn.T

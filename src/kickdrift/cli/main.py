@@ -71,7 +71,8 @@ def options(
             "--load",
             metavar="FILE.py",
             envvar="KICKDRIFT_LOAD",
-            help="First load a Python file that registers methods or forces.",
+            help="First load a Python file that registers methods or forces, or a module of calculators "
+            "(ase.calculators.emt) that files may name.",
         ),
     ] = None,
     version: Annotated[
@@ -79,10 +80,10 @@ def options(
     ] = False,
 ) -> None:
     """Options before the command."""
-    from kickdrift.integrators.registration import load_file
+    from kickdrift.integrators.registration import load_code
 
     for path in load or []:
-        load_file(path)
+        load_code(path)
 
 
 def main() -> None:

@@ -110,7 +110,8 @@ def certify(
     runs: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN", help="A run's .h5md, or two at neighbouring temperatures; with --engine a system."
+            metavar="RUN|SYSTEM",
+            help="A run's .h5md, or two at neighbouring temperatures; or a system, for its forces.",
         ),
     ],
     temperature: Annotated[
@@ -130,6 +131,8 @@ def certify(
     engine: Annotated[
         str | None, typer.Option(metavar="NAME", help="Run a system on this engine first; see: kickdrift list engines.")
     ] = None,
+    forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the tests of forces.")] = None,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,
     options: Any = None,
     steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of the engine's run.")] = None,
@@ -139,12 +142,17 @@ def certify(
     quiet: QuietOption = False,
 ) -> None:
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
-    The exit status is 1 if a test fails."""
+    Of a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
+    if forces or (engine is None and len(runs) == 1 and _is_system(runs[0])):
+        _certify_forces(runs, engine, options, steps, json_file, plot, overwrite, quiet)
+        return
     of_engine = [integrator, steps, every, *options.values()]
     if engine is None and any(each is not None for each in of_engine):
         raise InputError("--integrator, --dt, --steps, --every and -o are for --engine: a file has its own")
     if engine is not None and (len(runs) > 1 or topology or pressure or constraints):
         raise InputError("--engine runs one system; give no second run, --topology, --pressure or --constraints")
+    if plot is not None:
+        raise InputError("--plot draws the tests of a system's forces, not those of runs")
     refuse_outputs({"json": json_file}, overwrite, list(runs))
     from kickdrift.analysis.certifying import engine_checks, ensemble_checks
 
@@ -162,9 +170,55 @@ def certify(
 
             sources = [mdanalysis("--topology").Universe(str(topology), each) for each in runs]
         found = ensemble_checks(sources, temperature, pressure, constraints=constraints)
+    _print_page(found, json_file, overwrite)
+
+
+def _print_page(found: Any, json_file: Path | None, overwrite: bool) -> None:
+    """Show a certificate and write it as JSON; exit status 1 if a test failed."""
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows)
     print_lines(lines_of(found))
     write_json(json_file, found.as_json(), overwrite=overwrite)
     if not found.passed:
         raise typer.Exit(1)
+
+
+def _is_system(name: str) -> bool:
+    """Whether an argument names a system: a system file, a Python file or a shipped system."""
+    return Path(name).suffix in (".toml", ".py", "")
+
+
+def _certify_forces(
+    systems: list[str],
+    engine: str | None,
+    options: dict[str, Any],
+    steps: int | None,
+    json_file: Any,
+    plot: Path | None,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Test the forces of a system."""
+    if len(systems) > 1:
+        raise InputError(f"certify: tests the forces of one system, got {len(systems)}")
+    if further := [key for key, value in options.items() if value is not None and key != "dt"]:
+        raise InputError(f"-o {further[0]}: the tests of forces take no options of an integrator")
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite, systems)
+    from kickdrift.analysis.force_testing import STEPS, force_checks
+    from kickdrift.systemfile.python_file import load_or_run
+
+    with progress_bar(quiet) as bar:
+        subject: Any = load_or_run(systems[0])
+        found = force_checks(
+            subject,
+            engine=engine,
+            dt=options.get("dt"),
+            steps=STEPS if steps is None else steps,
+            progress=bar("testing"),
+        )
+    if plot is not None:
+        from kickdrift.plots.forces import force_figure
+        from kickdrift.plots.runs import checked_target, save_figure
+
+        save_figure(force_figure(found), checked_target(plot, overwrite))
+    _print_page(found, json_file, overwrite)

@@ -202,21 +202,26 @@ def resume(
 
 
 def warn_of_version(sim: Simulation, quiet: bool) -> None:
-    """Warn of an untested version of an engine before the first step."""
-    from kickdrift.engines import ENGINES
-
-    for warning in ENGINES[sim.engine].warnings:
+    """Warn of an untested version of an engine, and of a missing pressure, before the first step."""
+    for warning in _before(sim):
         say(f"warning: {warning}", quiet)
+
+
+def _before(sim: Simulation) -> list[str]:
+    """Warnings that are printed before the first step."""
+    from kickdrift.engines import ENGINES
+    from kickdrift.run.layer import pressure_warning
+
+    missing = pressure_warning(sim.system)
+    return [*ENGINES[sim.engine].warnings, *([missing] if missing else [])]
 
 
 def show(
     report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
 ) -> None:
     """Print a run's warnings and report, and write the report on request."""
-    from kickdrift.engines import ENGINES
-
     for warning in report.warnings:
-        if warning not in ENGINES[sim.engine].warnings:  # printed before
+        if warning not in _before(sim):
             say(f"warning: {warning}", quiet)
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)

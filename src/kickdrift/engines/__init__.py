@@ -151,8 +151,8 @@ ENGINES: dict[str, Engine] = {
     for engine in (
         Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
-            "ase", "shifted Lennard-Jones of one species: ASE's LennardJones, VelocityVerlet and heat baths", ("ase",),
-            ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
+            "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: VelocityVerlet and heat baths",
+            ("ase",), ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
         ),
         Engine(
             "rebound", "gravity in open space: rebound's leapfrog, whfast, saba and ias15", ("rebound",), ("5",),
@@ -162,11 +162,11 @@ ENGINES: dict[str, Engine] = {
             },
         ),
         Engine(
-            "lammps", "Lennard-Jones, mixtures too: LAMMPS' lj/cut, fix nve and heat baths, in one process or many",
+            "lammps", "Lennard-Jones, molecules, many-body forces: fix nve and heat baths, in one process or many",
             ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, heat_baths.LAMMPS, processes=True,
         ),
         Engine(
-            "openmm", "Lennard-Jones and gravity: OpenMM's CustomNonbondedForce in float64 (its Reference platform)",
+            "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
             ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, heat_baths.OPENMM,
         ),
     )

@@ -1,4 +1,4 @@
-"""ASE: its LennardJones calculator; ``ase_dynamics`` has the integrators.
+"""ASE: its LennardJones, EAM or Tersoff calculator; ``ase_dynamics`` has the integrators.
 
 ASE's numbers stand for the system's own units (see ``session``). Masses are coherent, so ASE's eV, angstrom and u are
 only names here. Energy, forces and stress come from the calculator at its present positions, so a sample changes
@@ -14,14 +14,20 @@ import numpy as np
 from kickdrift.engines.ase_dynamics import dynamics
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.many_body import many_body
 from kickdrift.engines.session import Session
 from kickdrift.forces.bound import Measured
+from kickdrift.forces.embedded_atom import EmbeddedAtom
+from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
+    if many_body(system):
+        return _no_calculator(system)
     if reason := only_lennard_jones(system, ("shift",)) or small_units(system):
         return reason
     if job.method.bath and system.dimensions == 2:
@@ -31,6 +37,29 @@ def refusal(job: Job) -> str | None:
     if len(laws) > 1:
         return f"species: ASE's LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
     return None
+
+
+def _no_calculator(system: System) -> str | None:
+    """Reason why ASE has no calculator for the system's many-body force, or None."""
+    force = system.forces[0]
+    if isinstance(force, StillingerWeber):
+        return f"force {force.name!r}: ASE has no calculator for it"
+    from ase.data import atomic_numbers
+
+    strange = [species for species in system.species if species not in atomic_numbers]
+    return f"species: {strange[0]!r} is no element, and ASE's calculator goes by elements" if strange else None
+
+
+def _calculator(force: Any) -> Any:
+    """ASE's calculator of a many-body force. Its EAM joins the tables by another spline than kickdrift."""
+    if isinstance(force, EmbeddedAtom):
+        from ase.calculators.eam import EAM
+
+        return EAM(potential=force.file)
+    from ase.calculators.tersoff import Tersoff, TersoffParameters
+
+    table = {tuple(triple.split("-")): TersoffParameters(*numbers.values()) for triple, numbers in force.table.items()}
+    return Tersoff(table)
 
 
 def session(job: Job) -> Session:
@@ -47,14 +76,18 @@ class AseSession(Session):
 
         system = self.job.system
         force: Any = system.forces[0]
-        law = force.pair_law(system.species[0], system.species[0])
         axes = system.box.periodic_axes
         # ASE computes a stress if all three cell vectors are longer than zero, even along open axes.
         cell = np.where(np.array(axes)[:, None], system.box.matrix, np.eye(3)) if system.box.periodic else None
-        self._atoms = Atoms("X" * len(system), positions=phase[0].T, cell=cell, pbc=axes)
+        elements = [system.species[k] for k in system.species_index] if many_body(system) else "X" * len(system)
+        self._atoms = Atoms(elements, positions=phase[0].T, cell=cell, pbc=axes)
         self._atoms.set_masses(system.coherent_masses)
         self._atoms.set_velocities(phase[1].T)
-        self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
+        if many_body(system):
+            self._atoms.calc = _calculator(force)
+        else:
+            law = force.pair_law(system.species[0], system.species[0])
+            self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
         self._dynamics, self._heat = dynamics(self._atoms, self.job, self.seed)
 
     def advance(self, steps: int, until: float) -> int:

@@ -1,4 +1,4 @@
-"""LAMMPS: its lj/cut with fix nve and its heat baths, in this process or in several processes started by mpiexec.
+"""LAMMPS: its lj/cut, eam, sw or tersoff with fix nve and heat baths, in this process or several started by mpiexec.
 
 LAMMPS' units "lj" have no constants, so they hold the system's own numbers in any units, with coherent masses (see
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
@@ -12,10 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.bonded import split
 from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_baths import fixes
+from kickdrift.engines.lammps_bonded import bonded_of
+from kickdrift.engines.lammps_bonded import refusal as bonded_refusal
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.many_body import many_body, style_of, text_of
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
@@ -29,9 +33,13 @@ MOST_BLIND = 10**6  # steps without reading these counts
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if not many_body(system, molecules=True) and (
+        reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system)
+    ):
         return reason
-    if system.dimensions == 2 and system.forces[0].tail:
+    if reason := bonded_refusal(system):
+        return reason
+    if system.dimensions == 2 and split(system)[0][0].tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
@@ -54,9 +62,22 @@ def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
     system, dt = job.system, job.options.dt
     assert dt is not None
-    force: Any = system.forces[0]
+    force: Any = split(system)[0][0]
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
+    if many_body(system, molecules=True):
+        return Model(
+            box=system.box,
+            types=(which + 1).astype(np.int32),
+            masses=tuple(kinds[:, 1].tolist()),
+            pairs=(),
+            cutoff=force.cutoff,
+            shifted=False,
+            tail=False,
+            dt=dt,
+            bonded=bonded_of(system),
+            many_body=(style_of(force), text_of(force), tuple(species)),
+        )
     laws = [
         (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
     ]
@@ -71,6 +92,7 @@ def model_of(job: Job, seed: int) -> Model:
         dt=dt,
         dimensions=system.dimensions,
         fixes=fixes(job, seed),
+        bonded=bonded_of(system),
     )
 
 

@@ -3,19 +3,23 @@ their counts of box crossings."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.engines.lammps_baths import BATH, FIXES
+from kickdrift.engines.lammps_bonded import Bonded, read_particles
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
+MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Model(NamedTuple):
@@ -25,10 +29,12 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types
+    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
     fixes : commands of the fixes that take a step
+    bonded : bonds, angles and dihedrals, if any
+    many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
     box: Box
@@ -41,6 +47,8 @@ class Model(NamedTuple):
     dt: float
     dimensions: int = 3
     fixes: tuple[str, ...] = FIXES["velocity-verlet"]
+    bonded: Bonded | None = None
+    many_body: tuple[str, str, tuple[str, ...]] | None = None
 
 
 class World:
@@ -58,7 +66,7 @@ class World:
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
-        skin = SKIN * max(sigma for *_, sigma in model.pairs)
+        skin = MANY_BODY_SKIN if model.many_body else SKIN * max(sigma for *_, sigma in model.pairs)
         box, axes = model.box, np.array(model.box.periodic_axes)
         thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
         margin = np.where(thin, model.cutoff, skin)
@@ -70,17 +78,31 @@ class World:
         edges = np.column_stack([low, high]).ravel().tolist()
         shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges, *box.tilts])])
         yes = {True: "yes", False: "no"}
-        for line in (
+        self._commands(
             "units lj",  # no constants: the numbers are in any coherent system of units
             f"dimension {model.dimensions}",
-            "atom_style atomic",
+            f"atom_style {'molecular' if model.bonded else 'atomic'}",
             f"boundary {' '.join(boundary)}",
-            f"region box {shape} units box",
-            f"create_box {len(model.masses)} box",
-            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),
-            f"pair_style lj/cut {model.cutoff!r}",
-            f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
-            *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+        )
+        if model.bonded:
+            self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
+            read_particles(self.lmp, model, edges, x, v)
+            reach = max(model.bonded.reach, model.cutoff + skin)
+            self._commands(
+                f"comm_modify cutoff {reach!r}", *(line for line in model.bonded.commands if "_coeff" in line)
+            )
+        else:
+            self._commands(f"region box {shape} units box", f"create_box {len(model.masses)} box")
+        if model.many_body:
+            self._many_body(*model.many_body)
+        else:
+            self._commands(
+                f"pair_style lj/cut {model.cutoff!r}",
+                f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
+                *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+            )
+        self._commands(
+            *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
             f"neighbor {skin!r} bin",
             "neigh_modify every 1 delay 0 check yes one 20000 page 400000",  # no pair is missed
             *model.fixes,
@@ -88,10 +110,9 @@ class World:
             "compute pull all pressure NULL virial",
             "thermo 1000000000",  # only at the end of each run
             "thermo_modify norm no lost error",
-        ):
-            self.lmp.command(line)
+        )
         n = len(x)
-        for at in range(0, n, AT_ONCE):
+        for at in range(0, 0 if model.bonded else n, AT_ONCE):
             part = slice(at, min(n, at + AT_ONCE))
             self.lmp.create_atoms(
                 part.stop - at, list(range(at + 1, part.stop + 1)), model.types[part].tolist(),
@@ -100,6 +121,18 @@ class World:
         if (made := int(self.lmp.get_natoms())) != n:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         self.lmp.command("run 0 post no")
+
+    def _commands(self, *lines: str) -> None:
+        for line in lines:
+            self.lmp.command(line)
+
+    def _many_body(self, style: str, text: str, species: Sequence[str]) -> None:
+        """Give LAMMPS a many-body force, whose parameters it reads from a file."""
+        self.lmp.command(f"pair_style {style}")
+        with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
+            file = Path(folder) / "potential"
+            file.write_text(text, encoding="utf-8")
+            self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""

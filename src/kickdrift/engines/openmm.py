@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines.bonded import split, strange
 from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
+from kickdrift.engines.openmm_bonded import added_forces, exclude
 from kickdrift.engines.openmm_steps import integrator
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
@@ -43,11 +45,13 @@ def refusal(job: Job) -> str | None:
     if not all(masses):
         still = system.body(int(np.argmin(masses)))
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
-    if [type(force) for force in system.forces] == [Gravity]:
+    if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    if reason := only_lennard_jones(system, ("cut", "shift")) or small_units(system):
+    if reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system):
         return reason
-    if system.forces[0].tail:
+    if reason := strange(system, "OpenMM"):
+        return reason
+    if split(system)[0][0].tail:
         return "tail: OpenMM has no tail correction for this kind of force"
     return None
 
@@ -74,13 +78,16 @@ class OpenmmSession(Session):
         """OpenMM's System."""
         import openmm
 
-        system, force = self.job.system, self.job.system.forces[0]
+        system = self.job.system
+        force: Any = split(system)[0][0]
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
         if system.box.periodic:
             made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
         made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
+        for extra in added_forces(system, force):
+            made.addForce(extra)
         return made
 
     def advance(self, steps: int, until: float) -> int:
@@ -142,6 +149,7 @@ def _lennard_jones(system: System, force: Any) -> Any:
     made.addGlobalParameter("cutoff", force.cutoff)
     for kind in system.species_index.tolist():
         made.addParticle([kind])
+    exclude(made, system)
     made.setCutoffDistance(force.cutoff)
     made.setNonbondedMethod(made.CutoffPeriodic if system.box.periodic else made.CutoffNonPeriodic)
     return _scaled(made)

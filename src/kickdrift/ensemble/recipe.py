@@ -16,6 +16,7 @@ from kickdrift.ensemble import identity
 from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import home_of, load_module
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import draws_noise, from_text
 from kickdrift.integrators.method import Method
@@ -101,7 +102,8 @@ class Recipe:
     measure : RUN, MEGNO, or a function of the Simulation after its run
     trajectories : a folder for the members' files, or None
     methods : integrators outside kickdrift, which are sent by value
-    files : Python files that register others
+    files : Python files that register others, or functions that the system names as forces
+    modules : modules of calculators that the system names, and this program has loaded
     """
 
     subject: SystemText | SystemMaker
@@ -110,6 +112,7 @@ class Recipe:
     trajectories: Path | None = None
     methods: tuple[Method, ...] = ()
     files: tuple[Path, ...] = ()
+    modules: tuple[str, ...] = ()
 
     def system(self, member: Member) -> System | Problem:
         """System of a member."""
@@ -158,6 +161,8 @@ class Recipe:
                 if path not in _LOADED:
                     load_file(path)
                     _LOADED.add(path)
+            for module in self.modules:
+                load_module(module)
 
     @property
     def measure_name(self) -> str:
@@ -174,7 +179,11 @@ class Recipe:
                 found.append(method)
             else:
                 files.add(Path(inspect.getfile(step)).resolve())
-        return replace(self, methods=tuple(found), files=tuple(sorted(files)))
+        forces = self.subject.data.get("force", []) if isinstance(self.subject, SystemText) else []
+        homes = [home_of(force.get(key)) for force in forces for key in ("function", "calculator")]
+        files |= {home for home in homes if isinstance(home, Path)}
+        modules = sorted({home for home in homes if isinstance(home, str)})
+        return replace(self, methods=tuple(found), files=tuple(sorted(files)), modules=tuple(modules))
 
     def writing(self, trajectories: str | os.PathLike[str]) -> Recipe:
         """Copy with a file for each member in that folder, which is made if needed."""

@@ -4,26 +4,55 @@ from __future__ import annotations
 
 from typing import Any
 
+from kickdrift.forces.bonded import (
+    CosineAngle,
+    Fene,
+    HarmonicAngle,
+    HarmonicBond,
+    MorseBond,
+    OplsDihedral,
+    PeriodicDihedral,
+    RyckaertBellemans,
+)
+from kickdrift.forces.embedded_atom import EmbeddedAtom
+from kickdrift.forces.external import PythonForce
+from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
+from kickdrift.forces.stillinger_weber import StillingerWeber
+from kickdrift.forces.tersoff import Tersoff
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    EmbeddedAtom,
+    StillingerWeber,
+    Tersoff,
     PostNewtonian,
     Oblateness,
     Springs,
+    HarmonicBond,
+    Fene,
+    MorseBond,
+    HarmonicAngle,
+    CosineAngle,
+    PeriodicDihedral,
+    RyckaertBellemans,
+    OplsDihedral,
     HarmonicTrap,
     UniformField,
     DrivenField,
     LinearDrag,
+    PythonForce,
+    CalculatorForce,
 )
+FORCES.clear()  # laws register themselves, in the order of their modules
 FORCES.update({force.name: force for force in _ALL})
 __all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME
 _OWN = {(force.__module__, force.__qualname__): force for force in _ALL}

@@ -10,13 +10,15 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.evaluate import SLOTS, derivative, measure
+from kickdrift.forces.external_host import Host, host_of
+from kickdrift.forces.external_kernel import ExternalKernel
 from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.pair_kernel import PairKernel
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
-from kickdrift.jit.numba_private import NumbaError
+from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.model.checks import number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
@@ -49,9 +51,9 @@ def check_threads(threads: Any) -> int:
 def _compiled(force: BoundForce) -> BoundForce:
     try:
         return force.ready()
-    except NumbaError as error:
-        law = type(force.parts.law) if isinstance(force, PairKernel) else None
-        raise not_compiled(law or type(force.parts), error) from None
+    except (NumbaError, UnsupportedBytecodeError) as error:
+        law = type(getattr(force.parts, "law", None))
+        raise not_compiled(law if hasattr(law, "law") else type(force.parts), error) from None
 
 
 def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
@@ -95,7 +97,7 @@ class BoundForces:
         apart: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
-        pairs = [isinstance(force, PairForce) for force in system.forces]
+        pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
         self.forces: tuple[BoundForce, ...] = tuple(
@@ -106,6 +108,7 @@ class BoundForces:
         if lengths is not None:
             self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
+        self.hosts: tuple[Host | None, ...] = tuple(host_of(force.parts) for force in self.forces)
         if thin:
             self.forces = tuple(thinned(force) for force in self.forces)
         for force in self.forces:
@@ -141,7 +144,7 @@ class BoundForces:
         a, sums = np.zeros(phase.shape[1:]), np.zeros(3)
         if self.call(measure, time, phase, a, sums, np.zeros(SLOTS, np.int64)) != OK:
             return None
-        return Measured(a, float(sums[0]), float(sums[1]), int(sums[2]))
+        return Measured(a, float(sums[0]), float(sums[1]), None if np.isnan(sums[2]) else int(sums[2]))
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """Return f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan if y is not finite or the run has blown
@@ -170,10 +173,17 @@ class BoundForces:
         for force in self.forces:
             if isinstance(force, PairKernel):
                 force.pairs.counts[BUILT] = 0
+        for host in self.hosts:
+            if host is not None:
+                host.begin_anew()
 
     def memory(self) -> list[dict[str, Any] | None]:
-        """Return copies of each force's pair list, None without a list; later sums depend on these."""
-        return [memory(force, self._varies) if isinstance(force, PairKernel) else None for force in self.forces]
+        """Return copies of each force's pair list or other memory, on which later sums depend; None without any."""
+        found: list[dict[str, Any] | None] = []
+        for force, host in zip(self.forces, self.hosts, strict=True):
+            own = None if host is None else host.memory()
+            found.append(memory(force, self._varies) if isinstance(force, PairKernel) else own)
+        return found
 
     def recall(self, memory: list[dict[str, Any] | None]) -> None:
         """Restore the pair lists from this memory."""
@@ -181,6 +191,17 @@ class BoundForces:
         self.forces = tuple(
             recalled(force, kept) if isinstance(force, PairKernel) and kept is not None else force
             for force, kept in pairs
+        )
+        for host, kept in zip(self.hosts, memory, strict=True):
+            if host is not None and kept is not None:
+                host.recall(kept)
+
+    def follow(self, run: BoundForces) -> None:
+        """Share the answers of Python with the forces of a run, whose samples these serve."""
+        self.hosts = (None,) * len(self.forces)
+        self.forces = tuple(
+            BoundForce(own.parts._replace(aside=True)) if isinstance(own.parts, ExternalKernel) else force
+            for force, own in zip(self.forces, run.forces, strict=True)
         )
 
     @property

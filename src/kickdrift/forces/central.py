@@ -59,15 +59,14 @@ class Attraction(NamedTuple):
     central: int
     gm: float  # G M
     share: Floats  # (n,) m / M, the central body's share of a body's acceleration
-    masses: Floats  # (n,) coherent
 
     @classmethod
-    def of(cls, force: Any, system: Subject) -> Attraction:
-        """Attraction of the body that a force names with ``central`` and ``G``."""
-        central = central_body(force.name, force.central, system)
+    def of(cls, name: str, law: Any, system: Subject) -> Attraction:
+        """Attraction of the body that a law names with ``central`` and ``G``."""
+        central = central_body(name, law.central, system)
         masses = system.state.masses
-        gm = gravitational_constant(force.name, force.G, system) * float(masses[central])
-        return cls(central, gm, masses / masses[central], system.coherent_masses)
+        gm = gravitational_constant(name, law.G, system) * float(masses[central])
+        return cls(central, gm, masses / masses[central])
 
 
 def check_positive(name: str, **values: float | None) -> None:

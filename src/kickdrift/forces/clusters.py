@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,7 @@ class ClusterList(NamedTuple):
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
     code: int = 0  # address of the list's machine code
+    special: Any = None  # pairs that are left out or scaled, if any; see `special_pairs`
 
 
 def chunk_count(n: int) -> int:

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,8 +21,8 @@ from kickdrift.forces.arguments import (
     is_one,
     items,
     number,
-    vector,
 )
+from kickdrift.forces.field_law import field_law
 from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.text import shown
@@ -55,9 +54,8 @@ class Field(Grouped):
         raise NotImplementedError
 
 
-@checked_arguments
-@dataclass(frozen=True)
-class HarmonicTrap(Field):
+@field_law
+class HarmonicTrap(NamedTuple):
     """Harmonic trap, U = k |x - c|^2 / 2 for each particle.
 
     Attributes
@@ -71,37 +69,27 @@ class HarmonicTrap(Field):
     stiffness: float | Vector
     centre: Vector = (0.0, 0.0, 0.0)
 
-    name: ClassVar[str] = "harmonic-trap"
-    dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "centre": "length"}
+    dimensions = {"stiffness": "stiffness", "centre": "length"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
 
-    def __post_init__(self) -> None:
-        one = is_one(self.stiffness)
-        three = vector(self.name, "stiffness", (self.stiffness,) * 3 if one else self.stiffness)
-        if min(three) < 0:
-            raise InputError(f"{self.name}: stiffness must be zero or more, got {shown(self.stiffness)}")
-        object.__setattr__(self, "stiffness", three[0] if one else three)
-        object.__setattr__(self, "centre", vector(self.name, "centre", self.centre))
+    def law(p, x, v, m, t):
+        d = x - p.centre
+        return 0.5 * ((p.stiffness * d) @ d), -(p.stiffness * d)
 
-    def check(self, system: Subject) -> None:
-        """Refuse a periodic box, a centre out of the plane of a two-dimensional system, and massless particles, which
-        the trap would accelerate without limit."""
+    def check(p):
+        if np.min(p.stiffness) < 0:
+            raise InputError(f"stiffness must be zero or more, got {shown(p.stiffness)}")
+
+    def check_system(p, system):
+        """Refuse a periodic box, and a centre out of the plane of a two-dimensional system."""
         if system.box.periodic:
-            raise InputError(f"{self.name}: a trap needs open space, but the box is periodic")
-        if np.broadcast_to(self.stiffness, 3)[2]:
-            check_place_in_plane(self.name, "centre", self.centre, system)
-        check_massive(self.name, system, range(len(system)))
-
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """See Field."""
-        from kickdrift.forces.fields_kernel import TrapKernel
-
-        stiffness = np.broadcast_to(np.array(self.stiffness), 3).copy()
-        return TrapKernel(stiffness, np.array(self.centre), 1.0 / system.coherent_masses)
+            raise InputError("a trap needs open space, but the box is periodic")
+        if np.broadcast_to(p.stiffness, 3)[2]:
+            check_place_in_plane("harmonic-trap", "centre", p.centre, system)
 
 
-@checked_arguments
-@dataclass(frozen=True)
-class UniformField(Field):
+@field_law
+class UniformField(NamedTuple):
     """The same acceleration g for every particle, including massless ones: U = -m g . x.
 
     In a periodic box x is the unwrapped position, which conserves the energy of particles that fall through the box.
@@ -114,26 +102,20 @@ class UniformField(Field):
 
     acceleration: Vector
 
-    name: ClassVar[str] = "uniform-field"
-    dimensions: ClassVar[dict[str, str]] = {"acceleration": "acceleration"}
+    dimensions = {"acceleration": "acceleration"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
+    per_mass = True  # type: ignore[misc]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "acceleration", vector(self.name, "acceleration", self.acceleration))
+    def law(p, x, v, m, t):
+        return -(p.acceleration @ x), p.acceleration
 
-    def check(self, system: Subject) -> None:
+    def check_system(p, system):
         """Refuse a field out of the plane of a two-dimensional system."""
-        check_in_plane(self.name, "acceleration", self.acceleration, system)
-
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """See Field."""
-        from kickdrift.forces.fields_kernel import UniformKernel
-
-        return UniformKernel(np.array(self.acceleration), 0.0, 0.0, system.coherent_masses)
+        check_in_plane("uniform-field", "acceleration", p.acceleration, system)
 
 
-@checked_arguments
-@dataclass(frozen=True)
-class DrivenField(Field):
+@field_law
+class DrivenField(NamedTuple):
     """The acceleration a cos(2 pi f t + phase) for every particle, with t the time of the run.
 
     The instantaneous potential energy is U = -m a . x cos(2 pi f t + phase), with x unwrapped. The field does work, so
@@ -153,40 +135,37 @@ class DrivenField(Field):
     frequency: float
     phase: float = 0.0
 
-    name: ClassVar[str] = "driven-field"
-    dimensions: ClassVar[dict[str, str]] = {"amplitude": "acceleration", "frequency": "frequency"}
+    dimensions = {"amplitude": "acceleration", "frequency": "frequency"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
+    per_mass = time_dependent = True  # type: ignore[misc]
 
     @property
-    def works(self) -> bool:
+    def works(p):
         """Whether the field does work, so that energy is not conserved."""
-        return any(self.amplitude)
+        return any(p.amplitude)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitude", vector(self.name, "amplitude", self.amplitude))
-        for key in ("frequency", "phase"):
-            object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
-        if self.frequency < 0:
-            raise InputError(f"{self.name}: frequency must be zero or more, got {self.frequency}")
+    def clock(p, t):
+        return math.cos(2.0 * math.pi * p.frequency * t + p.phase)
 
-    def check(self, system: Subject) -> None:
+    def law(p, x, v, m, wave):
+        a = p.amplitude * wave
+        return -(a @ x), a
+
+    def check(p):
+        if p.frequency < 0:
+            raise InputError(f"frequency must be zero or more, got {p.frequency}")
+
+    def check_system(p, system):
         """Refuse a field out of the plane of a two-dimensional system."""
-        check_in_plane(self.name, "amplitude", self.amplitude, system)
+        check_in_plane("driven-field", "amplitude", p.amplitude, system)
 
-    def reversed(self) -> DrivenField:
+    def reversed(p):
         """The field of the motion backwards in time, at t = -s."""
-        return replace(self, phase=-self.phase)
-
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """See Field."""
-        from kickdrift.forces.fields_kernel import UniformKernel
-
-        omega = 2.0 * math.pi * self.frequency
-        return UniformKernel(np.array(self.amplitude), omega, self.phase, system.coherent_masses)
+        return p._replace(phase=-p.phase)
 
 
-@checked_arguments
-@dataclass(frozen=True)
-class LinearDrag(Field):
+@field_law
+class LinearDrag(NamedTuple):
     """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
     Drag has no potential energy, and the total energy falls. Methods for forces of positions alone refuse drag.
@@ -199,35 +178,30 @@ class LinearDrag(Field):
 
     rate: float
 
-    name: ClassVar[str] = "linear-drag"
-    dimensions: ClassVar[dict[str, str]] = {"rate": "rate"}
+    dimensions = {"rate": "rate"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
+    per_mass = True  # type: ignore[misc]
 
     @property
-    def velocity_dependent(self) -> bool:
+    def velocity_dependent(p):
         """Whether the rate is not zero; splitting methods refuse a force that depends on velocity."""
-        return self.rate != 0.0
+        return p.rate != 0.0
 
     @property
-    def works(self) -> bool:
+    def works(p):
         """Whether the rate is not zero, so that energy is not conserved."""
-        return self.rate != 0.0
+        return p.rate != 0.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", number(self.name, "rate", self.rate))
-        if self.rate < 0:
-            raise InputError(f"{self.name}: rate must be zero or more, got {self.rate}")
+    def law(p, x, v, m, t):
+        return None, -p.rate * v
 
-    def reversed(self) -> LinearDrag:
+    def check(p):
+        if p.rate < 0:
+            raise InputError(f"rate must be zero or more, got {p.rate}")
+
+    def reversed(p):
         """The drag of the motion backwards in time, which pushes."""
-        found = copy(self)
-        object.__setattr__(found, "rate", -self.rate)
-        return found
-
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """See Field."""
-        from kickdrift.forces.fields_kernel import DragKernel
-
-        return DragKernel(self.rate)
+        return p._replace(rate=-p.rate)
 
 
 @checked_arguments

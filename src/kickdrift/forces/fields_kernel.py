@@ -1,6 +1,4 @@
-"""Compiled fields. Their cost is linear in the number of particles or springs.
-
-They run on one thread, so every sum has a fixed order."""
+"""Compiled springs. They run on one thread, so every sum has a fixed order."""
 
 from __future__ import annotations
 
@@ -15,29 +13,6 @@ from kickdrift.jit.compile import never_inline
 from kickdrift.model.cell import Cell, nearest_image
 
 
-class TrapKernel(NamedTuple):
-    """A harmonic trap bound to a System."""
-
-    stiffness: NDArray[np.float64]  # (3,)
-    centre: NDArray[np.float64]  # (3,)
-    inverse_masses: NDArray[np.float64]  # (n,)
-
-
-class UniformKernel(NamedTuple):
-    """A uniform field bound to a System; a driven field is multiplied by cos(omega t + phase)."""
-
-    acceleration: NDArray[np.float64]  # (3,)
-    omega: float
-    phase: float
-    masses: NDArray[np.float64]  # (n,) coherent
-
-
-class DragKernel(NamedTuple):
-    """Linear drag."""
-
-    rate: float
-
-
 class SpringsKernel(NamedTuple):
     """Springs bound to a System."""
 
@@ -46,46 +21,6 @@ class SpringsKernel(NamedTuple):
     length: NDArray[np.float64]  # (springs,)
     cell: Cell
     inverse_masses: NDArray[np.float64]  # (n,)
-
-
-@kernel(TrapKernel)
-def trap_forces(force, t, x, v, a, sums):
-    never_inline()
-    inverse_masses = force.inverse_masses
-    for k in range(3):
-        stiffness, centre, energy = force.stiffness[k], force.centre[k], 0.0
-        for i in range(x.shape[1]):
-            d = x[k, i] - centre
-            a[k, i] -= stiffness * d * inverse_masses[i]
-            if sums is not None:
-                energy += d * d
-        if sums is not None:
-            sums[0] += 0.5 * stiffness * energy
-    return OK
-
-
-@kernel(UniformKernel)
-def uniform_forces(force, t, x, v, a, sums):
-    never_inline()
-    masses, wave = force.masses, math.cos(force.omega * t + force.phase)
-    for k in range(3):
-        g, energy = force.acceleration[k] * wave, 0.0
-        for i in range(x.shape[1]):
-            a[k, i] += g
-            if sums is not None:
-                energy += masses[i] * x[k, i]
-        if sums is not None:
-            sums[0] -= g * energy
-    return OK
-
-
-@kernel(DragKernel)
-def drag_forces(force, t, x, v, a, sums):
-    never_inline()
-    for k in range(3):
-        for i in range(x.shape[1]):
-            a[k, i] -= force.rate * v[k, i]
-    return OK
 
 
 @kernel(SpringsKernel)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.arguments import misfit
 from kickdrift.model.checks import is_number
 from kickdrift.text import clean, shown
 
@@ -22,18 +23,16 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if coloram
 _PLACE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+)')
 
 
-def check_class(cls: Any) -> None:
-    """Refuse anything but a NamedTuple class with a ``law(p, r2)``."""
+def check_class(cls: Any, decorator: str, arguments: tuple[str, ...]) -> None:
+    """Refuse anything but a NamedTuple class with a ``law`` of these arguments."""
+    taken = f"({', '.join(arguments)})"
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
-        raise InputError(f"pair_law: expected a NamedTuple class with law(p, r2), got {shown(cls)}")
+        raise InputError(f"{decorator}: expected a NamedTuple class with law{taken}, got {shown(cls)}")
     law = getattr(cls, "law", None)
     if not inspect.isfunction(getattr(law, "py_func", law)):
-        raise InputError(f"{cls.__name__}: law must be a function law(p, r2), got {shown(law)}")
-    try:
-        inspect.signature(law).bind(None, 1.0)  # type: ignore[arg-type]
-    except TypeError:
-        given = inspect.signature(law)  # type: ignore[arg-type]
-        raise InputError(f"{cls.__name__}: law must take (p, r2); it takes {given}") from None
+        raise InputError(f"{cls.__name__}: law must be a function law{taken}, got {shown(law)}")
+    if misfit(law, *arguments):
+        raise InputError(f"{cls.__name__}: law must take {taken}; it takes {inspect.signature(law)}")  # type: ignore[arg-type]
 
 
 def check_law(name: str, law: Any, r: float) -> None:
@@ -44,7 +43,7 @@ def check_law(name: str, law: Any, r: float) -> None:
             found = law.law(r * r)
     except Exception as error:  # whatever a user's function raises
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name}: {at}, raised {text}{_where(error.__traceback__)}") from None
+        raise InputError(f"{name}: {at}, raised {text}{raised_at(error.__traceback__)}") from None
     if (
         isinstance(found, str)
         or not isinstance(found, tuple | list)
@@ -86,8 +85,9 @@ def _wrong_slope(law: Any, r: float) -> tuple[float, float, float] | None:
 
 
 def not_compiled(cls: Any, error: Exception) -> InputError:
-    """Return the error for a pair law or a force's parts that numba cannot compile: numba's reason and the line."""
-    what = f"{cls.__qualname__.split('.')[-2]}: law does not compile for SIMD lanes" if hasattr(cls, "law") else ""
+    """Return the error for a law or a force's parts that numba cannot compile: numba's reason and the line."""
+    name = cls.__qualname__.removesuffix(".Parameters").rpartition(".")[2]
+    what = f"{name}: law does not compile{getattr(cls, 'law_is_for', ' for SIMD lanes')}" if hasattr(cls, "law") else ""
     function = cls.law if what else cls.kernel_sources[0]
     what = what or f"{cls.__name__}: its kernel {function.__name__} does not compile"
     code = getattr(function, "py_func", function).__code__
@@ -110,7 +110,7 @@ def _reason(lines: list[str]) -> str:
     return clean(f"{rest[0] if rest else 'numba gives no reason'} {call}".strip(), 200)
 
 
-def _where(traceback: TracebackType | None) -> str:
+def raised_at(traceback: TracebackType | None) -> str:
     """Return the line of the law that raised."""
     place = ""
     while traceback is not None:

@@ -1,4 +1,4 @@
-"""Refuse pair laws with state: a law is a formula, so its code may keep nothing between calls."""
+"""Refuse laws with state: a law is a formula, so its code may keep nothing between calls."""
 
 from __future__ import annotations
 
@@ -17,15 +17,13 @@ CHANGING = {"append", "add", "clear", "extend", "fill", "insert", "pop", "remove
 VARYING = {"random", "_random", "secrets", "time"}  # modules
 
 
-def check_stateless(name: str, law: Any) -> None:
+def check_stateless(name: str, law: Any, alone: str) -> None:
     """Refuse a law whose code keeps state. The InputError names what holds the state.
 
     Compiled code would take such a state as a constant, or change the forces from call to call.
     """
     for what in _states(law, set()):
-        raise InputError(
-            f"{name}: law keeps state between calls: {what}; a pair's energy and force must depend on p and r2 alone"
-        )
+        raise InputError(f"{name}: law keeps state between calls: {what}; {alone}")
 
 
 def _states(function: Any, seen: set[int]) -> Iterator[str]:

@@ -12,7 +12,9 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.pair_kernel import PairKernel, PairWork, Tables
 from kickdrift.forces.row_lanes import row_lanes
+from kickdrift.forces.special_pairs import special_of
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.jit import law_operators as law_operators  # operators of the lanes that a law takes
 from kickdrift.jit.chunks import in_chunks
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.memory import aligned
@@ -61,6 +63,8 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
     cutoff = float(force.cutoff or 0.0)
     at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
     pairs = cluster_list(n, system.box, cutoff, lanes, single=mixed)
+    special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
+    pairs = pairs._replace(special=special)
     tables = None
     if len(names) > 1:
         law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()

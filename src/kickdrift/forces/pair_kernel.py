@@ -88,7 +88,21 @@ class PairKernel(BoundForce):
 
     def with_list(self, **changes: Any) -> PairKernel:
         """Return the same force with these parts of its list changed."""
-        return PairKernel(self.parts._replace(pairs=self.pairs._replace(**changes)))
+        return type(self)(self.parts._replace(pairs=self.pairs._replace(**changes)))
+
+    @property
+    def row_room(self) -> int:
+        """Room for the neighbours of each particle; 0 for a force that takes pairs one by one."""
+        return 0
+
+    @property
+    def row_need(self) -> int:
+        """Neighbours of the particle with most of them, when the rows were last made."""
+        return 0
+
+    def with_row_room(self, room: int) -> PairKernel:
+        """Return the same force with this room for neighbours."""
+        return self
 
     def remake(self, built_at: Floats, pruned_at: Floats) -> int:
         """Make the list again and return a status. Its last search was at positions ``built_at`` (3, n), its last

@@ -15,16 +15,16 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.group import Grouped
-from kickdrift.forces.law_check import check_class, check_law, check_slope
-from kickdrift.forces.law_state import check_stateless
-from kickdrift.forces.registration import register_force
-from kickdrift.model.arguments import checked_arguments
+from kickdrift.forces.law import Form, force_of_law
+from kickdrift.forces.law_check import check_law, check_slope
+from kickdrift.forces.listed import ListedForce
 from kickdrift.model.checks import number
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
+PAIR_LAW = Form("pair_law", ("p", "r2"), "a pair's energy and force must depend on p and r2 alone")
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
 DEFAULT_CUTOFF = 2.5  # in sigma
@@ -32,7 +32,7 @@ SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume sta
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PairForce(Grouped):
+class PairForce(ListedForce, Grouped):
     """Parameters of every pair force, besides those of its law.
 
     Attributes
@@ -255,28 +255,4 @@ def pair_law(cls: type) -> Any:
     InputError
         If the code of the law shows that the law keeps state, or if the name belongs to a force that ships.
     """
-    check_class(cls)
-    check_stateless(cls.__name__, cls.law)  # type: ignore[attr-defined]
-    fields: Any = cls._fields  # type: ignore[attr-defined]
-    defaults: dict[str, float] = cls._field_defaults  # type: ignore[attr-defined]
-    force = checked_arguments(
-        dataclasses.make_dataclass(
-            cls.__name__,
-            [
-                (key, float, dataclasses.field(default=defaults[key])) if key in defaults else (key, float)
-                for key in fields
-            ],
-            bases=(PairForce,),
-            frozen=True,
-            namespace={
-                "__doc__": cls.__doc__,
-                "name": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower(),
-                "dimensions": {"cutoff": "length", "switch_start": "length", **getattr(cls, "dimensions", {})},
-            },
-        )
-    )
-    force.__module__ = cls.__module__
-    force.__qualname__ = cls.__qualname__
-    cls.__qualname__ = f"{cls.__qualname__}.Parameters"  # pickle finds the class at its new place
-    force.Parameters = cls  # type: ignore[attr-defined]
-    return register_force(force, overwrite=True)
+    return force_of_law(cls, PairForce, PAIR_LAW, {}, {"cutoff": "length", "switch_start": "length"})

@@ -15,7 +15,10 @@ from kickdrift.forces.clusters import (
     skins,
 )
 from kickdrift.forces.kernel import OK
+from kickdrift.forces.neighbours import whole_blocks
 from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.forces.special_pairs import with_special_room
+from kickdrift.jit.vectors import WIDTH
 
 THIN = 1e-3  # part of the cutoff: a skin for rounding alone
 
@@ -25,6 +28,8 @@ def grown(bound: Any) -> Any:
     if not isinstance(bound, PairKernel):
         return bound
     pairs = bound.pairs
+    if bound.row_need > bound.row_room:
+        return bound.with_row_room(whole_blocks(1.2 * bound.row_need))
     if pairs.counts[ROOM_NEEDED] <= pairs.near.shape[1]:
         return bound
     return with_room(bound, int(1.3 * pairs.counts[ROOM_NEEDED]))
@@ -54,7 +59,8 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     pairs = bound.pairs
     chunks = len(pairs.made)
     rows = empty_rows(chunks, room, pairs.block)
-    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows)
+    special = with_special_room(pairs.special, room)
+    return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows, special=special)
 
 
 def memory(bound: PairKernel, varies: bool = False) -> dict[str, Any]:
@@ -64,6 +70,8 @@ def memory(bound: PairKernel, varies: bool = False) -> dict[str, Any]:
     pairs = bound.pairs
     built_at, pruned_at = (pairs.built_at.copy(), pairs.inner_reference.copy()) if pairs.counts[BUILT] else (None, None)
     sizes = {"room": pairs.near.shape[1], "inner_skin": pairs.inner_skin, "outer_skin": pairs.outer_skin}
+    if bound.row_room:
+        sizes["row_room"] = bound.row_room
     found = {**sizes, "built_at": built_at, "pruned_at": pruned_at}
     return found | {"boxes": pairs.made_in.copy()} if varies else found
 
@@ -91,16 +99,20 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     pairs = bound.pairs
     _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
     room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
+    row_room = memory.get("row_room", 0)
     shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []
     if not (
         0 <= memory["inner_skin"] <= memory["outer_skin"] <= most
         and isinstance(room, int)
         and 0 <= room <= pairs.near.shape[1] + len(pairs.filled) ** 2 * SHIFTS
+        and isinstance(row_room, int)
+        and (0 < row_room <= whole_blocks(len(pairs.place)) + bound.row_room) == (bound.row_room > 0)
+        and row_room % WIDTH == 0
         and all(given.shape == own.shape and given.dtype == own.dtype for given, own in shapes)
     ):
         raise InputError("checkpoint: its pair list belongs to other particles")
     skins_then = {key: memory[key] for key in ("inner_skin", "outer_skin")}
-    bound = with_room(bound, memory["room"]).with_list(**skins_then).ready()
+    bound = with_room(bound, memory["room"]).with_list(**skins_then).with_row_room(row_room).ready()
     bound.pairs.counts[BUILT] = 0
     if "boxes" in memory:
         _put_boxes(bound, memory["boxes"])

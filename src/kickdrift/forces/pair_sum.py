@@ -29,6 +29,7 @@ from kickdrift.forces.pair_rows import (
     working_arrays,
 )
 from kickdrift.forces.row_lanes import nothing
+from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.lanes import lane_sum, multiply_add, splat
@@ -114,7 +115,7 @@ def sum_pairs(force, sums, c):
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
             store_row_force(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
-        if mine:
+        if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = intra_cluster(
                 laws, pairs.x, cluster, cutoff2, along_sum
             )
@@ -129,6 +130,8 @@ def sum_pairs(force, sums, c):
         own_y = own_y + sums_of_rows(row_sums, WIDTH, STRIDE)
         own_z = own_z + sums_of_rows(row_sums, 2 * WIDTH, STRIDE)
         store_vector(forces, cluster, own_x, own_y, own_z)
+    totals = add_special(pairs.special, laws, pairs, c, cutoff2, row_sums, (energy_sum, virial_sum, pair_count))
+    energy_sum, virial_sum, pair_count = totals
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)

@@ -38,6 +38,7 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.forces.row_lanes import blocks
+from kickdrift.forces.special_pairs import clear_special, mark_special, place_special, without_special
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.jit.masks import bytes_with_bits, count_ones, mask_bits
@@ -76,6 +77,7 @@ def refresh(pairs, x, chunks):
     counts[BUILT] = 0
     sort(pairs, x)
     copy_positions(pairs, x)
+    place_special(pairs.special, pairs.place)
     search(pairs, chunks)
     if counts[ROOM_NEEDED] > pairs.near.shape[1]:
         return GROW
@@ -225,12 +227,17 @@ def prune_chunk(pairs, c):
     within, met, by = np.empty(most, np.int64), np.empty(most, np.int32), np.empty(most, np.int32)
     table = np.empty(4 * 6 * WIDTH, np.float32)
     made = 0
+    clear_special(pairs.special, c)
     for cluster in range(begin, end):
+        filled = pairs.filled[cluster]
+        mark_special(pairs.special, pairs.place, c, cluster, filled, True)
         reach2 = spread_rows(pairs, cluster, table)
         for k in range(span[cluster, 0], span[cluster, 1]):
             bits = pairs_within(pairs, cluster, near[k] >> SHIFT_BITS, near[k] & 31, reach2, table)
+            bits = without_special(pairs.special, pairs.place, c, cluster, near[k], bits, filled)
             within[made], met[made], by[made] = bits, near[k], cluster
             made += int(bits != 0)  # overwritten unless one is
+        mark_special(pairs.special, pairs.place, c, cluster, filled, False)
     write_rows(pairs, c, within[:made], met, by)
 
 

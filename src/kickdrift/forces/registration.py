@@ -5,10 +5,12 @@ Only classes in this registry can be made from the content of a system file or a
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import is_dataclass
 from typing import Any, TypeVar, overload
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import named
 from kickdrift.text import shown
 
 Class = TypeVar("Class", bound=type)
@@ -21,7 +23,8 @@ def register_force(cls: Class, *, overwrite: bool = False) -> Class: ...
 @overload
 def register_force(cls: None = None, *, overwrite: bool = False) -> Any: ...
 def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
-    """Class decorator: system files and run files may name this class of force.
+    """Class decorator: system files and run files may name this class of force. Also for plain functions and ASE
+    calculators: a file may then name them in ``type = "python"`` and ``type = "ase"``.
 
     A system file uses the ``name`` that the class itself defines, with ``--load FILE.py`` on the command line. A class
     with an inherited name serves run files only. ``kickdrift list forces`` shows the force. ``resume`` makes the force
@@ -39,6 +42,9 @@ def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
     """
     if cls is None:
         return lambda cls: register_force(cls, overwrite=overwrite)
+    if inspect.isfunction(cls) or (isinstance(cls, type) and hasattr(cls, "implemented_properties")):
+        named(cls)
+        return cls
     whole = isinstance(cls, type) and all(hasattr(cls, part) for part in ("name", "check", "bind"))
     if not whole or not (is_dataclass(cls) or hasattr(cls, "_fields")):
         raise InputError(f"register_force: expected a dataclass with name, check and bind, got {shown(cls)}")

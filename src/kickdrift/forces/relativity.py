@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 from kickdrift.errors import InputError
+from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
@@ -15,8 +16,7 @@ from kickdrift.forces.central import (
     check_positive,
     gravitational_constant,
 )
-from kickdrift.forces.group import Grouped
-from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -25,9 +25,18 @@ if TYPE_CHECKING:
 FORMS = ("full", "potential")
 
 
-@checked_arguments
-@dataclass(frozen=True)
-class PostNewtonian(Grouped):
+class Schwarzschild(NamedTuple):
+    """The correction of a System's central body."""
+
+    central: int
+    gm: float  # G M of the central body
+    light2: float  # c^2
+    full: bool
+    share: Floats  # (n,) m / M: the central body's share of a body's acceleration
+
+
+@body_law
+class PostNewtonian(NamedTuple):
     """First post-Newtonian (1PN) force of the central body on every other body, in addition to ``gravity``.
 
     The full form is Schwarzschild's field in harmonic coordinates, for r and v from the central body of mass M:
@@ -41,7 +50,7 @@ class PostNewtonian(Grouped):
 
     The central body takes the opposite force, so the sum of m v is conserved. The potential energy includes the full
     form's addition to E: per mass, 3 v^4 / 8 + G M (3 v^2 + G M / r) / (2 r), over c^2, for a massless body, with
-    weights for a massive one (see ``relativity_kernel``). Then the energy of one body around the central body is
+    weights for a massive one (see ``law``). Then the energy of one body around the central body is
     constant to order c^-4, and the energy of several attracting bodies to m / M of c^-2. Relativity does not conserve
     the sum of m x × v: on an eccentric orbit this sum oscillates by about e G M / (c^2 r) of its value.
 
@@ -61,42 +70,82 @@ class PostNewtonian(Grouped):
     form: str = "full"
     G: float | None = None
 
-    name: ClassVar[str] = "relativity-1pn"
-    by_mass: ClassVar[bool] = True
-    dimensions: ClassVar[dict[str, str]] = {"c": "velocity", "G": "gravitational constant"}
-
-    def __post_init__(self) -> None:
-        check_positive(self.name, c=self.c, G=self.G)
-        check_central(self.name, self.central)
-        if self.form not in FORMS:
-            raise InputError(f"{self.name}: form: expected one of {', '.join(FORMS)}, got {shown(self.form)}")
+    name = "relativity-1pn"  # type: ignore[misc]
+    by_mass = fastmath = True  # type: ignore[misc]
+    dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
     @property
-    def velocity_dependent(self) -> bool:
+    def velocity_dependent(p):
         """Tell whether this is the full form, which a splitting method refuses."""
-        return self.form == "full"
+        return p.form == "full"
 
-    def reversed(self) -> PostNewtonian:
-        """The force of the motion backwards in time: the same, since it has even powers of v alone."""
-        return self
+    @staticmethod
+    def law(p, x, v, m, t, a):
+        """The full form's energy is c^2 E_1 / m, so that E + E_1 is constant to order c^-4 along r'' = -g (1 + share) r
+        / r^3 + (1 + share) a_1PN, g = G M.
 
-    def light(self, system: Subject) -> float:
-        """Speed of light in the system's units."""
-        value = self.c if self.c is not None else system.units.light
-        if value is None:
-            raise InputError(f"{self.name}: units {system.units.name!r} define no speed of light; give c")
-        return value
+        The rate of E_1 must be -v . a_1PN = -g (r . v) (3 v^2 + 4 g / r) / (c^2 r^3). With v^4, v^2 g / r and (g / r)^2
+        this leaves one coefficient free. The coefficient of v^2 is the test body's, 3 / 2, and at share = 0 all three
+        are the test body's.
+        """
+        c, gm, light2, n = p.central, p.gm, p.light2, x.shape[1]
+        back_x = back_y = back_z = energy = virial = 0.0
+        for i in range(n):
+            if i == c:
+                continue
+            dx, dy, dz = x[0, i] - x[0, c], x[1, i] - x[1, c], x[2, i] - x[2, c]
+            ux, uy, uz = v[0, i] - v[0, c], v[1, i] - v[1, c], v[2, i] - v[2, c]
+            r2, v2, rv = dx * dx + dy * dy + dz * dz, ux * ux + uy * uy + uz * uz, dx * ux + dy * uy + dz * uz
+            inverse = 1.0 / math.sqrt(r2)
+            gm_over_r = gm * inverse
+            if p.full:
+                scale = gm_over_r * inverse * inverse / light2
+                along, across = scale * (4.0 * gm_over_r - v2), 4.0 * scale * rv
+            else:
+                along, across = -6.0 * gm_over_r * gm_over_r * inverse * inverse / light2, 0.0
+            ax, ay, az = along * dx + across * ux, along * dy + across * uy, along * dz + across * uz
+            a[0, i] += ax
+            a[1, i] += ay
+            a[2, i] += az
+            share = p.share[i]
+            back_x, back_y, back_z = back_x + share * ax, back_y + share * ay, back_z + share * az
+            virial += m[i] * (ax * dx + ay * dy + az * dz)
+            if p.full:
+                first = 0.375 / (1.0 + share) * v2 * v2 + 1.5 * gm_over_r * v2
+                energy += m[i] * (first + (0.5 - 1.5 * share) * gm_over_r * gm_over_r) / light2
+            else:
+                energy -= 3.0 * m[i] * gm_over_r * gm_over_r / light2
+        a[0, c] -= back_x
+        a[1, c] -= back_y
+        a[2, c] -= back_z
+        return energy, virial, n - 1
 
-    def check(self, system: Subject) -> None:
-        """Raise InputError for a system that this force cannot run."""
-        check_open(self.name, system)
-        central_body(self.name, self.central, system)
-        gravitational_constant(self.name, self.G, system)
-        self.light(system)
+    def check(p):
+        check_positive("relativity-1pn", c=p.c, G=p.G)
+        check_central("relativity-1pn", p.central)
+        if p.form not in FORMS:
+            raise InputError(f"form: expected one of {', '.join(FORMS)}, got {shown(p.form)}")
 
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """Bind this force to a System: a NamedTuple with a compiled body."""
-        from kickdrift.forces.relativity_kernel import RelativityKernel
+    def check_system(p, system):
+        """Refuse a system that this force cannot run."""
+        check_open("relativity-1pn", system)
+        central_body("relativity-1pn", p.central, system)
+        gravitational_constant("relativity-1pn", p.G, system)
+        light(p.c, system)
 
-        central, gm, share, masses = Attraction.of(self, system)
-        return RelativityKernel(central, gm, self.light(system) ** 2, self.form == "full", share, masses)
+    def bound(p, system):
+        """The correction of this System's central body."""
+        central, gm, share = Attraction.of("relativity-1pn", p, system)
+        return Schwarzschild(central, gm, light(p.c, system) ** 2, p.form == "full", share)
+
+    def reversed(p):
+        """The same, since the force has even powers of v alone."""
+        return p
+
+
+def light(given: float | None, system: Subject) -> float:
+    """Speed of light in the system's units."""
+    value = given if given is not None else system.units.light
+    if value is None:
+        raise InputError(f"relativity-1pn: units {system.units.name!r} define no speed of light; give c")
+    return value

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
@@ -31,8 +32,10 @@ class Varied:
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
     def __init__(self, force: Any, system: System) -> None:
-        if isinstance(force, (PairForce, GravityTree)):  # their lists and trees make the sums jump
+        if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
+        if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
+            raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         self.force, self.system, self.name = force, system, force.name
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))

@@ -111,6 +111,8 @@ def check_pressed(system: Any, options: Options) -> None:
             raise InputError(
                 f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces"
             )
+    if system.topology is not None:
+        raise InputError("pressure: no barostat here takes a topology, with its bonds and exclusions, yet")
     coupling = coupling_of(options)
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")

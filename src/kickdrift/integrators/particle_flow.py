@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
@@ -32,7 +32,8 @@ class ParticleFlow(ParticleStates):
         self._aside = BoundForces(
             system, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists
-        self._listed = any(isinstance(force, PairForce) for force in system.forces)
+        self._aside.follow(self.forces)
+        self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = self._listed and not mixed
         self._look_at(system)
         if system.dimensions == 2:
@@ -109,6 +110,36 @@ class ParticleFlow(ParticleStates):
     def jacobian(self, time: float, y: Floats) -> Floats:
         """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""
         return difference_jacobian(self._looks().derivative, time, y)
+
+    @property
+    def raised(self) -> BaseException | None:  # type: ignore[override]
+        """Exception that a force's Python code raised."""
+        return next((host.error for host in self.forces.hosts if host is not None and host.error), None)
+
+    def forget_errors(self) -> None:
+        """Forget earlier exceptions, which do not concern the coming steps."""
+        for host in self.forces.hosts:
+            if host is not None:
+                host.error = None
+
+    @property
+    def failure(self) -> str:
+        """One line about a force whose Python code raised or returned no finite numbers at the last call; else ""."""
+        return next((host.failure for host in self.forces.hosts if host is not None and host.failure), "")
+
+    def refused(self, status: int, step: int, time: float) -> RunError:
+        """See ParticleStates."""
+        if not (line := self.failure):
+            return super().refused(status, step, time)
+        error = RunError(f"step {step} (t = {time:g}): {line}")
+        error.__cause__ = self.raised
+        return error
+
+    def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+        """One line about a blow-up, or about a force's Python code that raised or returned no finite numbers."""
+        if line := self.failure:
+            return f"step {step} (t = {time:.6g}): {line}"
+        return super().explain(y, before, good, step, time, good_step)
 
     def meeting(self, y: Floats) -> str:
         """Name the nearest particles, for the end of a line about failed steps."""

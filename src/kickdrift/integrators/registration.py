@@ -15,6 +15,7 @@ import numpy as np
 
 from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import load_module
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.measured_order import check_order as refuse_lower_order
 from kickdrift.integrators.method import Method
@@ -201,6 +202,16 @@ def unregister(name: str) -> None:
 def load_file(path: Path) -> None:
     """Run a Python file that registers methods or forces. Raises an InputError of one line if the file fails."""
     executed(path)
+
+
+def load_code(path: Path) -> None:
+    """Run a Python file, or import a module that is given by its dotted name, such as ase.calculators.emt. Files may
+    then name what they define."""
+    name = str(path)
+    if name.endswith(".py") or path.exists() or not all(part.isidentifier() for part in name.split(".")):
+        load_file(path)
+    else:
+        load_module(name)
 
 
 def executed(path: Path) -> ModuleType:

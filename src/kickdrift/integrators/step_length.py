@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.exact import Exact
 from kickdrift.integrators.flow import Flow
 from kickdrift.integrators.method import Method
@@ -19,6 +18,7 @@ from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.runge_kutta import Tableau
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
+from kickdrift.looks.observers import particles_interact
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -52,12 +52,12 @@ def longest_step(method: Method) -> float | None:
 def can_be_checked(flow: Flow, method: Method) -> bool:
     """Tell whether a run is subject to ``step_warning``: fixed steps, not too many particles, and no pair force.
 
-    Under a pair force a step that is too long blows up at once.
+    Under a pair force, or another among all particles, a step that is too long blows up at once.
     """
     if not isinstance(flow, ParticleFlow) or longest_step(method) is None:
         return False
     forces = flow.subject.forces
-    return 1 <= len(flow.subject) <= MOST and bool(forces) and not any(isinstance(f, PairForce) for f in forces)
+    return 1 <= len(flow.subject) <= MOST and bool(forces) and not particles_interact(flow.subject)
 
 
 def step_warning(flow: ParticleFlow, method: Method, dt: float, time: float, y: Floats) -> str | None:

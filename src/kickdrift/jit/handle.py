@@ -37,6 +37,11 @@ class Handle(types.Type):
         self.kind = kind
         super().__init__(name=f"Handle({kind.name})")
 
+    @property
+    def key(self) -> Any:
+        """What tells two handles apart: the type itself, since two classes may have one name."""
+        return self.kind
+
     def field(self, name: str) -> tuple[int, types.Type]:
         """Position and type of an attribute of a NamedTuple."""
         index = self.kind.fields.index(name)

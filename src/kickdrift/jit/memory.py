@@ -191,3 +191,20 @@ def named_lanes(typingctx, like, table, row, index, lanes):
         return context.make_tuple(builder, sig.return_type, fields)
 
     return result(like, table, types.intp, types.intp, lanes), codegen
+
+
+@intrinsic
+def named_numbers(typingctx, like, table, row):
+    """NamedTuple of the class of ``like`` with the numbers of a row of a contiguous table as fields."""
+    result = types.NamedTuple([types.float64] * len(like), like.instance_class)
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[1])(context, builder, args[1])
+        width = cgutils.unpack_tuple(builder, array.shape)[1]
+        begin = builder.gep(array.data, [builder.mul(args[2], width)])
+        fields = [
+            builder.load(builder.gep(begin, [context.get_constant(types.intp, k)])) for k in range(len(sig.args[0]))
+        ]
+        return context.make_tuple(builder, sig.return_type, fields)
+
+    return result(like, table, types.intp), codegen

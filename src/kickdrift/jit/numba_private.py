@@ -37,6 +37,7 @@ if not OLDEST <= _version() <= NEWEST:
 
 NumbaError = private("core.errors", "NumbaError")
 NumbaWarning = private("core.errors", "NumbaWarning")
+UnsupportedBytecodeError = private("core.errors", "UnsupportedBytecodeError")
 TypingError = private("core.errors", "TypingError")
 make_function = private("_dynfunc", "make_function")
 FunctionIdentity = private("core.bytecode", "FunctionIdentity")

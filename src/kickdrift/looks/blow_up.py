@@ -31,6 +31,8 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
     else:
         particle = int(np.flatnonzero(~finite)[0])
         what = f"{system.body(particle)} has no finite position or velocity"
+    if stretched := _out_of_range(system, phase, before):
+        return f"blew up at step {step} (t = {time:.6g}): {stretched}; the last good frame is step {good_step}"
     known = finite.all() and np.abs(phase[0]).max() < FAR * np.abs(good[0]).max()
     here, when = (before, "the step before") if known else (good[0], f"at step {good_step}")
     distances = np.linalg.norm(system.box.minimum_image((here - here[:, [particle]]).T), axis=1)
@@ -42,6 +44,15 @@ def explain(system: System, phase: Floats, before: Floats, good: Floats, step: i
         which = system.names[other] if system.names else system.state.ids[other]
         neighbour = f", its nearest neighbour was {which} at {apart} {when}"
     return f"blew up at step {step} (t = {time:.6g}): {what}{neighbour}; the last good frame is step {good_step}"
+
+
+def _out_of_range(system: System, phase: Floats, before: Floats) -> str:
+    """Describe a bond, angle or dihedral that has left the range of its law at the last finite positions."""
+    x = next((x for x in (phase[0], before) if np.isfinite(x).all()), None)
+    for force in system.forces:
+        if x is not None and hasattr(force, "trouble") and (found := force.trouble(system, x)):
+            return f"{force.name}: {found}"
+    return ""
 
 
 def nearest_pair(system: System, x: Floats) -> str:

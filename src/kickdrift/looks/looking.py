@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import fill_accelerations
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver, inlined, is_finite
 from kickdrift.jit.handle import handle, unowned
@@ -29,6 +28,7 @@ from kickdrift.looks.columns import (
     VIRIAL,
     VOLUME,
 )
+from kickdrift.looks.observers import particles_interact
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Looking(NamedTuple):
 def desk_of(system: System) -> Floats:
     """Return the desk: the particles' constants and workspace, in the layout of the constants above."""
     masses = system.coherent_masses
-    collide = any(isinstance(force, PairForce) for force in system.forces) and system.degrees_of_freedom > 0
+    collide = particles_interact(system) and system.degrees_of_freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan

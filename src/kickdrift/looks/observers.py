@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
@@ -111,6 +110,12 @@ def angular_momentum(masses: Floats, x: Floats, v: Floats) -> Floats:
     return np.array([masses @ (x[j] * v[k] - x[k] * v[j]) for j, k in pairs])
 
 
+def particles_interact(system: System) -> bool:
+    """Tell whether particles exchange energy by their forces, so that they have a temperature. Forces on a list of
+    neighbours and calculators say so (``thermal``)."""
+    return any(getattr(force, "thermal", False) for force in system.forces)
+
+
 class Measuring(Protocol):
     """An object that evaluates forces and sums at (2, 3, n) positions and velocities; None if not finite."""
 
@@ -133,7 +138,7 @@ def take_sample(
     kinetic = kinetic_energy(m, v)
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
-    collides = any(isinstance(force, PairForce) for force in system.forces)
+    collides = particles_interact(system)
     degrees = system.degrees_of_freedom if freedom is None else freedom
     temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     room = system.dimensions * system.volume

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
+from kickdrift.forces.bonded_check import value_of
+from kickdrift.forces.bonded_law import BondedForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
@@ -37,6 +39,12 @@ def _pair_forces(force: object, system: System, x: Floats) -> Iterator[tuple[Flo
     """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
+    elif isinstance(force, BondedForce) and force.kind == "bonds":
+        items, laws, which = force.items(system)
+        apart = system.box.minimum_image(x[items[:, 0]] - x[items[:, 1]])
+        r = np.linalg.norm(apart, axis=1)
+        slope = np.array([value_of(laws[law], each)[1] for law, each in zip(which.tolist(), r.tolist(), strict=True)])
+        yield apart, -np.divide(slope, r, out=np.zeros_like(r), where=r > 0)
     elif isinstance(force, Springs):
         i, j = np.array(force.pairs).T
         apart = system.box.minimum_image(x[i] - x[j])
@@ -56,11 +64,12 @@ def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Flo
     i, j = pairs_nearer(x, system.box, cutoff * (1 + 1e-12)).T
     apart = system.box.minimum_image(x[i] - x[j])
     r2 = np.einsum("ma,ma->m", apart, apart)
-    inside = r2 < cutoff**2
+    scale = np.ones(len(i)) if system.topology is None else system.topology.factor_of(i, j)
+    inside = (r2 < cutoff**2) & (scale > 0)
     kinds: NDArray[np.int32] = system.species_index
     first, second = np.minimum(kinds[i], kinds[j]), np.maximum(kinds[i], kinds[j])
     for a, name in enumerate(system.species):
         for b, other in enumerate(system.species[a:], start=a):
             some = inside & (first == a) & (second == b)
             if some.any():
-                yield apart[some], force_over_r(force, name, other, r2[some])
+                yield apart[some], scale[some] * force_over_r(force, name, other, r2[some])

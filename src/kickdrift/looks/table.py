@@ -137,7 +137,7 @@ class Looks:
         rest: dict[str, Any] = {own.name: float(row[own.place]) for own in column.NUMBERS}
         for own in column.VECTORS:
             vector = row[own.place : own.place + 3]
-            rest[own.name] = None if np.isnan(vector).all() else vector
+            rest[own.name] = None if vector[0] != vector[0] and np.isnan(vector).all() else vector
         return Sample(
             step=int(self.steps[k]),
             time=float(row[column.TIME]),

@@ -60,7 +60,7 @@ def _instead(force: Any) -> str:
     if isinstance(force, type):
         return f"got the class {force.__name__}; write {force.__name__}(…)"
     if isinstance(force, FunctionType):
-        return "got a function; a formula U(r) becomes a force by @kd.pair_law, see docs/your-own-force.md"
+        return "got a function; kd.PythonForce(function) makes it a force, see docs/your-own-force.md"
     return f"got {shown(force)}"
 
 

@@ -22,6 +22,7 @@ class ShownSystem(Shown):
             ("box", self.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if self.dimensions == 2 else []),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
+            *([("topology", str(self.topology))] if self.topology is not None else []),
             *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]

@@ -46,8 +46,10 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
         elif isinstance(event, Crossing):
             _check_signature(event, ("t", "x", "v"))
-        if getattr(event, "action", "") in ("merge", "remove") and system.acting("joins"):
-            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by springs")  # type: ignore[union-attr]
+        joins = [*system.acting("joins"), *(["bonds"] if system.topology is not None else [])]
+        if getattr(event, "action", "") in ("merge", "remove") and joins:
+            names = ", ".join(dict.fromkeys(joins))
+            raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by {names}")  # type: ignore[union-attr]
     return found
 
 

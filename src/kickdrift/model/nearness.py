@@ -45,8 +45,13 @@ def any_nearer(positions: Floats, box: Box | Sequence[float] | None, limit: floa
     return False
 
 
-def nearest_pair(positions: Floats, box: Box, limit: float) -> tuple[int, int, float] | None:
-    """Nearest two of ``positions`` (n, 3) and their distance; None if no distance is below ``limit``."""
+def nearest_pair(
+    positions: Floats, box: Box, limit: float, but: NDArray[np.int64] | None = None
+) -> tuple[int, int, float] | None:
+    """Nearest two of ``positions`` (n, 3) and their distance; None if no distance is below ``limit``. The pairs ``but``
+    (m, 2), i < j, do not count."""
+    if but is not None and len(but):
+        return _nearest_other_pair(positions, box, limit, but)
     from scipy.spatial import cKDTree
 
     wrapped = box.wrap(positions)
@@ -57,6 +62,19 @@ def nearest_pair(positions: Floats, box: Box, limit: float) -> tuple[int, int, f
         return None
     other = int(owners[found[closest][found[closest] != closest][0]])
     return min(closest, other), max(closest, other), float(distances[closest, 1])
+
+
+def _nearest_other_pair(
+    positions: Floats, box: Box, limit: float, but: NDArray[np.int64]
+) -> tuple[int, int, float] | None:
+    pairs = pairs_nearer(positions, box, limit)
+    pairs = pairs[~np.isin(pairs @ [len(positions), 1], but @ [len(positions), 1])]
+    between = box.minimum_image(positions[pairs[:, 0]] - positions[pairs[:, 1]])
+    distances = np.linalg.norm(between, axis=1)
+    if not len(pairs):
+        return None
+    closest = int(np.argmin(distances))
+    return int(pairs[closest, 0]), int(pairs[closest, 1]), float(distances[closest])
 
 
 def pairs_nearer(positions: Floats, box: Box, limit: float) -> NDArray[np.int64]:

@@ -18,8 +18,13 @@ CLOSE = (
     "events record them"
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
-MANY_BODY = "many-body potentials are not there yet; kd.pair_law makes a force between two particles"
-MOLECULES = "angles, torsions and force fields of molecules are not there yet; 'springs' are harmonic bonds"
+MANY_BODY = (
+    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
+    "of ASE's"
+)
+MOLECULES = (
+    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
+)
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -59,8 +64,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("yoshida", "did you mean 'yoshida4', 'yoshida6' or 'yoshida8'?"),
         ("fr4 forestruth", "{word} is 'forest-ruth' here"),
         ("omelyan", "{word} is 'pefrl' here"),
-        ("respa r-respa rrespa mts multiple-time-step", "multiple time steps are not there yet"),
-        ("rattle shake settle lincs", "constraints are not there yet; 'springs' are harmonic bonds"),
+        ("r-respa rrespa mts multiple-time-step", "{word} is 'respa' here"),
+        ("rattle shake settle lincs", "constraints are not there yet; 'harmonic-bond' is a stiff bond"),
         ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
         ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
         ("langevinintegrator fix-langevin", "{word} is 'baoab' here"),
@@ -85,11 +90,20 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             CHARGES,
         ),
         (
-            "eam eam/alloy eam/fs meam tersoff sw stillinger-weber airebo rebo reaxff reax reax/c comb snap ace mace "
-            "nequip deepmd mlip gap",
+            "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
             MANY_BODY,
         ),
-        ("angle angles dihedral dihedrals improper torsion charmm amber opls gaff martini tip3p spce", MOLECULES),
+        ("eam/alloy eam/fs embedded-atom setfl finnis-sinclair", "{word} is 'eam' here"),
+        ("sw stillinger", "{word} is 'stillinger-weber' here"),
+        ("tersoff/mod tersoff/zbl", "{word} is not there; 'tersoff' is Tersoff's form of 1988"),
+        ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
+        (
+            "dihedral dihedrals torsion proper",
+            "did you mean 'periodic-dihedral', 'ryckaert-bellemans' or 'opls-dihedral'?",
+        ),
+        ("opls", "{word} is 'opls-dihedral' here"),
+        ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
+        ("improper charmm amber gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
@@ -97,8 +111,11 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
         ("gr gr-full gr-potential 1pn pn1 post-newtonian relativity schwarzschild", "{word} is 'relativity-1pn' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j4", "{word} is 'j2' here"),
-        ("spring bond bonds harmonic-bond bond-harmonic", "{word} is 'springs' here"),
-        ("harmonic", "did you mean 'springs' between particles, or 'harmonic-trap' around a point?"),
+        ("spring", "{word} is 'springs' here"),
+        ("bond bonds bond-harmonic harmonicbondforce", "{word} is 'harmonic-bond' here"),
+        ("harmonicangleforce angle-harmonic", "{word} is 'harmonic-angle' here"),
+        ("fene/expand finite-extensible", "{word} is 'fene' here"),
+        ("harmonic", "did you mean 'harmonic-bond' or 'springs' between particles, or 'harmonic-trap' around a point?"),
         ("trap spring/self harmonic-well", "{word} is 'harmonic-trap' here"),
         ("field external constant-force addforce efield uniform gravity-uniform", "{word} is 'uniform-field' here"),
         ("drag friction stokes viscous", "{word} is 'linear-drag' here"),
@@ -141,7 +158,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
         ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
         ("nacl salt", CHARGES),
-        ("copper cu silicon si iron fe", MANY_BODY),
+        ("copper cu", "{word} is 'copper-864' here"),
+        ("silicon si", "{word} is 'silicon-512' here"),
     ),
     "engine": (
         ("gromacs gmx namd amber charmm desmond", "{word} is no engine; kickdrift export writes frames for {word}"),

@@ -48,12 +48,12 @@ class State:
     @property
     def positions(self) -> Floats:
         """Unwrapped positions, shape (n, 3); a read-only copy."""
-        return read_only(np.ascontiguousarray(self.phase[0].T).copy())
+        return read_only(np.array(self.phase[0].T, order="C"))
 
     @property
     def velocities(self) -> Floats:
         """Velocities, shape (n, 3); a read-only copy."""
-        return read_only(np.ascontiguousarray(self.phase[1].T).copy())
+        return read_only(np.array(self.phase[1].T, order="C"))
 
     def wrapped(self) -> Floats:
         """Positions inside the box, shape (n, 3); a read-only copy."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
+from kickdrift.model.topology import Topology
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
@@ -53,6 +54,9 @@ class Subject(Particles, Protocol):
 
     @property
     def coherent_masses(self) -> Floats: ...
+
+    @property
+    def topology(self) -> Topology | None: ...
 
     def __len__(self) -> int: ...
 

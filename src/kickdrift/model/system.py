@@ -15,7 +15,8 @@ from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import body_names, body_radii, check_kinds, forces_of, listed_species, names_of
 from kickdrift.model.box import Box
-from kickdrift.model.bridging import SYSTEM_FILES, bridge
+from kickdrift.model.bridged import Bridged
+from kickdrift.model.bridging import SYSTEM_FILES
 from kickdrift.model.checks import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.event_checks import checked_events
@@ -24,15 +25,27 @@ from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
+from kickdrift.model.topology import Topology
 from kickdrift.model.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
-_KEPT = ("forces", "units", "name", "run", "seed", "names", "radii", "events", "dimensions")  # passed on by `remade`
+_KEPT = (
+    "forces",
+    "units",
+    "name",
+    "run",
+    "seed",
+    "names",
+    "radii",
+    "events",
+    "dimensions",
+    "topology",
+)  # passed on by `remade`
 
 
 @checked_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class System(ShownSystem):
+class System(Bridged, ShownSystem):
     """State, box, forces and units. A Simulation copies a System and never changes it.
 
     Parameters
@@ -50,6 +63,7 @@ class System(ShownSystem):
     dimensions : 3, or 2
         Two-dimensional particles lie and move in one plane, z the same for all. Positions and velocities may then be
         (n, 2), and the box is two edge lengths or a matrix (2, 2).
+    topology : `Topology` with the bonds, angles and dihedrals of molecules; default none
     """
 
     state: State
@@ -67,6 +81,7 @@ class System(ShownSystem):
     radii: Floats | None = None
     events: tuple[Event, ...] = ()
     dimensions: int = 3
+    topology: Topology | None = None
 
     def __init__(
         self,
@@ -87,6 +102,7 @@ class System(ShownSystem):
         radii: ArrayLike | None = None,
         events: Iterable[Event] = (),
         dimensions: int = 3,
+        topology: Topology | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -119,6 +135,10 @@ class System(ShownSystem):
         put(self, "source", source)
         put(self, "seed", None if seed is None else whole_number("seed", seed, 0))
         put(self, "radii", None if radii is None else body_radii(radii, n))
+        check_kinds(topology=(topology, Topology))
+        put(self, "topology", topology)
+        if topology is not None:
+            topology.check(n)
         with no_overflow():
             for force in self.forces:
                 force.check(self)
@@ -290,92 +310,6 @@ class System(ShownSystem):
         """
         text: str = SYSTEM_FILES["to_toml"](self)
         return text
-
-    # --- to and from other programs ---
-
-    @classmethod
-    def from_ase(
-        cls,
-        atoms: Any,
-        forces: Iterable[Any] | None = None,
-        units: str | UnitSystem = "metal",
-        species: Iterable[str] | None = None,
-    ) -> System:
-        """System of an ``ase.Atoms``: positions, velocities, masses, box, species.
-
-        ASE's units are angstrom, eV, u, and angstrom sqrt(u / eV) for time; values are converted to ``units``. Unit
-        systems that ASE does not know (lj, nbody, astro) keep ASE's numbers: an angstrom is one sigma, an eV one
-        epsilon.
-
-        Parameters
-        ----------
-        atoms : ase.Atoms
-            Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
-            velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
-            except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms.
-        forces : iterable of forces, in ``units``; default those of the atoms' calculator, if it is ASE's LennardJones
-            (shifted at its rc; not smooth) or kickdrift's
-        units : name of a unit system
-        species : (n,) names, default the chemical symbols
-
-        Raises
-        ------
-        InputError
-            For a cell that no `Box` can have, constraints, any other calculator, atoms with a momentum but no mass, and
-            numbers that are not finite.
-        """
-        return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
-
-    def to_ase(self, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
-        """An ``ase.Atoms`` in ASE's units, with unwrapped positions; the inverse of `from_ase`.
-
-        Parameters
-        ----------
-        symbols : {species: chemical symbol}; default the species itself if it is an element, else ASE's "X" with tags
-            that number the species in ``info["species"]``
-        calculator : whether the atoms have a calculator with this system's forces
-
-        Raises
-        ------
-        InputError
-            For an unknown symbol, a body without mass, and forces that a calculator does not support.
-        """
-        return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
-
-    @classmethod
-    def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> System:
-        """System of a ``rebound.Simulation`` at its time: bodies, masses, radii, names, G, softening, to the bit.
-
-        The unit system is ``astro`` for AU, yr, Msun, ``si`` for m, s, kg, and else ``nbody`` (plain numbers), with the
-        names of rebound's units if there are any. G is the Simulation's own. The integrators leapfrog (order 2 and 4),
-        whfast, saba and ias15 become the run's defaults, with the options that both programs have. A UserWarning names
-        what was left out.
-
-        Parameters
-        ----------
-        sim : rebound.Simulation
-        forces : iterable of forces; default its gravity
-
-        Raises
-        ------
-        InputError
-            For variational particles, boundaries, collisions, additional forces and other functions, test particles
-            with a mass, gravity by a tree, and numbers that are not finite.
-        """
-        return bridge("rebound", "System.from_rebound").system_of(sim, forces)
-
-    def to_rebound(self) -> Any:
-        """A ``rebound.Simulation`` of this system; the inverse of `from_rebound`.
-
-        Massless bodies at the end of the list are test particles in rebound (``N_active``). A UserWarning names what
-        was left out: events, and an integrator that rebound does not have.
-
-        Raises
-        ------
-        InputError
-            For a periodic box, forces other than `Gravity`, and units in which force is not m a (metal).
-        """
-        return bridge("rebound", "System.to_rebound").simulation_of(self)
 
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),

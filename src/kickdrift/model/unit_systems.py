@@ -27,6 +27,7 @@ NAMELESS = {"length", "time", "mass", "energy"}  # names of units that only repe
 DIMENSIONS: dict[str, dict[str, int]] = {
     "dimensionless": {},
     "length": {"L": 1},
+    "inverse length": {"L": -1},
     "time": {"T": 1},
     "mass": {"M": 1},
     "energy": {"E": 1},

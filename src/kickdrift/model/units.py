@@ -21,6 +21,7 @@ from kickdrift.text import shown, suggestion
 
 _EXAMPLES = {
     "length": "3.4 angstrom",
+    "inverse length": "2 angstrom^-1",
     "time": "10 fs",
     "mass": "39.948 u",
     "energy": "0.0103 eV",

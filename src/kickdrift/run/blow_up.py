@@ -72,5 +72,5 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     if raised is not None and not isinstance(raised, Exception):
         return raised, raised.__cause__  # KeyboardInterrupt, SystemExit
     error = RunError(f"{run.integrator}{with_step}: {message}")
-    error.state = last
+    error.state, error.failed_at = last, (step, time)
     return error, raised

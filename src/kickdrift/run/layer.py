@@ -1,4 +1,4 @@
-"""Warning of a system in three dimensions whose particles all lie and move in one plane."""
+"""Warnings of a System before its run: all particles in one plane, and forces without a pressure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.listed import ListedForce
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -17,7 +17,7 @@ def layer_warning(system: Any, phase: Floats) -> str:
     Pair forces keep such particles in their plane. The temperature then counts velocities that are always zero."""
     if not isinstance(system, System) or system.dimensions == 2 or len(system) < 3:
         return ""
-    if not any(isinstance(force, PairForce) for force in system.forces):
+    if not any(isinstance(force, ListedForce) for force in system.forces):
         return ""
     x, v = phase
     flat = np.flatnonzero((np.ptp(x, axis=1) == 0.0) & ~v.any(axis=1))
@@ -29,3 +29,12 @@ def layer_warning(system: Any, phase: Floats) -> str:
         f"all particles have {axis} = {x[flat[0], 0]:g} and never leave this plane, but temperature and pressure "
         f"count three dimensions; {remedy}"
     )
+
+
+def pressure_warning(system: Any) -> str:
+    """Return the warning that samples have no pressure, and why; "" if they have one, and in open space."""
+    if not isinstance(system, System):
+        return ""
+    reasons = [force.no_pressure(system) for force in system.forces if hasattr(force, "no_pressure")]
+    reasons = [reason for reason in reasons if reason]
+    return f"pressure is left out: {'; '.join(reasons)}" if reasons else ""

@@ -20,7 +20,7 @@ from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.run.advance import Integration
-from kickdrift.run.layer import layer_warning
+from kickdrift.run.layer import layer_warning, pressure_warning
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.stability import Stability
 
@@ -58,8 +58,8 @@ class Sampler:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
         if not record.begun:
             flow.begin(record, y)
-            if warning := layer_warning(run.system, y):
-                record.warnings.append(warning)
+            warnings = [layer_warning(run.system, y), pressure_warning(run.system)]
+            record.warnings += [warning for warning in warnings if warning]
         safe.time, safe.step, safe.box = time, step, run.box
         if new:
             looks.keep(step, record.taken)

@@ -13,6 +13,7 @@ import numpy as np
 from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
+from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import PRESSURE, TEMPERATURE
@@ -242,7 +243,7 @@ def report(sim: Reported) -> Report:
     of_particles, bath, even = isinstance(system, System), sim.method.bath, not sim.method.chooses_steps
     told = record.taken is not NOTHING  # whether energy that has left is known
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
-    listed = isinstance(system, System) and any(isinstance(force, PairForce) for force in system.forces)
+    listed = isinstance(system, System) and any(isinstance(force, ListedForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
     melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)

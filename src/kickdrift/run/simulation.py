@@ -26,6 +26,7 @@ from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
 from kickdrift.run.equilibration import equilibrate
+from kickdrift.run.failed_atoms import keeping_failed_atoms
 from kickdrift.run.lengths import Exact, begin, goal_of, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
@@ -267,7 +268,7 @@ class Simulation(Present):
         run.prepare()
         if alone:
             self._sampler.prepare(plan)
-        with following(progress, "running") as told:
+        with following(progress, "running") as told, keeping_failed_atoms(run, output):
             found = run_through(run, self._sampler, plan, watchers, alone, self.report, told)
         return found.written_to(output)
 

@@ -46,6 +46,7 @@ from kickdrift.systemfile.schema import (
     ode_table,
 )
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
+from kickdrift.systemfile.topology import topology_of
 from kickdrift.text import shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
@@ -166,7 +167,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     units = unit_system(data["units"])
     table: SystemTable = checked(SystemTable, data, units)
     run = run_defaults(table.run, units)
-    forces = [_force(force, units, f"force[{k}]") for k, force in enumerate(table.force)]
+    forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
     start = _start(table, units, path.parent, G_given(forces, units), seed)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
@@ -177,6 +178,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
+    topology = topology_of(table.topology, path.parent) if table.topology else None
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units)
 
     def system(velocities: Floats | None) -> System:
@@ -202,6 +204,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             start.names,
             start.radii,
             dimensions=table.dimensions,
+            topology=topology,
         )
 
     made = system(velocities)
@@ -218,7 +221,7 @@ def _note_unused_seed() -> None:
     warn("seed: this system draws nothing at random, so the seed has no effect", stacklevel=5)
 
 
-def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
+def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) -> Any:
     if "type" not in given:
         raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
     name = given["type"]
@@ -229,6 +232,8 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str) -> Any:
         raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)
+    if isinstance(parameters.get("file"), str):
+        parameters["file"] = str(folder / parameters["file"])
     with prefixed(f"{path}: "):
         return cls(**parameters)
 

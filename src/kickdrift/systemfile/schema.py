@@ -26,6 +26,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bonded_law import BondedForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.asked import known_options
 from kickdrift.model import checks
@@ -44,6 +45,7 @@ from kickdrift.systemfile.schema_base import (
     Velocity,
 )
 from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
+from kickdrift.systemfile.topology import TopologyTable
 from kickdrift.text import VALUE, clean, shown
 
 
@@ -78,7 +80,7 @@ Density = Annotated[Any, BeforeValidator(_density)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc", "square", "hexagonal"]
+    lattice: Literal["sc", "bcc", "fcc", "diamond", "square", "hexagonal"]
     count: PositiveInt
     density: Density = None
     mass: Masses = None
@@ -162,6 +164,7 @@ class SystemTable(Table):
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
+    topology: TopologyTable | None = None
     force: list[dict[str, Any]]  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
@@ -173,6 +176,7 @@ class SystemTable(Table):
         """Suggest a key; for a key of one of the tables, also name its table."""
         run = [*RunDefaults().__dict__, *known_options()]
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
+        within["topology"] = TopologyTable.model_fields
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
         return f"; did you mean {found[0]}?" if found else super().hint(key)
 
@@ -196,9 +200,8 @@ def ode_table(factory: Callable[..., Any]) -> type[Table]:
 
 def shaped(hint: Any, number: Any) -> Any:
     """Type for a table from a parameter's type hint: each float in it becomes a checked ``number``, a tuple a list of
-    that length."""
+    that length, a dict a table."""
     kinds = [kind for kind in get_args(hint) if kind is not NoneType]
-    lists = [kind for kind in kinds if get_origin(kind) in (tuple, Sequence)]
     if hint is float:
         return number
     if get_origin(hint) is tuple and Ellipsis not in kinds:
@@ -206,14 +209,31 @@ def shaped(hint: Any, number: Any) -> Any:
         return Annotated[list[shaped(kinds[0], number)], Field(min_length=length, max_length=length)]  # type: ignore[misc]
     if get_origin(hint) is Sequence:
         return list[shaped(kinds[0], number)]  # type: ignore[misc]
+    if get_origin(hint) is dict:
+        return dict[str, shaped(kinds[1], number)]  # type: ignore[misc]
     if get_origin(hint) in (Union, UnionType):
         if len(kinds) == 1:
             return shaped(kinds[0], number)
-        if len(kinds) == 2 and len(lists) == 1:  # tags, so that an error names the kind that the user gave
-            tagged = [Annotated[shaped(k, number), Tag("<list>" if k in lists else "<one>")] for k in kinds]
-            which = Discriminator(lambda given: "<list>" if isinstance(given, list) else "<one>")
-            return Annotated[Union[tuple(tagged)], which]  # noqa: UP007
+        by_form = {_form_of(kind): kind for kind in kinds}
+        if len(by_form) == len(kinds):  # tags, so that an error names the kind that the user gave
+            tagged = [Annotated[shaped(kind, number), Tag(form)] for form, kind in by_form.items()]
+            return Annotated[Union[tuple(tagged)], Discriminator(lambda given: _form(tuple(by_form), given))]  # noqa: UP007
     return hint
+
+
+def _form_of(hint: Any) -> str:
+    """Form of values with this type hint: one value, a list, a list of lists, or a table."""
+    if get_origin(hint) not in (tuple, Sequence):
+        return "<table>" if get_origin(hint) is dict else "<one>"
+    return "<lists>" if get_origin(get_args(hint)[0]) in (tuple, Sequence) else "<list>"
+
+
+def _form(forms: tuple[str, ...], given: Any) -> str:
+    """Form of a value, or the first of these forms."""
+    found = "<table>" if isinstance(given, dict) else "<one>"
+    if isinstance(given, list):
+        found = "<lists>" if given and isinstance(given[0], list) and "<lists>" in forms else "<list>"
+    return found if found in forms else forms[0]
 
 
 @cache
@@ -232,6 +252,8 @@ def force_table(cls: type) -> type[Table]:
     for key, parameter in inspect.signature(cls).parameters.items():
         if key == "species":
             kind: Any = dict[str, one]
+        elif key == "types" and issubclass(cls, BondedForce):
+            kind = dict[str, one]
         elif key == "pairs" and issubclass(cls, PairForce):
             pair: Any = create_model("pair", __base__=one, species=names)
             kind = list[pair]

@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.forces.external_code import path_of
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.box import Box
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -61,6 +62,8 @@ def tables_of(system: System) -> dict[str, Any]:
     tables |= {"particles": particles, "velocities": {"values": state.velocities}}
     if system.box.periodic:
         tables["box"] = _box(system.box)
+    if system.topology is not None:
+        tables["topology"] = system.topology.tables()
     tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]
@@ -89,10 +92,15 @@ def _force(system: System, force: Any) -> dict[str, Any]:
             f"to_toml: a system file cannot name the force {cls.__module__}.{cls.__qualname__}; "
             "kd.register_force gives a class of forces a name"
         )
+    if reason := getattr(force, "unwritable", ""):
+        raise InputError(f"to_toml: {reason}")
     table: dict[str, Any] = {"type": name}
     for key, parameter in signature(cls).parameters.items():
         value = getattr(force, key)
-        if value is None or (parameter.default is not Parameter.empty and _same(value, parameter.default)):
+        if callable(value):
+            value = path_of(value)
+        unsaid = parameter.default is not Parameter.empty and _same(value, parameter.default)
+        if value is None or unsaid or (isinstance(value, dict) and not value):
             continue
         if key == "pairs" and isinstance(force, PairForce):
             value = [{"species": pair, **parameters} for pair, parameters in value.items()]

@@ -12,11 +12,13 @@ from kickdrift.looks.report_lines import mean_text
 from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
+from kickdrift.model.topology import counts_text
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
 from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.room import means_of
+from kickdrift.trajectory.universe import topology_of
 
 SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
@@ -40,6 +42,7 @@ def info_of(run: Run) -> dict[str, Any]:
         "system": run.system_record.get("name"),
         "particles": len(run.ids),
         "species": counts,
+        **({} if (joined := topology_of(run)) is None else {"topology": joined.counts()}),
         "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),
         "periodic": list(run.box.periodic_axes),
         **means_of(run),
@@ -120,6 +123,7 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),
+        *([("topology", counts_text(found["topology"]))] if "topology" in found else []),
         ("box", _box(found["box"], found["periodic"], length) + " at the start" * ("volume" in found)),
         *room_lines(found, length),
         ("units", f"{units['name']}: {', '.join(named) or 'plain numbers'}"),

@@ -17,6 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import KNOWN
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.system import System
+from kickdrift.model.topology import SIZES
 from kickdrift.model.unit_systems import DIMENSIONS, UnitSystem
 from kickdrift.trajectory import checkpoints, checksums
 from kickdrift.trajectory.checkpoints import Stored
@@ -124,6 +125,7 @@ def header_image(
     with image(run_id) as file:
         committed = new_counts(file)
         _particles(file, system, flush_frames, options)
+        _connectivity(file, system)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
         h5md.create_group("author").attrs["name"] = author
@@ -224,6 +226,17 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
     mass = group.create_dataset("mass", data=system.state.masses, track_times=False)
     mass.attrs["unit"] = system.units.mass
     group.create_dataset("id", data=system.state.ids, track_times=False)
+
+
+def _connectivity(file: h5py.File, system: System) -> None:
+    """Write H5MD's lists of bonds, angles and dihedrals, by the particles' ids, for other programs."""
+    if system.topology is None:
+        return
+    group = file.create_group("connectivity")
+    for kind in SIZES:
+        if len(items := getattr(system.topology, kind)):
+            made = group.create_dataset(kind, data=system.state.ids[items], track_times=False)
+            made.attrs["particles_group"] = "trajectory"  # H5MD has a reference here, which no file of kickdrift holds
 
 
 def _vectors(file: h5py.File, n: int, dtype: str, flush_frames: int) -> h5py.Dataset:

@@ -61,6 +61,7 @@ class Record(Known):
     seed: int | None
     radii: list[FiniteFloat] | None = None
     dimensions: int = 3
+    topology: dict[str, Any] | None = None
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
 

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import path_of
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
+from kickdrift.model.topology import Topology
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.edges import recorded
 from kickdrift.trajectory.named import Record, about, equilibration_of, event_of, force_of, run_of
@@ -49,7 +51,7 @@ def _plain(value: Any) -> Any:
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    return f"{value.__module__}.{value.__qualname__}" if callable(value) else str(value)
+    return path_of(value) if callable(value) else str(value)
 
 
 def record_of(system: System) -> dict[str, Any]:
@@ -60,6 +62,7 @@ def record_of(system: System) -> dict[str, Any]:
         "particles": len(system),
         "box": recorded(system.box),
         **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
+        **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
@@ -146,6 +149,7 @@ def system_of(
             record.radii,
             [event_of(given) for given in record.events] if events is None else events,
             record.dimensions,
+            None if record.topology is None else Topology(**record.topology),
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids)

@@ -168,7 +168,9 @@ class Rows:
         )
         edges: dict[str, Sequence[ArrayLike]] = {}
         if self._box.periodic:
-            edges[EDGES] = [stored(row.box) * factors.length for row in frames]
+            boxes = {id(row.box): row.box for row in frames}  # most frames share one
+            made = {key: stored(box) * factors.length for key, box in boxes.items()}
+            edges[EDGES] = [made[id(row.box)] for row in frames]
         step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
         steps, times = [row.step for row in frames], [row.time * factors.time for row in frames]
         clock = self._columns({step: steps, time: times, **edges})
@@ -260,6 +262,8 @@ class Rows:
 
     def check_box(self, box: Box) -> None:
         """Raise InputError for a box that does not fit the form of the file's edges."""
+        if box is self._box:
+            return
         if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
             unit = self._units.symbol("length")
             raise InputError(

@@ -35,6 +35,9 @@ class RunHeader(Particles, Protocol):
     def ids(self) -> NDArray[Any]: ...
 
     @property
+    def system_record(self) -> dict[str, Any]: ...
+
+    @property
     def method(self) -> dict[str, Any]: ...
 
     @property

@@ -15,7 +15,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.model.file_units import FileUnits
 from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_NAN, Format
-from kickdrift.trajectory.universe import dimensions, label, mdanalysis, spacing
+from kickdrift.trajectory.universe import dimensions, label, mdanalysis, spacing, topology_of
 
 INT32 = 2**31 - 1
 
@@ -137,7 +137,7 @@ class Pdb(Target):
 
     def __init__(self, chosen: Chosen, format: Format) -> None:
         super().__init__(chosen, format)
-        self.options = {"multiframe": True, "bonds": None}
+        self.options = {"multiframe": True, "bonds": None if topology_of(self.run) is None else "conect"}
         path, n = self.run.path, len(self.run.ids)
         if n > self.ATOMS:
             raise InputError(f"{path}: has {n:,} particles; .pdb holds at most {self.ATOMS:,}, .dcd any number")

@@ -14,6 +14,7 @@ from kickdrift.model import constants
 from kickdrift.model.box import Box
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
+from kickdrift.model.topology import SIZES, Topology
 from kickdrift.trajectory.edges import EDGES, stored
 from kickdrift.trajectory.layout import TRAJECTORY
 from kickdrift.trajectory.opening import open_to_read
@@ -91,6 +92,23 @@ def label(universe: Any, run: RunHeader) -> None:
         attributes["elements"] = elements
     for attribute, values in attributes.items():
         universe.add_TopologyAttr(attribute, values)
+    if (joined := topology_of(run)) is not None:
+        for kind in SIZES:
+            if len(items := getattr(joined, kind)):
+                universe.add_TopologyAttr(kind, [tuple(item) for item in items.tolist()])
+
+
+def topology_of(run: RunHeader) -> Topology | None:
+    """Topology of a run's file; None if the file has none."""
+    given = run.system_record.get("topology")
+    if not isinstance(given, dict):
+        return None
+    try:
+        found = Topology(**given)
+        found.check(len(run.ids))
+    except InputError as error:
+        raise InputError(f"{run.path}: damaged: kickdrift/system/record: {error}") from None
+    return found
 
 
 def species(run: RunHeader) -> list[str]:

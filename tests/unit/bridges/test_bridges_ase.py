@@ -10,7 +10,6 @@ import ase.units
 import numpy as np
 import pytest
 from ase.build import bulk
-from ase.calculators.emt import EMT
 from ase.calculators.lj import LennardJones
 from ase.constraints import FixAtoms
 from ase.filters import FrechetCellFilter
@@ -314,8 +313,6 @@ def test_atoms_that_do_not_fit_are_refused(atoms, message):
     ("calculator", "units", "message"),
     [
         (None, "metal", r"forces: needed \(forces=\[\] means no forces\)"),
-        (LennardJones(smooth=True), "metal", r"forces: LennardJones\(smooth=True\) has no equivalent in kickdrift"),
-        (EMT(), "metal", "forces: the calculator EMT has no equivalent in kickdrift; give forces"),
         (Calculator([ARGON]), "lj", "forces: the calculator's forces are in units 'metal', not 'lj'"),
         (Calculator([ARGON]), "imperial", "units: expected one of lj, metal"),
     ],

@@ -23,7 +23,12 @@ from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 
 METAL = UNIT_SYSTEMS["metal"]
-NEIGHBOURS = {"sc": (1, 6, 1.0), "bcc": (2, 8, np.sqrt(0.75)), "fcc": (4, 12, np.sqrt(0.5))}
+NEIGHBOURS = {
+    "sc": (1, 6, 1.0),
+    "bcc": (2, 8, np.sqrt(0.75)),
+    "fcc": (4, 12, np.sqrt(0.5)),
+    "diamond": (8, 4, np.sqrt(0.1875)),
+}
 
 
 @given(st.sampled_from(sorted(NEIGHBOURS)), st.integers(2, 5), st.floats(1e-3, 1e3))
@@ -55,7 +60,7 @@ def test_every_site_has_the_neighbours_of_its_lattice(kind, cells, density):
         ("sc", 10**400, 1.0, "count: expected a whole number of particles from 1 to 100000000, got 1000"),
         ("sc", 8, -1.0, "density: expected a positive finite number, got -1.0"),
         ("sc", 8, float("nan"), "density: expected a positive finite number, got nan"),
-        ("fc", 4, 1.0, "lattice: expected one of sc, bcc, fcc, got 'fc'"),
+        ("fc", 4, 1.0, "lattice: expected one of sc, bcc, fcc, diamond, got 'fc'"),
     ],
 )
 def test_bad_lattices(kind, count, density, message):

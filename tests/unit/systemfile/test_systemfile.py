@@ -236,7 +236,12 @@ BAD = [
     (GOOD, "count = 216", "count = true", "particles.count: expected a whole number, got True"),
     (GOOD, "count = 216", "count = -8", "particles.count: expected a number greater than 0, got -8"),
     (GOOD, "count = 216", "count = 1001", "particles.count: 1001 does not fill a sc lattice in a cube; the nearest"),
-    (GOOD, '"sc"', '"hcp"', "particles.lattice: expected 'sc', 'bcc', 'fcc', 'square' or 'hexagonal', got 'hcp'"),
+    (
+        GOOD,
+        '"sc"',
+        '"hcp"',
+        "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'square' or 'hexagonal', got 'hcp'",
+    ),
     (
         GOOD,
         'lattice = "sc"',

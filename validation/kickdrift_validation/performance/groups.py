@@ -7,8 +7,9 @@ from functools import partial
 from math import inf
 from typing import Any, NamedTuple
 
-from kickdrift_validation.performance import bodies, liquids
+from kickdrift_validation.performance import bodies, crystals, liquids
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, Scipy, Whfast512
+from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
 from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm
 from kickdrift_validation.performance.melt import liquid
@@ -140,6 +141,21 @@ def threads_gain(count: int) -> Group:
     )  # fmt: skip
 
 
+def crystal(name: str, system: str, title: str) -> Group:
+    """A crystal under a many-body force."""
+    return Group(
+        name, f"{title}, about 300 K, 1 fs a step, one thread", partial(crystals.settled, system), "steps", 1000,
+        (
+            Contestant("kickdrift", crystals.kickdrift),
+            Contestant("LAMMPS plain", LammpsCrystal),
+            Contestant("LAMMPS opt", partial(LammpsCrystal, style="opt")),
+            Contestant("LAMMPS opt, skin 0.5", partial(LammpsCrystal, style="opt", skin=0.5)),
+            Contestant("LAMMPS omp, skin 0.5", partial(LammpsCrystal, style="omp", skin=0.5)),
+        ),
+        (Goal("LAMMPS", 1.0),),
+    )  # fmt: skip
+
+
 ENTRIES: tuple[Group | Command, ...] = (
     Group(
         "lj-1000", "1000 Lennard-Jones particles, rho* = 0.8442, cut and shifted at 2.5, dt* = 0.005, one thread",
@@ -187,6 +203,9 @@ ENTRIES: tuple[Group | Command, ...] = (
         partial(liquid, 46**3, MELT_LARGE, threads=2), "steps", 50, (of_ours(threads=2), *on_threads(2)),
         (Goal("LAMMPS", 3.0),), looks=5, threads=2, overhead=60.0,
     ),
+    crystal("copper-864", "copper-864", "864 copper atoms, embedded atom"),
+    crystal("silicon-512", "silicon-512", "512 silicon atoms, Stillinger-Weber"),
+    crystal("silicon-512-tersoff", "tersoff", "512 silicon atoms, Tersoff"),
     leapfrog(9, 1.8, 20_000),
     leapfrog(100, 4.0, 1000, usual=False),
     leapfrog(1000, 4.0, 100),

@@ -31,8 +31,13 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "sc": ((0.5, 0.5, 0.5),),
     "bcc": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
     "fcc": ((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+    "diamond": (
+        *((0.125, 0.125, 0.125), (0.125, 0.625, 0.625), (0.625, 0.125, 0.625), (0.625, 0.625, 0.125)),
+        *((0.375, 0.375, 0.375), (0.375, 0.875, 0.875), (0.875, 0.375, 0.875), (0.875, 0.875, 0.375)),
+    ),
 }
 
+LAMMPS_DATA = (".data", ".lmp", ".lammps-data")
 MOST = 10**8  # most particles on a lattice, whatever the memory
 ROUNDING = 1e-9  # part of a cell vector in a structure file: a tilt that is only rounding
 OVERLAP = 0.3  # part of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
@@ -43,8 +48,8 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
 
     Parameters
     ----------
-    kind : "sc", "bcc" or "fcc"
-    count : particles; k^3, 2 k^3 or 4 k^3, so that the lattice continues across the periodic faces without a gap
+    kind : "sc", "bcc", "fcc" or "diamond"
+    count : particles; k^3, 2 k^3, 4 k^3 or 8 k^3, so that the lattice continues across the periodic faces without a gap
     density : particles per volume
 
     Raises
@@ -153,7 +158,8 @@ def read_structure(
 ) -> Structure:
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
 
-    ASE's units are angstrom, u and eV, so ``units`` must be metal. The cell may have any shape. Where the cell has not
+    ASE's units are angstrom, u and eV, so ``units`` must be metal; for LAMMPS' data files also lj or si, with the
+    numbers of the file, and species by the number of the type. The cell may have any shape. Where the cell has not
     the form of a `Box`, positions and velocities are turned with the cell.
 
     Parameters
@@ -161,7 +167,10 @@ def read_structure(
     periodic : axes along which the box is to be periodic, default those of the file
     boxed : whether the box is known from elsewhere; positions then stay as they are in the file
     """
-    if units.name != "metal":
+    lammps = path.suffix.lower() in LAMMPS_DATA
+    if units.name not in (("metal", "lj", "si") if lammps else ("metal",)):
+        if lammps:
+            raise InputError(f'data files of LAMMPS are in lj, metal or si units; got units = "{units.name}"')
         raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
     if why := unfit(path):
         raise InputError(f"{why}: {path}")
@@ -174,7 +183,8 @@ def read_structure(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
-            atoms = read(path.absolute())  # ASE would take a name such as postgres… for a database
+            more = {"format": "lammps-data"} if lammps else {}
+            atoms = read(path.absolute(), **more)  # ASE would take a name such as postgres… for a database
     except Exception as error:  # each of ASE's readers raises errors of its own
         raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
     if len(atoms) == 0:
@@ -184,9 +194,17 @@ def read_structure(
     edges, rotation = _edges(np.array(atoms.cell.array, dtype=float), axes, boxed, path)
     masses = atoms.get_masses()
     velocities = None
-    if atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
+    if lammps and atoms.has("momenta"):  # the numbers of the file, whatever its units
+        from ase.calculators.lammps import convert
+        from ase.units import fs
+
+        masses = masses / convert(1.0, "mass", "metal", "ASE")
+        velocities = atoms.get_velocities() * (1000.0 * fs)
+    elif atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
         velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
     positions, symbols = atoms.positions, atoms.get_chemical_symbols()
+    if lammps and units.name != "metal":
+        symbols = [str(each) for each in atoms.arrays["type"]]  # masses say nothing of elements
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
@@ -267,7 +285,8 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
-    found = nearest_pair(wrapped, system.box, limit) if any_nearer(wrapped, system.box, limit) else None
+    apart = None if system.topology is None else system.topology.scaled.pairs  # their pair force is left out or scaled
+    found = nearest_pair(wrapped, system.box, limit, apart) if any_nearer(wrapped, system.box, limit) else None
     if found is None:
         return
     first, second, distance = found

@@ -1,0 +1,85 @@
+"""Bonded forces in the terms of the engines: one row for each law that ships."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from kickdrift.forces.bonded import (
+    CosineAngle,
+    Fene,
+    HarmonicAngle,
+    HarmonicBond,
+    MorseBond,
+    OplsDihedral,
+    PeriodicDihedral,
+    RyckaertBellemans,
+)
+from kickdrift.forces.bonded_law import BondedForce
+from kickdrift.model.system import System
+
+
+class Terms(NamedTuple):
+    """A law for LAMMPS, a style and its coefficients, and for OpenMM, an energy of r or theta (radians)."""
+
+    style: str
+    coefficients: Callable[[Any], tuple[float | int, ...] | None]  # None for parameters that LAMMPS does not have
+    energy: str
+    keys: Callable[[Any], dict[str, float]]
+
+
+def _periodic(p: Any) -> tuple[float | int, ...] | None:
+    whole = p.multiplicity == int(p.multiplicity) and p.multiplicity >= 0
+    return (1, p.barrier, int(p.multiplicity), p.phase) if whole else None
+
+
+def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) = -cos(angle - pi)
+    return (p.c0, -p.c1, p.c2, -p.c3, p.c4) if p.c5 == 0.0 else None
+
+
+LAWS: dict[type, Terms] = {
+    HarmonicBond: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
+        lambda p: {"k": p.stiffness, "l": p.length},
+    ),
+    Fene: Terms(  # the repulsion of LAMMPS' own fene is off: the pair force has it
+        "fene", lambda p: (p.stiffness, p.length, 0.0, 1.0), "-0.5*k*l^2*log(1-(r/l)^2)",
+        lambda p: {"k": p.stiffness, "l": p.length},
+    ),
+    MorseBond: Terms(
+        "morse", lambda p: (p.depth, p.width, p.length), "d*(1-exp(-w*(r-l)))^2",
+        lambda p: {"d": p.depth, "w": p.width, "l": p.length},
+    ),
+    HarmonicAngle: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(theta-rest)^2",
+        lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
+    ),
+    CosineAngle: Terms("cosine", lambda p: (p.stiffness,), "k*(1+cos(theta))", lambda p: {"k": p.stiffness}),
+    PeriodicDihedral: Terms(
+        "fourier", _periodic, "k*(1+cos(n*theta-phase))",
+        lambda p: {"k": p.barrier, "n": p.multiplicity, "phase": math.radians(p.phase)},
+    ),
+    RyckaertBellemans: Terms(
+        "multi/harmonic", _bellemans, "c0-c1*c+c2*c^2-c3*c^3+c4*c^4-c5*c^5; c=cos(theta)", lambda p: p._asdict()
+    ),
+    OplsDihedral: Terms(
+        "opls", lambda p: tuple(p),
+        "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
+        lambda p: p._asdict(),
+    ),
+}  # fmt: skip
+
+
+def split(system: System) -> tuple[list[Any], list[BondedForce]]:
+    """The System's forces that are not bonded, and its bonded forces."""
+    bonded = [force for force in system.forces if isinstance(force, BondedForce)]
+    return [force for force in system.forces if not isinstance(force, BondedForce)], bonded
+
+
+def strange(system: System, program: str) -> str | None:
+    """Reason why a program has no such bonded forces, or None."""
+    for force in split(system)[1]:
+        if type(force) not in LAWS:
+            return f"force {force.name!r}: {program} gets only the laws of bonds that ship"
+    return None

@@ -1,0 +1,81 @@
+"""Compiled body laws: one call for all bodies, on one thread."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from kickdrift.forces.kernel import OK, kernel
+from kickdrift.jit.compile import as_written, inlined, never_inline
+from kickdrift.jit.handle import Handle
+from kickdrift.jit.inner import overload
+from kickdrift.jit.numba_private import TypingError
+
+
+class BodyWork(NamedTuple):
+    """A body law bound to a System."""
+
+    law: Any  # what the law gets as p
+    masses: NDArray[np.float64]  # (n,) coherent
+    fast: float | None  # None for a law that is compiled as written
+
+
+def bound_body(cls: Any, p: Any, masses: NDArray[np.float64]) -> BodyWork:
+    """Bind the law of ``cls`` to what the law gets as ``p``."""
+    kind, fast = type(p), bool(getattr(cls, "fastmath", False))
+    if "compiled_law" not in vars(kind):
+        kind.law, kind.law_is_for = cls.law, ""
+        kind.compiled_law = (inlined if fast else as_written)(cls.law)
+    return BodyWork(p, masses, 1.0 if fast else None)
+
+
+@kernel(BodyWork)
+def body_forces(force, t, x, v, a, sums):
+    never_inline()
+    found = law_of_bodies(force.law, x, v, force.masses, t, a)
+    if sums is not None:
+        add_found(found, sums)
+    return OK
+
+
+def law_of_bodies(p: Any, x: Any, v: Any, m: Any, t: float, a: Any) -> Any:
+    """Add the law's accelerations to ``a``; return what the law returns."""
+
+
+@overload(law_of_bodies)
+def _law_of_bodies(p, x, v, m, t, a):
+    law = (p.kind if isinstance(p, Handle) else p).instance_class.compiled_law
+    return lambda p, x, v, m, t, a: law(p, x, v, m, t, a)
+
+
+def add_found(found: Any, sums: Any) -> None:
+    """Add an energy; energy and virial; or energy, virial and pairs. None adds nothing."""
+
+
+@overload(add_found)
+def _add_found(found, sums):
+    def none(found, sums):
+        return None
+
+    def one(found, sums):
+        sums[0] += found
+
+    def two(found, sums):
+        sums[0] += found[0]
+        sums[1] += found[1]
+
+    def three(found, sums):
+        sums[0] += found[0]
+        sums[1] += found[1]
+        sums[2] += found[2]
+
+    if isinstance(found, types.NoneType):
+        return none
+    if isinstance(found, types.Number):
+        return one
+    if isinstance(found, types.BaseTuple) and len(found) in (2, 3):
+        return two if len(found) == 2 else three
+    raise TypingError("law must return the energy, or energy and virial, or energy, virial and pairs")

@@ -1,0 +1,141 @@
+"""Laws of bonds, angles and dihedrals that ship, written as any user would write one."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+
+DEGREE = math.pi / 180.0
+
+
+@bond_law
+class HarmonicBond(NamedTuple):
+    """U(r) = k (r - l)^2 / 2. LAMMPS and CHARMM leave out the half: their K is stiffness / 2."""
+
+    stiffness: float
+    length: float
+
+    dimensions = {"stiffness": "stiffness", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, r):
+        stretch = r - p.length
+        return 0.5 * p.stiffness * stretch * stretch, p.stiffness * stretch
+
+
+@bond_law
+class Fene(NamedTuple):
+    """U(r) = -k l^2 ln(1 - (r / l)^2) / 2 with the longest length l, beyond which there is no value.
+
+    The attractive part of the bond of Kremer & Grest 1990, doi:10.1063/1.458541. Their bond also repels at short
+    distance: that part is the pair force, from which bonded particles must not be excluded.
+    """
+
+    stiffness: float = 30.0
+    length: float = 1.5
+
+    dimensions = {"stiffness": "stiffness", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, r):
+        left = 1.0 - (r / p.length) ** 2
+        left = left if left > 0.0 else math.nan
+        return -0.5 * p.stiffness * p.length**2 * math.log(left), p.stiffness * r / left
+
+
+@bond_law
+class MorseBond(NamedTuple):
+    """U(r) = depth (1 - exp(-width (r - length)))^2; Morse 1929, doi:10.1103/PhysRev.34.57."""
+
+    depth: float
+    width: float
+    length: float
+
+    dimensions = {"depth": "energy", "width": "inverse length", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, r):
+        e = math.exp(-p.width * (r - p.length))
+        return p.depth * (1.0 - e) ** 2, 2.0 * p.depth * p.width * (1.0 - e) * e
+
+
+@angle_law
+class HarmonicAngle(NamedTuple):
+    """U = k (angle - rest)^2 / 2, where rest is in degrees and k an energy per square radian. LAMMPS and CHARMM leave
+    out the half: their K is stiffness / 2."""
+
+    stiffness: float
+    rest: float
+
+    dimensions = {"stiffness": "energy", "rest": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, angle):
+        bend = angle - p.rest * DEGREE
+        return 0.5 * p.stiffness * bend * bend, p.stiffness * bend
+
+
+@angle_law
+class CosineAngle(NamedTuple):
+    """U = k (1 + cos(angle)): zero for three particles in a line, the stiffness of semiflexible chains; Faller,
+    Kolb & Mueller-Plathe 1999, doi:10.1039/a809796i."""
+
+    stiffness: float
+
+    dimensions = {"stiffness": "energy"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, angle):
+        return p.stiffness * (1.0 + math.cos(angle)), -p.stiffness * math.sin(angle)
+
+
+@dihedral_law
+class PeriodicDihedral(NamedTuple):
+    """U = k (1 + cos(n angle - phase)), the proper dihedral of AMBER and CHARMM; phase in degrees."""
+
+    barrier: float
+    multiplicity: float = 1.0
+    phase: float = 0.0
+
+    dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, angle):
+        at = p.multiplicity * angle - p.phase * DEGREE
+        return p.barrier * (1.0 + math.cos(at)), -p.multiplicity * p.barrier * math.sin(at)
+
+
+@dihedral_law
+class RyckaertBellemans(NamedTuple):
+    """U = sum of c_n cos(angle - pi)^n, n = 0 to 5; Ryckaert & Bellemans 1975, doi:10.1016/0009-2614(75)85513-8."""
+
+    c0: float
+    c1: float = 0.0
+    c2: float = 0.0
+    c3: float = 0.0
+    c4: float = 0.0
+    c5: float = 0.0
+
+    dimensions = dict.fromkeys(("c0", "c1", "c2", "c3", "c4", "c5"), "energy")  # type: ignore[misc]
+
+    def law(p, angle):
+        c = -math.cos(angle)
+        energy = p.c0 + c * (p.c1 + c * (p.c2 + c * (p.c3 + c * (p.c4 + c * p.c5))))
+        slope = p.c1 + c * (2.0 * p.c2 + c * (3.0 * p.c3 + c * (4.0 * p.c4 + c * 5.0 * p.c5)))
+        return energy, slope * math.sin(angle)
+
+
+@dihedral_law
+class OplsDihedral(NamedTuple):
+    """U = sum of v_n (1 - (-1)^n cos(n angle)) / 2, n = 1 to 4; Jorgensen, Maxwell & Tirado-Rives 1996,
+    doi:10.1021/ja9621760."""
+
+    v1: float = 0.0
+    v2: float = 0.0
+    v3: float = 0.0
+    v4: float = 0.0
+
+    dimensions = dict.fromkeys(("v1", "v2", "v3", "v4"), "energy")  # type: ignore[misc]
+
+    def law(p, angle):
+        one, two, three, four = math.cos(angle), math.cos(2 * angle), math.cos(3 * angle), math.cos(4 * angle)
+        energy = p.v1 * (1.0 + one) + p.v2 * (1.0 - two) + p.v3 * (1.0 + three) + p.v4 * (1.0 - four)
+        odd = p.v1 * math.sin(angle) + 3.0 * p.v3 * math.sin(3 * angle)
+        even = 2.0 * p.v2 * math.sin(2 * angle) + 4.0 * p.v4 * math.sin(4 * angle)
+        return 0.5 * energy, 0.5 * (even - odd)

@@ -1,0 +1,91 @@
+"""Functions and calculators that files may name: those that this program has named itself.
+
+A file names code by its import path, such as ``ase.calculators.emt.EMT``. Nothing is imported because a file says so.
+A path is found if the program has made a force of this function or class, has registered it, or has loaded its module
+with ``--load``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from kickdrift.errors import InputError
+from kickdrift.text import shown, suggestion
+
+_NAMED: dict[str, Any] = {}  # functions and classes by import path
+_MODULES: set[str] = set()  # modules that ``--load`` named
+
+
+def path_of(code: Any) -> str:
+    """Import path of a function or class."""
+    module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", None)
+    return f"{module}.{name}" if module and name else f"{type(code).__module__}.{type(code).__qualname__}"
+
+
+def named(code: Callable[..., Any]) -> str:
+    """Let files name this function or class, and return its import path.
+
+    A file cannot say which call made a function inside another function, or an object, so these are not found again."""
+    path = path_of(code)
+    if hasattr(code, "__qualname__") and "<" not in path:
+        _NAMED[path] = code
+    return path
+
+
+def load_module(name: str) -> None:
+    """Import a module, and let files name the functions and classes that it defines.
+
+    Raises an InputError of one line if there is no such module, or if the import fails."""
+    try:
+        import_module(name)
+    except ModuleNotFoundError as error:
+        missing = error.name or name
+        raise InputError(f"--load {name}: there is no module {missing!r}{installation(missing)}") from None
+    except Exception as error:
+        raise InputError(f"--load {name}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+    _MODULES.add(name)
+
+
+def home_of(path: Any) -> str | Path | None:
+    """What another process loads before a file may name this code: a Python file, or the name of a module. None for
+    code that this program has not named."""
+    if not isinstance(path, str) or "." not in path:
+        return None
+    module = path.rpartition(".")[0]
+    if module in _MODULES or (path in _NAMED and "." in module):
+        return module
+    code = _NAMED.get(path)
+    source = None if code is None else getattr(sys.modules.get(code.__module__), "__file__", None)
+    return Path(source).resolve() if source else None
+
+
+def installation(module: str) -> str:
+    """What to install for a missing module of ASE; else ""."""
+    return "; ASE: pip install 'kickdrift[ase]'" if module.split(".")[0] == "ase" and "ase" not in sys.modules else ""
+
+
+def found(key: str, path: Any, load: str = "") -> Any:
+    """The function or class of an import path in a file.
+
+    Raises an InputError that begins with ``key`` for a path that this program has not named, and for one that does not
+    exist. ``load`` is what to give to ``--load``, by default the path's module."""
+    if not isinstance(path, str) or not all(part.isidentifier() for part in path.split(".")) or "." not in path:
+        raise InputError(f"{key}: expected an import path such as ase.calculators.emt.EMT, got {shown(path)}")
+    if path in _NAMED:
+        return _NAMED[path]
+    module, _, name = path.rpartition(".")
+    if module not in _MODULES:
+        raise InputError(
+            f"{key}: {path} is code, and a file runs no code by itself; "
+            f"kickdrift --load {load or (module if '.' in module else f'{module}.py')} COMMAND allows it, in Python "
+            "kd.register_force or a system given to kd.resume"
+        )
+    there = vars(sys.modules[module])
+    own = [each for each, value in there.items() if callable(value) and path_of(value) == f"{module}.{each}"]
+    if name not in own:
+        raise InputError(f"{key}: module {module} defines no {name}{suggestion(name, own)}")
+    return there[name]

@@ -1,0 +1,183 @@
+"""Compiled sums of many-body forces: a visit of each particle with all its neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import carray, types
+from numpy.typing import NDArray
+
+from kickdrift.forces.clusters import (
+    BUILT,
+    LANES,
+    N_CLUSTERS,
+    STRIDE,
+    ClusterList,
+    copy,
+    load_vector,
+    store_vector,
+    unsigned,
+)
+from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE
+from kickdrift.forces.list_code import prune, refresh
+from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, renew, with_room
+from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.jit.chunks import Chunks
+from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.gathering import place_at
+from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.masks import lowest_bit
+from kickdrift.jit.memory import store
+from kickdrift.jit.vectors import WIDTH
+
+THREE_LANES = unsigned(STRIDE)
+LAWS: dict[type, Callable[..., Any]] = {}
+
+
+class ManyBodyWork(NamedTuple):
+    """A many-body law bound to a System."""
+
+    law: Any  # the law's NamedTuple of numbers and arrays, whose class is in ``LAWS``
+    cutoff: float
+    inverse_masses: NDArray[np.float64]  # (n,)
+    sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    rows: Neighbours
+    pairs: ClusterList
+    chunks: Chunks
+
+
+class ManyBodyKernel(PairKernel):
+    """A bound many-body force: ``parts`` is a ManyBodyWork."""
+
+    @property
+    def row_room(self) -> int:
+        """See PairKernel."""
+        return int(self.parts.rows.near.shape[1])
+
+    @property
+    def row_need(self) -> int:
+        """See PairKernel."""
+        return int(self.parts.rows.state[ROOM_NEEDED])
+
+    def with_row_room(self, room: int) -> ManyBodyKernel:
+        """See PairKernel."""
+        rows = with_room(self.parts.rows, room)
+        law = self.parts.law.with_room(*rows.near.shape, self.parts.chunks.number)
+        return ManyBodyKernel(self.parts._replace(rows=rows, law=law))
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        return compute_for(kind)
+
+
+def law_body(cls: type) -> Callable[[Callable[..., Any]], Any]:
+    """Register the compiled body of a law, ``body(law, force, chunks)``.
+
+    The body writes the force on the particle in each slot to ``force.pairs.force`` (one array for each chunk, which are
+    summed afterwards), and energy, virial and number of pairs to ``force.sums``."""
+
+    def register(body: Callable[..., Any]) -> Any:
+        LAWS[cls] = body
+        cls.kernel_sources = (body,)  # type: ignore[attr-defined]
+        return body
+
+    return register
+
+
+def run_law(law: Any, force: Any, chunks: Chunks) -> None:
+    """Run the body of the law's class."""
+
+
+@overload(run_law)
+def _run_law(law, force, chunks):
+    return LAWS[(law.kind if isinstance(law, Handle) else law).instance_class]
+
+
+def compute_for(kind: types.Type) -> Callable[..., int]:
+    """All tasks for this type of ManyBodyWork, as a function to compile for its address."""
+    restore = handle_at(Handle(kind))
+
+    def compute(work, what, n, t, x, v, a, sums):
+        force = restore(work)
+        if what == REMAKE:
+            return remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
+        return add_forces(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
+
+    return compute
+
+
+@jit
+def remake(force, built_at, pruned_at):
+    """Make the list again from its last search and its last pruning; return a status."""
+    pairs = force.pairs
+    pairs.counts[BUILT] = 0
+    status = refresh(pairs, built_at, force.chunks)
+    if status == OK:
+        copy(pruned_at, pairs.x)
+        prune(pairs, force.chunks)
+        status = renew(force.rows, pairs)
+    return status
+
+
+@jit
+def add_forces(force, wanted, x, a, sums):
+    """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
+    pairs, chunks = force.pairs, force.chunks
+    status = refresh(pairs, x, chunks)
+    if status == OK:
+        status = renew(force.rows, pairs)
+    if status != OK:
+        return status
+    copy_places(force.rows, pairs)
+    run_law(force.law, force, chunks)
+    if wanted:
+        for c in range(chunks.number):
+            sums[0] += force.sums[c, 0]
+            sums[1] += force.sums[c, 1]
+            sums[2] += force.sums[c, 2]
+    place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
+    for i in range(place.size):
+        p, w = unsigned(place[i]), inverse_masses[i]
+        a[0, i] += total[p] * w
+        a[1, i] += total[p + LANES] * w
+        a[2, i] += total[p + LANES + LANES] * w
+    return OK
+
+
+@jit
+def clear(pairs, c):
+    """Set chunk c's forces to zero."""
+    forces = pairs.force[c]
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
+
+
+@jit
+def collect(pairs, chunks):
+    """Sum the chunks' forces in chunk 0, in one order."""
+    total = pairs.force[0]
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        fx, fy, fz = load_vector(total, cluster)
+        for c in range(1, chunks.number):
+            gx, gy, gz = load_vector(pairs.force[c], cluster)
+            fx, fy, fz = fx + gx, fy + gy, fz + gz
+        store_vector(total, cluster, fx, fy, fz)
+
+
+@as_written
+def react(forces, buffer, near, first, bits, gx, gy, gz):
+    """Subtract lanes from the forces on the neighbours from ``first`` on whose bit is set."""
+    store(buffer, 0, gx)
+    store(buffer, WIDTH, gy)
+    store(buffer, 2 * WIDTH, gz)
+    while bits:
+        k = lowest_bit(bits)
+        bits &= bits - 1
+        slot = unsigned(place_at(near, first + k))
+        p = slot // LANES * THREE_LANES + slot % LANES
+        forces[p] -= buffer[k]
+        forces[p + LANES] -= buffer[k + WIDTH]
+        forces[p + LANES + LANES] -= buffer[k + 2 * WIDTH]

@@ -1,0 +1,98 @@
+"""A System to and from other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from kickdrift.model.bridging import bridge
+from kickdrift.model.unit_systems import UnitSystem
+
+
+class Bridged:
+    """Conversions of a System; each bridge is a module of a later layer."""
+
+    @classmethod
+    def from_ase(
+        cls,
+        atoms: Any,
+        forces: Iterable[Any] | None = None,
+        units: str | UnitSystem = "metal",
+        species: Iterable[str] | None = None,
+    ) -> Any:
+        """System of an ``ase.Atoms``: positions, velocities, masses, box, species.
+
+        ASE's units are angstrom, eV, u, and angstrom sqrt(u / eV) for time; values are converted to ``units``. Unit
+        systems that ASE does not know (lj, nbody, astro) keep ASE's numbers: an angstrom is one sigma, an eV one
+        epsilon.
+
+        Parameters
+        ----------
+        atoms : ase.Atoms
+            Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
+            velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
+            except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms. The
+            topology is that of the atoms' calculator, or the lists that ASE reads from LAMMPS data files.
+        forces : iterable of forces, in ``units``; default those of the atoms' calculator: `LennardJones` (shifted at
+            its rc) for ASE's LennardJones that is not smooth, kickdrift's own, and `CalculatorForce` for any other
+        units : name of a unit system
+        species : (n,) names, default the chemical symbols
+
+        Raises
+        ------
+        InputError
+            For a cell that no `Box` can have, constraints, a calculator that cannot follow motion, atoms with a
+            momentum but no mass, and numbers that are not finite.
+        """
+        return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
+
+    def to_ase(self, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
+        """An ``ase.Atoms`` in ASE's units, with unwrapped positions; the inverse of `from_ase`.
+
+        Parameters
+        ----------
+        symbols : {species: chemical symbol}; default the species itself if it is an element, else ASE's "X" with tags
+            that number the species in ``info["species"]``
+        calculator : whether the atoms have a calculator with this system's forces
+
+        Raises
+        ------
+        InputError
+            For an unknown symbol, a body without mass, and forces that a calculator does not support.
+        """
+        return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
+
+    @classmethod
+    def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> Any:
+        """System of a ``rebound.Simulation`` at its time: bodies, masses, radii, names, G, softening, to the bit.
+
+        The unit system is ``astro`` for AU, yr, Msun, ``si`` for m, s, kg, and else ``nbody`` (plain numbers), with the
+        names of rebound's units if there are any. G is the Simulation's own. The integrators leapfrog (order 2 and 4),
+        whfast, saba and ias15 become the run's defaults, with the options that both programs have. A UserWarning names
+        what was left out.
+
+        Parameters
+        ----------
+        sim : rebound.Simulation
+        forces : iterable of forces; default its gravity
+
+        Raises
+        ------
+        InputError
+            For variational particles, boundaries, collisions, additional forces and other functions, test particles
+            with a mass, gravity by a tree, and numbers that are not finite.
+        """
+        return bridge("rebound", "System.from_rebound").system_of(sim, forces)
+
+    def to_rebound(self) -> Any:
+        """A ``rebound.Simulation`` of this system; the inverse of `from_rebound`.
+
+        Massless bodies at the end of the list are test particles in rebound (``N_active``). A UserWarning names what
+        was left out: events, and an integrator that rebound does not have.
+
+        Raises
+        ------
+        InputError
+            For a periodic box, forces other than `Gravity`, and units in which force is not m a (metal).
+        """
+        return bridge("rebound", "System.to_rebound").simulation_of(self)

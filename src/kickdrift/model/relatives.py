@@ -1,0 +1,82 @@
+"""Paths along bonds: angles, dihedrals, and pairs one, two and three bonds apart."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ids = NDArray[np.int64]
+
+
+class Relatives(NamedTuple):
+    """Pairs (m, 2), i < j, whose shortest path along bonds has one, two or three bonds."""
+
+    bonded: Ids
+    two_apart: Ids
+    three_apart: Ids
+
+    @classmethod
+    def of(cls, bonds: Ids) -> Relatives:
+        """Relatives along bonds (b, 2)."""
+        found: list[Any] = [_sorted(bonds)]
+        for paths in (angles_of(bonds), dihedrals_of(bonds)):
+            ends = _sorted(paths[:, [0, -1]])
+            for nearer in found:
+                ends = ends[~_within(ends, nearer)]
+            found.append(ends)
+        return cls(*found)
+
+
+def _sorted(pairs: Ids) -> Ids:
+    """Different pairs in rising order, each with its smaller number first."""
+    return np.unique(np.sort(pairs.reshape(-1, 2), axis=1), axis=0)
+
+
+def _within(pairs: Ids, others: Ids) -> NDArray[np.bool_]:
+    """Whether each pair is among the others."""
+    base = int(max(pairs.max(initial=0), others.max(initial=0))) + 1
+    return np.isin(pairs[:, 0] * base + pairs[:, 1], others[:, 0] * base + others[:, 1])
+
+
+def neighbours_of(bonds: Ids) -> tuple[Ids, Ids]:
+    """Bonded partners of each particle: ``partner[start[i] : start[i + 1]]``, in rising order."""
+    both = np.concatenate([bonds, bonds[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))] if len(both) else both.reshape(0, 2)
+    count = np.bincount(both[:, 0], minlength=int(both.max(initial=-1)) + 1)
+    return np.concatenate([[0], np.cumsum(count)]).astype(np.int64), both[:, 1].copy()
+
+
+def _extended(paths: Ids, start: Ids, partner: Ids) -> Ids:
+    """Paths with each further bond of their last particle that does not lead back to the particle before."""
+    last = paths[:, -1]
+    count = start[last + 1] - start[last]
+    rows = np.repeat(np.arange(len(paths)), count)
+    within = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    found = np.column_stack([paths[rows], partner[start[last[rows]] + within]])
+    return found[(found[:, -1:] != found[:, :-1]).all(axis=1)]
+
+
+def _paths(bonds: Ids, particles: int) -> Ids:
+    """All paths of so many particles along bonds, each once, in rising order of their middle."""
+    bonds = np.asarray(bonds, np.int64).reshape(-1, 2)
+    start, partner = neighbours_of(bonds)
+    found = np.concatenate([bonds, bonds[:, ::-1]])
+    for _ in range(particles - 2):
+        found = _extended(found, start, partner)
+    found = found[found[:, 0] < found[:, -1]]
+    order = np.lexsort((found[:, -1], found[:, 0], *found[:, -2:0:-1].T))
+    found = np.ascontiguousarray(found[order])
+    found.flags.writeable = False
+    return found
+
+
+def angles_of(bonds: Ids) -> Ids:
+    """All angles (a, 3) between two bonds that share a particle, the middle one."""
+    return _paths(bonds, 3)
+
+
+def dihedrals_of(bonds: Ids) -> Ids:
+    """All chains (d, 4) of three bonds."""
+    return _paths(bonds, 4)

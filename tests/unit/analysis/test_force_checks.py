@@ -1,0 +1,151 @@
+"""Tests of forces before they run: slopes, sums, symmetries, jumps, virial, and the drift of the energy."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.analysis.smoothness import jump_along
+
+
+def drop(force, **options):
+    """Eight particles in open space."""
+    rng = np.random.default_rng(3)
+    x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.2 + rng.normal(size=(8, 3)) * 0.03
+    return kd.System(x, rng.normal(size=(8, 3)) * 0.3, forces=[kd.PythonForce(force, external=False, **options)])
+
+
+def wells(x, v, t, box, factor=1.0, across=0.0):
+    """Springs of rest length zero between all pairs."""
+    d = x[:, None, :] - x[None, :, :]
+    forces = -factor * d.sum(axis=1)
+    return forces + across * np.cross(d, [0.0, 0.0, 1.0]).sum(axis=1), (d**2).sum() / 4
+
+
+def test_right_forces_pass():
+    checks = kd.analysis.force_checks(drop(wells), steps=200, dt=0.01)
+    assert checks.passed
+    assert checks.row("force = -dE/dx").measured < 1e-8
+    assert checks.row("periodic images").verdict == "not tested"
+    assert "all 11 tests passed" in str(checks)
+    assert json.loads(json.dumps(checks.as_json()))["passed"] is True
+
+
+@pytest.mark.parametrize(
+    ("force", "topology", "named"),
+    [
+        (kd.Springs([[0, 1]], 1.0), None, "springs"),
+        (kd.HarmonicBond(1.0, 1.2), kd.Topology([(0, 1)]), "harmonic-bond"),
+        (kd.LennardJones(), kd.Topology(exclusions=[(0, 1)]), "topology"),
+    ],
+)
+def test_particles_of_a_list_are_not_exchanged(force, topology, named):
+    x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.2
+    checks = kd.analysis.force_checks(kd.System(x, forces=[force], topology=topology), steps=100, dt=0.01)
+    row = checks.row("exchange of like particles")
+    assert (row.verdict, row.remark) == ("not tested", f"{named} acts on listed particles")
+    assert checks.passed
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [({"factor": 1.001}, "force = -dE/dx"), ({"factor": -1.0}, "force = -dE/dx"), ({"across": 0.01}, "sum of torques")],
+)
+def test_wrong_forces_are_named(fault, named):
+    checks = kd.analysis.force_checks(drop(lambda *given: wells(*given, **fault)), steps=100, dt=0.01)
+    assert named in [row.test for row in checks.failed]
+
+
+@pytest.mark.parametrize(
+    ("truncation", "verdict", "remark"),
+    [
+        ("cut", "fail", "the energy jumps by 0.016"),
+        ("shift", "pass", "no method keeps more than order 1"),
+        ("force-shift", "pass", "no method keeps more than order 2"),
+        ("switch", "pass", "no jump up to the curvature of the force"),
+    ],
+)
+def test_a_cutoff_is_found(truncation, verdict, remark):
+    """The jump of a cut Lennard-Jones energy at 2.5 sigma is 4 (2.5^-6 - 2.5^-12) = 0.0163."""
+    checks = kd.analysis.force_checks(kd.LennardJones(truncation=truncation), steps=100)
+    row = checks.row("smoothness")
+    assert row.verdict == verdict
+    assert remark in row.remark
+    assert checks.row("virial = -dE/dV").verdict == "pass"
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2, 3])
+def test_jumps_of_each_derivative(derivative):
+    """An energy with one jump, of one derivative, at 0.4 of the line."""
+
+    def values(s):
+        beyond = max(s - 0.4, 0.0)
+        energy = np.sin(s) + (0.5 * (s > 0.4) if derivative == 0 else 0.5 * beyond**derivative)
+        slope = 0.0 if derivative == 0 else 0.5 * derivative * beyond ** (derivative - 1) * (s > 0.4)
+        return energy, -np.cos(s) - slope
+
+    found = jump_along(values, 1.0)
+    assert found.derivative == derivative
+    assert found.place == pytest.approx(0.4, abs=0.01)
+    sizes = {0: 0.5, 1: 0.5, 2: 1.0, 3: 3.0}
+    assert found.size == pytest.approx(sizes[derivative], rel=0.05)
+    assert jump_along(lambda s: (np.sin(s), -np.cos(s)), 1.0) is None
+
+
+def test_forces_without_energy_are_not_tested_for_it():
+    checks = kd.analysis.force_checks(
+        kd.System(np.eye(3), np.eye(3), forces=[kd.HarmonicTrap(1.0), kd.LinearDrag(0.1)]), dt=0.01
+    )
+    assert checks.passed
+    assert checks.row("force = -dE/dx").remark == "linear-drag has no potential energy"
+    assert checks.row("translation").verdict == "not tested"
+
+
+def test_springs_and_a_step_of_their_own():
+    """No dt is given, so the fastest oscillation sets the step; the springs name their particles."""
+    system = kd.System(np.eye(3), np.zeros((3, 3)), forces=[kd.Springs([(0, 1)], 100.0, 1.3)])
+    checks = kd.analysis.force_checks(system, steps=100)
+    assert checks.passed
+    assert checks.row("exchange of like particles").verdict == "not tested"
+    assert checks.row("energy drift").verdict == "pass"
+
+
+def test_the_figure_shows_what_was_measured():
+    checks = kd.analysis.force_checks(drop(wells), steps=100, dt=0.01)
+    assert len(checks.plot().axes) == 4
+
+
+def test_what_cannot_be_tested_is_refused():
+    with pytest.raises(kd.InputError, match="expected a System, a pair force or ASE Atoms"):
+        kd.analysis.force_checks(3)
+    with pytest.raises(kd.InputError, match="has no forces"):
+        kd.analysis.force_checks(kd.System(np.eye(3), np.eye(3), forces=[]))
+    with pytest.raises(kd.InputError, match="dt must be"):
+        kd.analysis.force_checks(drop(wells), dt=-1.0)
+
+
+def test_the_command(kickdrift, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = kickdrift("certify", "figure-eight", "--steps", 100, "--json", "page.json", "--plot", "page.png")
+    assert code == 0
+    assert "all 11 tests passed" in out
+    assert json.loads((tmp_path / "page.json").read_text())["passed"] is True
+    assert (tmp_path / "page.png").stat().st_size > 10_000
+    code, _, err = kickdrift("certify", "figure-eight", "sun-jupiter", "--forces")
+    assert code == 2
+    assert "tests the forces of one system, got 2" in err
+
+
+def test_a_failing_force_ends_with_exit_status_1(kickdrift, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    box = (5.3,) * 3
+    x = np.indices((4, 4, 4)).reshape(3, -1).T * 5.3 / 4 + np.random.default_rng(1).normal(size=(64, 3)) * 0.05
+    force = kd.LennardJones(cutoff=2.6, truncation="cut")
+    text = kd.System(x, np.zeros((64, 3)), box=box, forces=[force]).to_toml()
+    (tmp_path / "cut.toml").write_text(text, encoding="utf-8")
+    code, out, _ = kickdrift("certify", "cut.toml", "--steps", 100)
+    assert "the energy jumps by 0.013" in out
+    assert code == 1

@@ -1,0 +1,327 @@
+"""Many-body forces: energies, forces and virials against plain NumPy, in boxes of every shape; lists; bad input."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.setfl import hermite
+from kickdrift.forces.stillinger_weber import SiliconOf1985
+from kickdrift.forces.tersoff import SiliconOf1988
+from kickdrift.systemfile.reading import loads
+from kickdrift_validation import zhou_copper
+from kickdrift_validation.example_forces import crystal, example
+from tests.oracle import many_body as oracle
+
+LEANING = np.array([[14.1, 0, 0], [-5.0, 14.3, 0], [3.3, 4.0, 13.5]])
+BOXES = {
+    "open": None,
+    "cube": kd.Box([12.0, 12.5, 13.0]),
+    "narrow": kd.Box([11.6, 11.7, 11.5]),
+    "leaning": kd.Box(matrix=LEANING),
+    "slab": kd.Box([12.0, 12.5, 13.0], periodic=(True, False, True)),
+}
+SILICON, CARBON = SiliconOf1985()._asdict(), SiliconOf1988()._asdict()
+
+
+def triples(of: dict[str, dict], mixed) -> dict[str, dict]:
+    """Entries for all triples of two species: ``mixed`` makes an entry from those of three species."""
+    return {"-".join(t): mixed(*(of[each] for each in t)) for t in itertools.product(of, repeat=3)}
+
+
+def mixed_weber(i: dict, j: dict, k: dict) -> dict:
+    pair = {key: 0.5 * (i[key] + j[key]) for key in i} if j is k else dict(i)
+    return pair | {
+        "cos_theta0": (i["cos_theta0"] + 0.1 * (j["p"] + k["p"])) / 2,
+        "lambda_": i["lambda_"] + j["a"] * k["a"],
+    }
+
+
+def mixed_tersoff(i: dict, j: dict, k: dict) -> dict:
+    ends = {key: 0.5 * (i[key] + k[key]) for key in ("R", "D")}
+    bond = {key: 0.5 * (i[key] + j[key]) for key in ("A", "B", "lambda1", "lambda2", "beta", "n")}
+    return i | ends | bond | {"gamma": 1.0 + 0.1 * j["R"], "cos_theta0": -0.1 * k["R"], "m": j["m"]}
+
+
+WEBERS = triples({"Si": SILICON, "Xx": SILICON | {"sigma": 1.9, "p": 3.5, "q": 0.5, "epsilon": 1.7}}, mixed_weber)
+TERSOFFS = triples(
+    {"Si": CARBON, "C": CARBON | {"R": 2.6, "D": 0.3, "A": 2000.0, "n": 0.8, "beta": 1e-2, "m": 1.0, "lambda3": 0.4}},
+    mixed_tersoff,
+)
+
+
+def copper_tables(points: int = 300) -> dict:
+    dr, drho = zhou_copper.CUTOFF / points, zhou_copper.HIGHEST / points
+    r, rho = np.arange(points + 1) * dr, np.arange(points + 1) * drho
+    copper, pair = zhou_copper.density(r), r * zhou_copper.pair_energy(r)
+    return {
+        "cutoff": zhou_copper.CUTOFF, "dr": dr, "drho": drho,
+        "embedding": {"Cu": zhou_copper.embedding(rho), "Ag": 0.9 * zhou_copper.embedding(rho) + 0.01 * rho},
+        "density": {
+            ("Cu", "Cu"): copper, ("Cu", "Ag"): 1.1 * copper, ("Ag", "Cu"): 0.9 * copper, ("Ag", "Ag"): 1.2 * copper,
+        },
+        "rphi": {
+            ("Cu", "Cu"): pair, ("Cu", "Ag"): 1.1 * pair, ("Ag", "Cu"): 1.1 * pair, ("Ag", "Ag"): 0.9 * pair,
+        },
+    }  # fmt: skip
+
+
+def written(path, tables: dict, elements: tuple[str, ...], fs: bool = False) -> str:
+    """Write tables as setfl, or as Finnis and Sinclair's form. The density is listed by the atom that it comes from."""
+    n = len(tables["embedding"]["Cu"])
+    lines = ["", "", "", f"{len(elements)} {' '.join(elements)}"]
+    lines += [f"{n} {tables['drho']!r} {n} {tables['dr']!r} {tables['cutoff']!r}"]
+    for a in elements:
+        rows = [tables["embedding"][a]]
+        rows += [tables["density"][b, a] for b in elements] if fs else [tables["density"][a, a]]
+        lines += ["29 63.546 3.615 fcc", *(f"{value!r}" for row in rows for value in row.tolist())]
+    for a, b in ((a, b) for k, a in enumerate(elements) for b in elements[: k + 1]):
+        lines += [f"{value!r}" for value in tables["rphi"][a, b].tolist()]
+    path.write_text("\n".join([*lines, ""]))
+    return str(path)
+
+
+def alloyed(tables: dict) -> dict:
+    """Tables of an alloy: the density depends on the atom that it comes from alone."""
+    return tables | {"density": {(a, b): tables["density"][b, b] for a, b in tables["density"]}}
+
+
+def case(name: str, folder):
+    """A force, its species, and its energy as a function of separations and species."""
+    if name == "stillinger-weber":
+        return kd.StillingerWeber(), ["Si"], lambda d, s: oracle.stillinger_weber(d, s, {"Si-Si-Si": SILICON})
+    if name == "stillinger-weber, two":
+        return kd.StillingerWeber(WEBERS), ["Si", "Xx"], lambda d, s: oracle.stillinger_weber(d, s, WEBERS)
+    if name == "tersoff":
+        return kd.Tersoff(), ["Si"], lambda d, s: oracle.tersoff(d, s, {"Si-Si-Si": CARBON})
+    if name == "tersoff, two":
+        return kd.Tersoff(TERSOFFS), ["Si", "C"], lambda d, s: oracle.tersoff(d, s, TERSOFFS)
+    tables, fs = copper_tables(), name.endswith("fs")
+    if not fs:
+        tables = alloyed(tables)
+    elements = ("Cu",) if name == "eam" else ("Cu", "Ag")
+    file = written(folder / f"a.eam.{'fs' if fs else 'alloy'}", tables, elements, fs)
+    return kd.EmbeddedAtom(file), list(elements), lambda d, s: oracle.embedded_atom(d, s, tables)
+
+
+CASES = ["stillinger-weber", "stillinger-weber, two", "tersoff", "tersoff, two", "eam", "eam, two", "eam, two, fs"]
+
+
+def particles(species: list[str], box, force, n: int = 40) -> kd.System:
+    """Particles at random, not too near each other; some are several boxes away."""
+    rng = np.random.default_rng(n)
+    places: list[np.ndarray] = []
+    edges = np.diag(box.matrix) if box is not None and box.periodic else np.array([9.0, 9.0, 9.0])
+    edges = np.where(edges > 0, edges, 9.0)
+    while len(places) < n:
+        x = rng.uniform(0, np.minimum(edges, 9.0))
+        if all(np.linalg.norm(x - y) > 1.8 for y in places):
+            places.append(x)
+    x = np.array(places)
+    if box is not None:
+        x = x + box.cartesian(np.where(box.periodic_axes, rng.integers(-2, 3, (n, 3)), 0))
+    names = [species[k % len(species)] for k in range(n)]
+    return kd.System(x, masses=20.0, box=box, forces=[force], units="metal", species=names)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("shape", BOXES)
+def test_energy_forces_and_virial_are_those_of_the_papers(name, shape, tmp_path):
+    if name.startswith("eam"):
+        pytest.importorskip("ase")
+    force, species, energy = case(name, tmp_path)
+    system = particles(species, BOXES[shape], force)
+    names = [system.species[k] for k in system.species_index]
+    d = oracle.separations(system.state.positions, system.box)
+    measured = BoundForces(system).measure(0.0, system.state.phase)
+    expected = float(np.real(energy(d.astype(complex), names)))
+    assert measured.potential == pytest.approx(expected, rel=1e-12)
+    forces = (measured.accelerations * system.coherent_masses).T
+    for seed in range(3):
+        way = np.random.default_rng(seed).normal(size=forces.shape)
+        along = oracle.slope(lambda w: energy(d + w, names), way[None, :] - way[:, None])
+        assert -along == pytest.approx(float((forces * way).sum()), rel=1e-11, abs=1e-11 * np.linalg.norm(forces))
+    grown = oracle.slope(lambda w: energy(d + w, names), d)
+    assert measured.virial == pytest.approx(-grown, rel=1e-11)
+
+
+@pytest.mark.parametrize("name", ["eam", "stillinger-weber"])
+def test_room_for_neighbours_grows(name):
+    system = crystal(example(kd.forces.FORCES[name]))
+    whole, small = BoundForces(system), BoundForces(system)
+    small.forces = tuple(force.with_row_room(8) for force in small.forces)
+    measured = [each.measure(0.0, system.state.phase) for each in (whole, small)]
+    assert small.forces[0].row_room > 8
+    np.testing.assert_array_equal(measured[0].accelerations, measured[1].accelerations)
+    assert measured[0].potential == measured[1].potential
+
+
+@pytest.mark.parametrize("name", ["eam", "stillinger-weber", "tersoff"])
+def test_a_run_does_not_depend_on_threads_pieces_or_the_order_of_particles(name):
+    system = crystal(example(kd.forces.FORCES[name]))
+    whole, threads, pieces = (kd.Simulation(system, dt=0.002, threads=k) for k in (1, 2, 1))
+    for sim in (whole, threads):
+        sim.run(40)
+    pieces.run(13)
+    pieces.run(27, every=1)
+    order = np.random.default_rng(3).permutation(len(system))
+    state = system.state
+    species = [system.species[k] for k in system.species_index]
+    mixed = kd.System(
+        state.positions[order], state.velocities[order], state.masses, system.box, system.forces, "metal", species
+    )
+    other = kd.Simulation(mixed, dt=0.002)
+    other.run(40)
+    for sim in (threads, pieces):
+        np.testing.assert_array_equal(sim.state.phase, whole.state.phase)
+    np.testing.assert_array_equal(other.state.positions, whole.state.positions[order])
+    assert whole.report().energy.max_relative_error < 1e-4
+
+
+def test_a_cubic_through_a_cubic_is_the_cubic():
+    """Slopes over five points are exact for cubics; the first two and the last two intervals have other slopes."""
+    x = np.arange(12.0)
+    f = x**3 - 2 * x**2 + 3
+    cubics, p = hermite(f), 0.3
+    for m in range(2, 9):
+        here = np.polyval(cubics[m], p)
+        assert here == pytest.approx((m + p) ** 3 - 2 * (m + p) ** 2 + 3, rel=1e-14)
+
+
+def test_the_shipped_copper_is_the_published_formula():
+    shipped = example(kd.EmbeddedAtom).file
+    with open(shipped) as file:
+        assert file.read() == zhou_copper.setfl()
+
+
+def test_silicon_has_its_published_lattice_constant_and_energy():
+    def energy(a: float) -> float:
+        x = (np.indices((3, 3, 3)).reshape(3, -1).T[:, None] + SITES).reshape(-1, 3) * a
+        system = kd.System(
+            x, masses=28.0855, box=[3 * a] * 3, forces=[kd.StillingerWeber()], units="metal", species=["Si"] * 216
+        )
+        return kd.Simulation(system, dt=0.001).energy().potential / 216
+
+    fcc = np.array([[0, 0, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+    SITES = np.concatenate([fcc, fcc + 0.25])
+    assert energy(5.431) == pytest.approx(-4.3366, abs=1e-4)  # two bonds of depth epsilon for each atom
+    assert energy(5.431) == pytest.approx(-2 * SILICON["epsilon"], rel=1e-6)
+    assert energy(5.431) < min(energy(5.425), energy(5.437))
+
+
+# --- files ---
+
+
+def test_a_run_goes_on_from_its_file_until_the_potential_changes(tmp_path, monkeypatch):
+    pytest.importorskip("ase")
+    file = written(tmp_path / "copper.eam.alloy", alloyed(copper_tables()), ("Cu",))
+    monkeypatch.chdir(tmp_path)
+    system = crystal(kd.EmbeddedAtom("copper.eam.alloy"))
+    whole, part = kd.Simulation(system, dt=0.002), kd.Simulation(system, dt=0.002)
+    whole.run(20, every=10)
+    part.run(10, every=10, output=tmp_path / "run.h5md")
+    monkeypatch.chdir("/")
+    again = kd.resume(tmp_path / "run.h5md")
+    again.run(10)
+    np.testing.assert_array_equal(again.state.phase, whole.state.phase)
+    written(tmp_path / "copper.eam.alloy", alloyed(copper_tables(301)), ("Cu",))
+    with pytest.raises(InputError, match=r"copper.eam.alloy has changed"):
+        kd.resume(tmp_path / "run.h5md")
+    (tmp_path / "copper.eam.alloy").unlink()
+    with pytest.raises(InputError, match=rf"eam: file: {file}: No such file"):
+        kd.resume(tmp_path / "run.h5md")
+
+
+def test_a_file_of_entries_gives_the_entries(tmp_path):
+    (tmp_path / "Si.sw").write_text(
+        "# a comment\nSi Si Si 2.1683 2.0951 1.80 21.0 1.20 -0.3333\n 7.0 0.6 4.0 0.0 0.0 # end\n"
+    )
+    text = 'units = "metal"\n[particles]\npositions = [[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]\nmass = 28.0\nspecies = "Si"\n'
+    system = loads(text + '[[force]]\ntype = "stillinger-weber"\nfile = "Si.sw"\n', folder=tmp_path)
+    force = system.forces[0]
+    assert force.file is None
+    assert force.entries == {"Si-Si-Si": SILICON | {"cos_theta0": -0.3333, "A": 7.0, "B": 0.6}}
+    assert loads(system.to_toml()).forces == system.forces
+    with pytest.raises(
+        InputError, match=r"precision: mixed is for pair forces, and 'stillinger-weber' is a many-body force"
+    ):
+        kd.Simulation(system, dt=0.001, precision="mixed")
+
+
+# --- bad input ---
+
+
+def two(force, **arguments) -> kd.System:
+    arguments = {"units": "metal", "species": ["Si", "Si"], "masses": 28.0} | arguments
+    return kd.System([[0, 0, 0], [2.4, 0, 0]], forces=[force], **arguments)
+
+
+def test_a_system_that_does_not_fit_is_refused():
+    force = kd.StillingerWeber()
+    for arguments, message in (
+        ({"topology": kd.Topology(exclusions=[(0, 1)])}, r"a topology can leave out or scale only pair forces"),
+        (
+            {"units": "lj"},
+            r"stillinger-weber: its parameters are in eV and angstroms, which needs units 'metal', not 'lj'",
+        ),
+        ({"species": ["Si", "Ge"]}, r"species 'Ge' has no parameters in the default, which has Si"),
+        ({"box": [7.0, 20.0, 20.0]}, r"stillinger-weber: box edge x is 7, shorter than twice the cutoff, 2 x 3.77118"),
+        ({"dimensions": 2}, r"stillinger-weber: works in three dimensions, and the system has 2"),
+        ({"masses": [1.0, 0.0]}, r"stillinger-weber: particle 1 has no mass"),
+    ):
+        with pytest.raises(InputError, match=message):
+            two(force, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: kd.StillingerWeber(file="no.sw"), r"stillinger-weber: file: no.sw: No such file"),
+        (lambda: kd.StillingerWeber(file="a.txt"), r"file: expected a name that ends in .sw, got 'a.txt'"),
+        (lambda: kd.StillingerWeber({}, "a.sw"), "give entries or a file, not both"),
+        (lambda: kd.StillingerWeber({"Si": SILICON}), r"expected three species such as 'Si-Si-Si', got 'Si'"),
+        (lambda: kd.StillingerWeber({"Si-Si-Si": {"a": 1.0}}), r"entries.Si-Si-Si: epsilon: required key is missing"),
+        (lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"x": 1}}), r"unknown key 'x'; expected epsilon"),
+        (
+            lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"sigma": 0}}),
+            r"Si-Si-Si: sigma must not be negative, nor",
+        ),
+        (lambda: kd.Tersoff({"Si-Si-Si": CARBON | {"D": 4.0}}), r"D = 4 must be less than R = 3"),
+        (lambda: two(kd.Tersoff({"Si-Si-Si": CARBON | {"m": 2}})), r"tersoff: Si-Si-Si: m must be 1 or 3, got 2"),
+        (
+            lambda: two(kd.StillingerWeber({"Si-Si-Si": SILICON, "Ge-Ge-Ge": SILICON}), species=["Si", "Ge"]),
+            r"entries has no parameters for Si-Si-Ge",
+        ),
+        (lambda: kd.EmbeddedAtom("no.eam.alloy"), r"eam: file: no.eam.alloy: No such file"),
+        (lambda: kd.EmbeddedAtom("Cu_u3.eam"), r"expected a name that ends in .eam.alloy or .eam.fs, got 'Cu_u3.eam'"),
+        (
+            lambda: two(example(kd.EmbeddedAtom), species=["Cu", "Ag"]),
+            r"eam: species 'Ag' has no parameters in \S*Cu_zhou2004.eam.alloy, which has Cu",
+        ),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_a_file_that_is_no_potential_is_refused(tmp_path):
+    (tmp_path / "a.eam.alloy").write_text("one\ntwo\nthree\nfour\n")
+    with pytest.raises(InputError, match=r"eam: file: \S*a.eam.alloy: ASE finds no potential in it"):
+        kd.EmbeddedAtom(str(tmp_path / "a.eam.alloy"))
+    (tmp_path / "a.sw").write_text("Si Si Si 1 2 3\n")
+    with pytest.raises(InputError, match=r"a.sw: expected entries of three elements and 11 numbers, got 6 words"):
+        kd.StillingerWeber(file=str(tmp_path / "a.sw"))
+
+
+def test_without_ase_the_message_says_what_to_install(monkeypatch):
+    file = example(kd.EmbeddedAtom).file
+    monkeypatch.setitem(sys.modules, "ase.calculators.eam", None)
+    with pytest.raises(InputError, match=r"eam: files of potentials are read by ASE: pip install 'kickdrift\[ase\]'"):
+        kd.EmbeddedAtom(file)

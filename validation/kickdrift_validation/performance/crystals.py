@@ -1,0 +1,99 @@
+"""Crystals under many-body forces, which kickdrift and LAMMPS move at constant energy.
+
+Both take velocity Verlet's steps from the same numbers. LAMMPS checks at every step whether its list must be made anew;
+its skin is 1 angstrom, and 0.5 in another style: of 0.5, 1 and 2, its default for metals, 0.5 was its fastest in cold
+crystals."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.engines import ENGINES
+from kickdrift.engines.many_body import style_of, text_of
+from kickdrift_validation.example_forces import crystal
+from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
+
+DT, SETTLE = 0.001, 500  # ps; steps until the energy is shared out
+
+
+class Crystal(NamedTuple):
+    """Where programs begin."""
+
+    system: kd.System
+    dt: float = DT
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(n, 3)."""
+        return np.asarray(self.system.state.positions)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(n, 3)."""
+        return np.asarray(self.system.state.velocities)
+
+    def simulation(self) -> kd.Simulation:
+        """kickdrift from here."""
+        return kd.Simulation(self.system, "velocity-verlet", self.dt)
+
+    def energy(self, x: np.ndarray, v: np.ndarray) -> float:
+        """Of any positions and velocities, by the same code for all programs."""
+        s = self.system
+        species = [s.species[k] for k in s.species_index]
+        at = kd.System(x, v, s.state.masses, s.box, s.forces, s.units.name, species)
+        return kd.Simulation(at, "velocity-verlet", self.dt).energy().total
+
+    def apart(self, x: np.ndarray, y: np.ndarray) -> float:
+        """The largest difference of two programs' coordinates, by the nearest images."""
+        return float(np.abs(self.system.box.minimum_image(x - y)).max())
+
+
+@lru_cache(maxsize=3)
+def settled(name: str) -> Crystal:
+    """A crystal at about 300 K: ``name`` is a shipped system, or "tersoff" for its silicon."""
+    system = crystal(kd.Tersoff(), shaken=0.0) if name == "tersoff" else kd.load(name)
+    system = system.with_velocities(temperature=600.0, seed=1)  # half of it goes into the bonds
+    sim = kd.Simulation(system, "velocity-verlet", DT)
+    sim.run(SETTLE, every=SETTLE)
+    return Crystal(sim.system.at(sim.state.phase, 0.0))
+
+
+def kickdrift(start: Crystal) -> Native:
+    """Ours."""
+    return Native(start.simulation(), "float64")
+
+
+class LammpsCrystal(Runner):
+    """LAMMPS' style for the force: plain (""), opt or omp. ``skin`` is in angstroms."""
+
+    def __init__(self, start: Crystal, style: str = "", skin: float = 1.0) -> None:
+        from kickdrift.engines.lammps_world import Model, World
+
+        self.version, self.skin = ENGINES["lammps"].version or "", f"{skin:g}"
+        system, force = start.system, start.system.forces[0]
+        model = Model(
+            system.box, np.ones(len(system), np.int32), (float(system.coherent_masses[0]),), (), force.cutoff,
+            shifted=False, tail=False, dt=start.dt, many_body=(style_of(force), text_of(force), system.species),
+        )  # fmt: skip
+        flags = ["-sf", style] if style else []
+        try:
+            self.world = World([*flags, "-pk", "omp", "1"] if style == "omp" else flags)
+        except ImportError:
+            raise Missing(ENGINES["lammps"].install) from None
+        self.world.reset(model, system.box.wrap(system.state.positions), system.state.velocities)
+        self.world.lmp.command(f"neighbor {skin} bin")
+        self.world.lmp.command("run 0 post no")
+
+    def run(self, amount: float) -> float:
+        self.world.run(round(amount))
+        return round(amount)
+
+    def phase(self) -> Phase:
+        return self.world.state()[:2]
+
+    def close(self) -> None:
+        self.world.close()
