@@ -96,6 +96,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--topology": "analysis.ensemble_checks(runs)",
         "--engine": "analysis.engine_checks(engine)",
         "--forces": "analysis.force_checks(subject)",
+        "--calculator": "analysis.force_checks(subject)",
         "--plot": "analysis.ForceChecks.plot",
         "--integrator": "analysis.engine_checks(integrator)",
         "--steps": "analysis.engine_checks(steps)",

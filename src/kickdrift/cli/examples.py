@@ -34,6 +34,11 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift compare two-body --integrator leapfrog --integrator rk4", "Two methods."),
     ),
     "chaos": (("kickdrift chaos figure-eight", "MEGNO and the Lyapunov exponent of the figure-eight orbit."),),
+    "certify": (
+        ("kickdrift certify silicon-512", "Are the forces of a system safe for dynamics?"),
+        ("kickdrift certify cu.xyz --calculator ase.calculators.emt.EMT", "An ASE calculator on a structure's atoms."),
+        ("kickdrift certify cold.h5md hot.h5md", "Does a heat bath sample the canonical ensemble?"),
+    ),
     "plot": (
         ("kickdrift plot run.h5md", "Orbits under gravity, else energies."),
         ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),

@@ -132,6 +132,10 @@ def certify(
         str | None, typer.Option(metavar="NAME", help="Run a system on this engine first; see: kickdrift list engines.")
     ] = None,
     forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
+    calculator: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="ASE calculator, such as ase.calculators.emt.EMT, for a structure file."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the tests of forces.")] = None,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,
     options: Any = None,
@@ -143,8 +147,8 @@ def certify(
 ) -> None:
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
     Of a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
-    if forces or (engine is None and len(runs) == 1 and _is_system(runs[0])):
-        _certify_forces(runs, engine, options, steps, json_file, plot, overwrite, quiet)
+    if forces or calculator or (engine is None and len(runs) == 1 and _is_system(runs[0])):
+        _certify_forces(runs, calculator, engine, options, steps, json_file, plot, overwrite, quiet)
         return
     of_engine = [integrator, steps, every, *options.values()]
     if engine is None and any(each is not None for each in of_engine):
@@ -190,6 +194,7 @@ def _is_system(name: str) -> bool:
 
 def _certify_forces(
     systems: list[str],
+    calculator: str | None,
     engine: str | None,
     options: dict[str, Any],
     steps: int | None,
@@ -198,17 +203,16 @@ def _certify_forces(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Test the forces of a system."""
+    """Test the forces of a system, a pair force by its name, or a calculator on the atoms of a structure file."""
     if len(systems) > 1:
         raise InputError(f"certify: tests the forces of one system, got {len(systems)}")
     if further := [key for key, value in options.items() if value is not None and key != "dt"]:
         raise InputError(f"-o {further[0]}: the tests of forces take no options of an integrator")
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, systems)
     from kickdrift.analysis.force_testing import STEPS, force_checks
-    from kickdrift.systemfile.python_file import load_or_run
 
     with progress_bar(quiet) as bar:
-        subject: Any = load_or_run(systems[0])
+        subject = _tested(systems[0], calculator)
         found = force_checks(
             subject,
             engine=engine,
@@ -222,3 +226,21 @@ def _certify_forces(
 
         save_figure(force_figure(found), checked_target(plot, overwrite))
     _print_page(found, json_file, overwrite)
+
+
+def _tested(name: str, calculator: str | None) -> Any:
+    """What ``force_checks`` tests: Atoms with a calculator, a force, or a System."""
+    from kickdrift.forces import FORCES
+    from kickdrift.systemfile.files import is_shipped
+    from kickdrift.systemfile.python_file import load_or_run
+
+    if calculator is not None:
+        from kickdrift.forces.external_calculator import CalculatorForce
+        from kickdrift.forces.external_code import load_module
+
+        load_module(calculator.rpartition(".")[0] or calculator)
+        system: Any = load_or_run(name)
+        return system.remade(forces=[CalculatorForce(calculator)])
+    if name in FORCES and not is_shipped(name) and not Path(name).exists():
+        return FORCES[name]()
+    return load_or_run(name)

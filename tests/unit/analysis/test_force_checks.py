@@ -149,3 +149,20 @@ def test_a_failing_force_ends_with_exit_status_1(kickdrift, tmp_path, monkeypatc
     code, out, _ = kickdrift("certify", "cut.toml", "--steps", 100)
     assert "the energy jumps by 0.013" in out
     assert code == 1
+
+
+def test_a_force_by_its_name_and_a_calculator_on_a_structure(kickdrift, tmp_path, monkeypatch):
+    from ase.build import bulk
+    from ase.io import write
+
+    monkeypatch.chdir(tmp_path)
+    assert kickdrift("certify", "lennard-jones", "--steps", 100)[0] == 0
+    write("cu.xyz", bulk("Cu", cubic=True), format="extxyz")
+    given = ("certify", "cu.xyz", "--calculator", "ase.calculators.lj.LennardJones", "--steps", 100, "--dt", 0.001)
+    code, out, err = kickdrift(*given)
+    assert "force = -dE/dx" in out, err
+    assert code in (0, 1)
+    code, _, err = kickdrift("certify", "cu.xyz", "--calculator", "ase.calculators.lj.LenardJones")
+    assert code == 2
+    assert "defines no LenardJones; did you mean 'LennardJones'?" in err
+    assert "expected a System, a pair force" in kickdrift("certify", "gravity")[2]
