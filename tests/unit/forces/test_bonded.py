@@ -296,5 +296,5 @@ def test_a_bond_that_is_too_long_at_a_step_is_named(force, box, message):
 
 def test_joined_particles_neither_merge_nor_leave():
     topology = kd.Topology([(0, 1)])
-    with pytest.raises(kd.InputError, match="cannot act on bodies joined by springs or bonds"):
+    with pytest.raises(kd.InputError, match="cannot act on bodies joined by fene, bonds"):
         kd.System(LINE, topology=topology, forces=[kd.Fene()], radii=0.1, events=[kd.Collision(action="merge")])
