@@ -135,9 +135,9 @@ def long_step(seed: int, path: Path) -> EnsembleChecks:
 
 
 def two_axes(seed: int, path: Path) -> EnsembleChecks:
-    """The bath leaves out the third axis, of particles that do not collide."""
+    """The bath leaves out the third axis, of particles that do not collide; runs are three times as long."""
     with numbers(ornstein_uhlenbeck, lambda bath: bath._replace(axes=2)):
-        return ensemble_checks(written(simulation("baoab", seed, system=wells(seed)), path))
+        return ensemble_checks(written(simulation("baoab", seed, system=wells(seed)), path, 3 * STEPS))
 
 
 def centre_removed(seed: int, path: Path) -> EnsembleChecks:
