@@ -1,4 +1,4 @@
-"""Which modules know that the edges of a box may lean: the box itself, the search of the pair list, and the files."""
+"""Which modules know that the edges of a box may lean: the box itself, the pair list, bonds, and files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PACKAGE = Path(kd.__file__).parent
 WORDS = {"triclinic", "leans", "leaning_image", "square_by_edges"}
 KNOW = {
     "model/box.py", "model/cell.py", "model/nearness.py", "forces/pairlist.py", "trajectory/edges.py",
-    "systemfile/writing.py",
+    "systemfile/writing.py", "forces/bonded_kernel.py",
 }  # fmt: skip
 VOLUME = 4.0 * 3.0 * 9.0  # of the leaning box below; its c x a is (0, 36, 2)
 

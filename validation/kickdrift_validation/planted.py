@@ -26,9 +26,9 @@ FAULTS = (
         "0.23557321335935813", "0.23557312335935813", small=True,
     ),
     Fault(
-        "half-kick", "the last kick of a splitting step left out", "integrators/splitting.py",
-        "        return np.array(stages, dtype=np.float64).T",
-        "        stages[-1][0] = 0.0\n        return np.array(stages, dtype=np.float64).T",
+        "half-kick", "the last kick of a splitting step left out", "integrators/words.py",
+        "    return np.array(stages, dtype=np.float64).T",
+        "    stages[-1][0] = 0.0\n    return np.array(stages, dtype=np.float64).T",
     ),
     Fault(
         "virial-sign", "the virial of the pair forces with the wrong sign", "forces/pair_sum.py",
@@ -56,7 +56,7 @@ FAULTS = (
     ),
     Fault(
         "late-list", "the pair list refreshed after a whole skin instead of half of one", "forces/pairlist.py",
-        "if 4.0 * inner <= pairs.inner_skin**2", "if inner <= pairs.inner_skin**2",
+        "if room >= 0.0 and 4.0 * inner <= room**2:", "if room >= 0.0 and inner <= room**2:",
     ),
     Fault(
         "kepler-series", "the series of Kepler's problem used to ten times its range", "integrators/kepler.py",

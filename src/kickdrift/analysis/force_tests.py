@@ -160,7 +160,7 @@ def _turned(given: Subject, x: Floats, at: Values, why: str) -> ForceCheck:
         quarter = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     if system.box.periodic:
         edges = np.diag(system.box.matrix)[: system.dimensions]
-        if system.box.triclinic or np.ptp(edges) > 0 or not all(system.box.periodic_axes[: system.dimensions]):
+        if system.box.tilts or np.ptp(edges) > 0 or not all(system.box.periodic_axes[: system.dimensions]):
             return skipped(TURN, "the box is not a cube")
         turn = quarter
     found = given.evaluate(x @ turn.T)

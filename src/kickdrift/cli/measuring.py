@@ -134,7 +134,7 @@ def certify(
     forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
     calculator: Annotated[
         str | None,
-        typer.Option(metavar="PATH", help="ASE calculator, such as ase.calculators.emt.EMT, for a structure file."),
+        typer.Option(metavar="NAME", help="ASE calculator, such as ase.calculators.emt.EMT, for a structure file."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the tests of forces.")] = None,
     integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,

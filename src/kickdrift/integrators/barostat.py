@@ -104,7 +104,7 @@ def check_pressed(system: Any, options: Options) -> None:
     if not np.isfinite(system.volume):
         along = "in open space" if not system.box.periodic else "whose box is open along an axis"
         raise InputError(f"pressure: {system.name!r} is a system {along}, which has no volume")
-    if system.box.triclinic:
+    if system.box.tilts:
         raise InputError("pressure: no barostat here changes a leaning box; give a rectangular one")
     for force in system.forces:
         if not isinstance(force, PairForce | Springs):

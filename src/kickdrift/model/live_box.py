@@ -36,7 +36,7 @@ class LiveBox:
 
     @box.setter
     def box(self, box: Box) -> None:
-        if box.triclinic or box.periodic_axes != tuple(self._axes.tolist()):
+        if box.tilts or box.periodic_axes != tuple(self._axes.tolist()):
             raise InputError(
                 f"state: the box is {box.shape}, but a run with a barostat has a box like {self.box.shape}"
             )

@@ -164,7 +164,7 @@ def drag(parts, t, x, v, span, step, stage):
 
 def test_a_flows_option_is_one_of_every_method_whose_word_has_it(system, monkeypatch):
     rate = kd.Option("drag", float, "Rate at which velocities decay.", 0.0)
-    flow = Subflow("drag", False, options=(rate,), bind=lambda _, options: BoundSubflow(Drag(options.drag)))
+    flow = Subflow("drag", False, options=(rate,), bind=lambda _, options, weights: BoundSubflow(Drag(options.drag)))
     monkeypatch.setitem(FLOWS, "D", flow)
     kd.register_splitting("dragged", word="BADAB", weights=[0.5, 0.5, 1.0, 0.5, 0.5], order=2, source="this test")
     try:
@@ -223,7 +223,7 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     assert "Rate at which velocities decay." in out
     assert kickdrift(monkeypatch, capsys, "run", str(file), "-o", "fricton=1")[::2] == (
         2, "kickdrift: fricton: no integrator takes such an option; did you mean 'friction', which baoab, obabo, aboba "
-        "and 4 others take?\n",
+        "and 6 others take?\n",
     )  # fmt: skip
 
 

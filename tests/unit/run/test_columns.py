@@ -238,10 +238,13 @@ def test_too_many_numbers_for_the_memory_are_refused():
 def test_kickdrifts_own_are_rows_of_the_same_table():
     sample = make().sample()
     found = sample.observables()
-    assert list(found) == [column.name for column in OWN]
-    for column in OWN:
+    fixed = [
+        column for column in OWN if column.name != "volume"
+    ]  # a column of barostats alone
+    assert list(found) == [column.name for column in fixed]
+    for column in fixed:
         assert np.shape(found[column.name]) == column.shape
-    assert list(sample.observables(taken=True)) == list(KNOWN)
+    assert list(sample.observables(taken=True)) == [name for name in KNOWN if name != "volume"]
 
 
 def test_a_file_of_a_version_with_fewer_columns_goes_on_with_these(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import kickdrift as kd
 from kickdrift.looks.observers import Energies, Sample, Taken, take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
-from kickdrift.run import report as reports
+from kickdrift.run import energy_report as reports
 from kickdrift.run.plan import looks_at
 
 VALUES = ("energies", "momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity")
