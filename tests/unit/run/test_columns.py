@@ -238,9 +238,7 @@ def test_too_many_numbers_for_the_memory_are_refused():
 def test_kickdrifts_own_are_rows_of_the_same_table():
     sample = make().sample()
     found = sample.observables()
-    fixed = [
-        column for column in OWN if column.name != "volume"
-    ]  # a column of barostats alone
+    fixed = [column for column in OWN if column.name != "volume"]  # a column of barostats alone
     assert list(found) == [column.name for column in fixed]
     for column in fixed:
         assert np.shape(found[column.name]) == column.shape
