@@ -36,6 +36,7 @@ def suite_is_there():
         return False
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not suite_is_there(), reason="the installed SciPy comes without its tests")
 def test_scipys_own_tests_pass_on_solve(tmp_path):
     paths = [str(TOP), os.environ.get("PYTHONPATH", "")]

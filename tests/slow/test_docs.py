@@ -18,7 +18,15 @@ from tests.folders import DOCS, TOP
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
-LONG = {"ensembles", "safe-potential"}  # pages that take more than ten seconds
+LONG = {
+    "ensembles",
+    "first-hour",
+    "heat-baths",
+    "odes",
+    "safe-potential",
+    "which-integrator",
+    "your-own-force",
+}  # over ten seconds
 APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
 

@@ -316,6 +316,7 @@ def test_trajectories_of_the_members(system, client):
         kd.Ensemble(system, {"particles.elements[b].e": [0.0, 0.1]}).run(client, trajectories=folder)
 
 
+@pytest.mark.long
 def test_a_member_that_kills_its_workers_is_lost_and_the_others_are_done(system, tmp_path):
     def deadly(sim):
         if sim.dt == 0.1:
@@ -329,6 +330,7 @@ def test_a_member_that_kills_its_workers_is_lost_and_the_others_are_done(system,
     assert found["error"][1] == "each worker that ran it died"
 
 
+@pytest.mark.long
 def test_workers_that_die_are_replaced(system):
     vary = {"particles.elements[c].a": "1.5:1.7:16"}
     ensemble = kd.Ensemble(system, vary, steps=1000, every=1)

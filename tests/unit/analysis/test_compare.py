@@ -123,6 +123,7 @@ def test_without_an_energy_chaos_shortens_the_pilot():
     assert "chaos" in refused.refusal
 
 
+@pytest.mark.long
 def test_a_stiff_problem_over_eleven_decades(monkeypatch):
     """Two special cases occur. The changed start is not near for the smallest unknown, and the warm-up step fails.
 

@@ -39,6 +39,7 @@ def liquid(matrix, n, seed, stretch=1.0):
     return on_grid(fractions @ matrix)
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(
     st.tuples(edges, edges, edges), st.tuples(tilts, tilts, tilts), st.sampled_from([(True,) * 3] * 3 + AXES),

@@ -190,6 +190,7 @@ def fingerprint(n, threads):
     return hashlib.sha256(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes()).hexdigest()
 
 
+@pytest.mark.long
 def test_a_new_compilation_rounds_like_the_cached_one(tmp_path):
     """The compiling process and processes that load the machine code get the same bits, for few bodies and for many."""
     package = Path(kickdrift.__file__).parent

@@ -201,6 +201,7 @@ class Soft(NamedTuple):
         return 0.5 * p.strength * overlap**2, p.strength * overlap / (p.sigma * r)
 
 
+@pytest.mark.long
 def test_a_users_pair_law_runs():
     positions, edges = lattice("sc", 64, 1.5)
     force = pair_law(Soft)(cutoff=1.0, truncation="cut")

@@ -165,6 +165,7 @@ def test_keplers_ellipse_over_ten_periods(e):
     assert sim.record.rejected_steps == 0
 
 
+@pytest.mark.long
 def test_published_closed_forms():
     sims = {}
     for case in reference("kepler_closed_form")["cases"]:

@@ -412,6 +412,7 @@ def hits(function, *args):
     return made(*args), bool(sum(made.stats.cache_hits.values()))
 
 
+@pytest.mark.long
 def test_no_stale_code_of_a_user(user, home):
     """Each edit is compiled once, and changes the result."""
     for k, use in enumerate([None, None, *USES, None]):
