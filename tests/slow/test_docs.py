@@ -18,7 +18,9 @@ from tests.folders import DOCS, TOP
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
-LONG = {
+LONG = {  # pages that take more than ten seconds
+    "ensembles", "first-hour", "heat-baths", "odes", "safe-potential", "which-integrator", "your-own-force",
+}  # fmt: skip
     "ensembles",
     "first-hour",
     "heat-baths",
