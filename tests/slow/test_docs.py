@@ -21,14 +21,6 @@ MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
 LONG = {  # pages that take more than ten seconds
     "ensembles", "first-hour", "heat-baths", "odes", "safe-potential", "which-integrator", "your-own-force",
 }  # fmt: skip
-    "ensembles",
-    "first-hour",
-    "heat-baths",
-    "odes",
-    "safe-potential",
-    "which-integrator",
-    "your-own-force",
-}  # over ten seconds
 APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
 
