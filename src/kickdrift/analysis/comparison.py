@@ -23,8 +23,22 @@ def versions() -> dict[str, str]:
     return found | {"python": platform.python_version()}
 
 
+class Compared(Shown):
+    """Results by method that print as tables; ``rows`` holds a row for each method and step."""
+
+    rows: tuple[Any, ...]
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of the methods, in the order of the rows."""
+        return list(dict.fromkeys(row.method for row in self.rows))
+
+
 @dataclass(frozen=True, repr=False)
-class Comparison(Shown):
+class Comparison(Compared):
     """Results for a System or Problem.
 
     Attributes
@@ -64,14 +78,6 @@ class Comparison(Shown):
     recommendation: Recommendation | None = None
     begin: float = 0.0  # time at the start
     asked: str = ""  # what the command line calls the subject; "" for an object in Python
-
-    def __repr__(self) -> str:
-        return str(self)
-
-    @property
-    def methods(self) -> list[str]:
-        """Names of the methods, in the order of the rows."""
-        return list(dict.fromkeys(row.method for row in self.rows))
 
     def of(self, method: str) -> list[Row]:
         """Rows of a method, from coarse to fine."""

@@ -111,7 +111,7 @@ class CoupledPaths:
         return energies.potential, energies.kinetic, found.pressure, self._met(sim), energies.total - heat
 
     def _met(self, sim: Simulation) -> float:
-        """Kinetic energy that the bath meets: the mean of what it left in the last step and what it finds in the next.
+        """Kinetic energy that the bath meets: the mean of the energies after its last action and before its next one.
         Drifts and kicks between are undone or taken in a copy. The mean belongs to the time of the look."""
         letters = list(zip(self.word.letters, self.word.weights, strict=True))
         return 0.5 * (self._beyond(sim, letters, 1.0) + self._beyond(sim, letters[::-1], -1.0))

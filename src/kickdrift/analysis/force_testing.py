@@ -168,7 +168,7 @@ def _stages(
 
 
 def _listed(system: System) -> tuple[str, ...]:
-    """Names of what acts on listed particles, so that like particles cannot be exchanged."""
+    """Names of the forces on listed particles. Like particles are then not exchangeable."""
     scaled = system.topology is not None and len(system.topology.scaled.pairs) > 0
     return (*system.acting("joins"), *(["topology"] if scaled else []))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -210,7 +209,7 @@ def _like_for_like(given: Subject) -> NDArray[np.int64]:
     system = given.evaluate.system
     order = np.arange(len(system))
     kinds = np.unique(np.column_stack([system.species_index, system.state.masses]), axis=0)
-    for kind, mass in itertools.starmap(lambda *each: each, kinds):
+    for kind, mass in kinds:
         rows = np.flatnonzero((system.species_index == kind) & (system.state.masses == mass))
         order[rows] = given.rng.permutation(rows)
     return order

@@ -10,8 +10,8 @@ import numpy as np
 
 from kickdrift.analysis.bench import processor
 from kickdrift.analysis.choices import Choice, Recommendation
-from kickdrift.analysis.comparison import versions
-from kickdrift.display.showing import Lines, Shown, Table, above
+from kickdrift.analysis.comparison import Compared, versions
+from kickdrift.display.showing import Lines, Table, above
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import counted, duration
@@ -81,7 +81,7 @@ class SamplingAdvice(Recommendation):
 
 
 @dataclass(frozen=True, repr=False)
-class SamplingComparison(Shown):
+class SamplingComparison(Compared):
     """Sampling errors of methods with a heat bath, over steps from long to short.
 
     Attributes
@@ -113,14 +113,6 @@ class SamplingComparison(Shown):
     asked: str = ""
 
     measure = "sampling"
-
-    def __repr__(self) -> str:
-        return str(self)
-
-    @property
-    def methods(self) -> list[str]:
-        """Names of the methods, in the order of the rows."""
-        return list(dict.fromkeys(row.method for row in self.rows))
 
     def of(self, method: str) -> list[SamplingRow]:
         """Rows of a method, from the longest step on."""

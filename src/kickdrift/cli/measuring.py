@@ -146,8 +146,8 @@ def certify(
     quiet: QuietOption = False,
 ) -> None:
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
-    Of a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
-    if forces or calculator or (engine is None and len(runs) == 1 and _is_system(runs[0])):
+    For a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
+    if forces or calculator or (engine is None and len(runs) == 1 and _names_forces(runs[0])):
         _certify_forces(runs, calculator, engine, options, steps, json_file, plot, overwrite, quiet)
         return
     of_engine = [integrator, steps, every, *options.values()]
@@ -187,8 +187,8 @@ def _print_page(found: Any, json_file: Path | None, overwrite: bool) -> None:
         raise typer.Exit(1)
 
 
-def _is_system(name: str) -> bool:
-    """Whether an argument names a system: a system file, a Python file or a shipped system."""
+def _names_forces(name: str) -> bool:
+    """Whether an argument names forces: a system file, a Python file, a shipped system, or a pair force."""
     return Path(name).suffix in (".toml", ".py", "")
 
 

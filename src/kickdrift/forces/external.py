@@ -107,7 +107,7 @@ class PythonForce(Field):
         return f"the function {self.label} returns no virial" if lacking else ""
 
     def check(self, system: Subject) -> None:
-        """Call the function at the system's positions, and refuse what it must not return or depend on."""
+        """Call the function at the system's positions. Refuse a wrong result and an undeclared dependence."""
         check_massive(self.name, system, range(len(system)))
         state = system.state
         try:

@@ -1,4 +1,4 @@
-"""Topologies: what they list, what they leave out of pair forces, and which lists they refuse."""
+"""Topologies: their lists, the pairs without pair forces, and the lists that are refused."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Crystal(NamedTuple):
         return kd.Simulation(self.system, "velocity-verlet", self.dt)
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
-        """Of any positions and velocities, by the same code for all programs."""
+        """Total energy at any positions and velocities, by the same code for all programs."""
         s = self.system
         species = [s.species[k] for k in s.species_index]
         at = kd.System(x, v, s.state.masses, s.box, s.forces, s.units.name, species)

@@ -29,11 +29,11 @@ class Liquid(NamedTuple):
 
     @property
     def temperature(self) -> float:
-        """Of these velocities."""
+        """Temperature of these velocities."""
         return float((self.velocities**2).sum() / (3 * len(self.velocities) - 3))
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
-        """Of any positions and velocities, in float64, by the same code for all programs."""
+        """Total energy at any positions and velocities, in float64, by the same code for all programs."""
         return self._replace(positions=x, velocities=v).simulation().energy().total
 
     def apart(self, x: np.ndarray, y: np.ndarray) -> float:
