@@ -21,13 +21,14 @@ import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound import BoundForces
 from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.own_laws import OwnCosine, OwnFene
 
 MELT = "kremer-grest-1000"
 CHAINS, LENGTH = 20, 50
@@ -40,6 +41,7 @@ ENGINES = {"lammps": "lammps", "openmm": "openmm"}
 LAWS: dict[str, list[Any]] = {
     "harmonic-bond": [kd.HarmonicBond(400.0, 0.97)],
     "fene": [kd.Fene()],
+    "fene with its core": [kd.Fene(30.0, 1.5, 1.2, 0.95)],
     "morse-bond": [kd.MorseBond(50.0, 3.0, 0.97)],
     "harmonic-angle": [kd.HarmonicAngle(20.0, 109.5)],
     "cosine-angle": [kd.CosineAngle(2.0)],
@@ -50,29 +52,6 @@ LAWS: dict[str, list[Any]] = {
         kd.Fene(), kd.HarmonicAngle(20.0, 109.5), kd.PeriodicDihedral(1.5, 3.0, 60.0)
     ],
 }  # fmt: skip
-
-
-@kd.bond_law
-class OwnFene(NamedTuple):
-    """The formula of `Fene`, written again as a user would."""
-
-    k: float = 30.0
-    longest: float = 1.5
-
-    def law(p, r):
-        rest = 1.0 - (r / p.longest) ** 2
-        rest = rest if rest > 0.0 else math.nan
-        return -0.5 * p.k * p.longest**2 * math.log(rest), p.k * r / rest
-
-
-@kd.angle_law
-class OwnCosine(NamedTuple):
-    """The formula of `CosineAngle`."""
-
-    k: float
-
-    def law(p, angle):
-        return p.k * (1.0 + math.cos(angle)), -p.k * math.sin(angle)
 
 
 def chains(forces: list[Any], factors: tuple[float, ...] | None, mixture: bool = False) -> kd.System:

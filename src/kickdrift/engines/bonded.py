@@ -43,9 +43,10 @@ LAWS: dict[type, Terms] = {
         "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
         lambda p: {"k": p.stiffness, "l": p.length},
     ),
-    Fene: Terms(  # the repulsion of LAMMPS' own fene is off: the pair force has it
-        "fene", lambda p: (p.stiffness, p.length, 0.0, 1.0), "-0.5*k*l^2*log(1-(r/l)^2)",
-        lambda p: {"k": p.stiffness, "l": p.length},
+    Fene: Terms(
+        "fene", lambda p: (p.stiffness, p.length, p.epsilon, p.sigma),
+        "-0.5*k*l^2*log(1-(r/l)^2)+step(2^(1/6)*d-r)*(4*e*((d/r)^12-(d/r)^6)+e)",
+        lambda p: {"k": p.stiffness, "l": p.length, "e": p.epsilon, "d": p.sigma},
     ),
     MorseBond: Terms(
         "morse", lambda p: (p.depth, p.width, p.length), "d*(1-exp(-w*(r-l)))^2",

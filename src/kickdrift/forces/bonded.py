@@ -8,6 +8,7 @@ from typing import NamedTuple
 from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
 
 DEGREE = math.pi / 180.0
+CORE = 2.0 ** (1.0 / 6.0)  # minimum of Lennard-Jones over sigma, where the core of Weeks, Chandler & Andersen 1971 ends
 
 
 @bond_law
@@ -26,21 +27,31 @@ class HarmonicBond(NamedTuple):
 
 @bond_law
 class Fene(NamedTuple):
-    """U(r) = -k l^2 ln(1 - (r / l)^2) / 2 with the longest length l, beyond which there is no value.
+    """U(r) = -k l^2 ln(1 - (r / l)^2) / 2, and 4 epsilon ((sigma/r)^12 - (sigma/r)^6) + epsilon below 2^(1/6) sigma.
 
-    The attractive part of the bond of Kremer & Grest 1990, doi:10.1063/1.458541. Their bond also repels at short
-    distance: that part is the pair force, from which bonded particles must not be excluded.
+    Both terms are the bond of Kremer & Grest 1990, doi:10.1063/1.458541, and LAMMPS' ``fene``. Beyond the longest length
+    l there is no value. With an epsilon the pair force must leave bonded particles out (``factors = [0, 1, 1]``). With
+    epsilon = 0, the default, the bond only attracts, and the pair force of bonded particles repels.
     """
 
     stiffness: float = 30.0
     length: float = 1.5
+    epsilon: float = 0.0
+    sigma: float = 1.0
 
-    dimensions = {"stiffness": "stiffness", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+    dimensions = {  # type: ignore[misc]  # noqa: RUF012
+        "stiffness": "stiffness", "length": "length", "epsilon": "energy", "sigma": "length"
+    }  # fmt: skip
 
     def law(p, r):
         left = 1.0 - (r / p.length) ** 2
         left = left if left > 0.0 else math.nan
-        return -0.5 * p.stiffness * p.length**2 * math.log(left), p.stiffness * r / left
+        energy, slope = -0.5 * p.stiffness * p.length**2 * math.log(left), p.stiffness * r / left
+        if p.epsilon != 0.0 and r < CORE * p.sigma:
+            s6 = (p.sigma / r) ** 6
+            energy += 4.0 * p.epsilon * (s6 * s6 - s6) + p.epsilon
+            slope -= 24.0 * p.epsilon * (2.0 * s6 * s6 - s6) / r
+        return energy, slope
 
 
 @bond_law

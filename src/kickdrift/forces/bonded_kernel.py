@@ -62,9 +62,10 @@ ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
 
 
 class BondedPotential(Protocol):
-    """A bonded force as its compiled code needs it; see ``BondedForce``."""
+    """A bonded force as its compiled code needs it; see ``BondedForce`` and ``Springs``."""
 
     kind: ClassVar[str]
+    limited: ClassVar[bool]  # whether a bond has no value where its nearest image is uncertain
     Parameters: ClassVar[Any]
 
     def items(self, system: Subject) -> tuple[NDArray[np.int64], list[Any], NDArray[np.int64]]:
@@ -85,7 +86,7 @@ def bind(force: BondedPotential, system: Subject) -> Any:
         which=which,
         items=np.ascontiguousarray(items).copy(),
         cell=cell_of(system.box),
-        longest2=(LONGEST * system.box.narrowest[1]) ** 2,
+        longest2=(LONGEST * system.box.narrowest[1]) ** 2 if force.limited else np.inf,
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )

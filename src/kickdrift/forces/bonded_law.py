@@ -43,6 +43,7 @@ class BondedForce(Grouped):
     Parameters: ClassVar[Any]  # the law's NamedTuple class
     name: ClassVar[str]
     kind: ClassVar[str]  # "bonds", "angles" or "dihedrals"
+    limited: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
     may_overlap: ClassVar[bool] = True
     external: ClassVar[bool] = False

@@ -1,5 +1,7 @@
 """Fields that act on single particles (trap, uniform and driven field, drag), and springs between given pairs.
 
+A spring is a harmonic bond. Springs list their own pairs, each with its parameters; bonds belong to the topology.
+
 This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
@@ -22,6 +24,7 @@ from kickdrift.forces.arguments import (
     items,
     number,
 )
+from kickdrift.forces.bonded import HarmonicBond
 from kickdrift.forces.field_law import field_law
 from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
@@ -226,6 +229,9 @@ class Springs(Field):
     length: float | Sequence[float] = 0.0
 
     name: ClassVar[str] = "springs"
+    kind: ClassVar[str] = "bonds"
+    Parameters: ClassVar[Any] = HarmonicBond.Parameters  # the law of each spring
+    limited: ClassVar[bool] = False  # a spring may stretch over more than half the box
     external: ClassVar[bool] = False
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
@@ -283,16 +289,18 @@ class Springs(Field):
                 f"of length {lengths[k]:.6g} has no direction"
             )
 
+    def items(self, system: Subject) -> tuple[np.ndarray, list[Any], np.ndarray]:
+        """The pairs (m, 2), the different laws, and the law of each pair (m,)."""
+        pairs = np.array(self.pairs, dtype=np.int64)
+        values = np.column_stack([np.broadcast_to(v, len(pairs)) for v in (self.stiffness, self.length)])
+        laws, which = np.unique(values, axis=0, return_inverse=True)
+        return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
-        from kickdrift.forces.fields_kernel import SpringsKernel
-        from kickdrift.model.cell import cell_of
+        from kickdrift.forces.bonded_kernel import bind
 
-        pairs = np.array(self.pairs, dtype=np.int64)
-        stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
-        masses = system.coherent_masses
-        inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
-        return SpringsKernel(pairs, stiffness, length, cell_of(system.box), inverse_masses)
+        return bind(self, system)
 
 
 def _pair(number: int, values: Any) -> tuple[int, int]:

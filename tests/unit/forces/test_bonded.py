@@ -13,6 +13,7 @@ from kickdrift.forces import pair_binding
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.row_lanes import Narrow, NarrowSingle, WideSingle
 from kickdrift.trajectory.info import describe, info
+from kickdrift_validation.own_laws import OwnCosine, OwnFene
 
 CUTOFF = 2.5
 BOX = kd.Box([[7.3, 0.0, 0.0], [1.1, 7.2, 0.0], [-0.8, 1.7, 7.4]])
@@ -167,32 +168,9 @@ def test_types_have_parameters_of_their_own():
     assert kd.Simulation(system, dt=0.01).energy().potential == pytest.approx(wanted, rel=1e-13)
 
 
-@kd.bond_law
-class OwnBond(NamedTuple):
-    """The formula of Fene, as a user would write it."""
-
-    k: float = 30.0
-    longest: float = 1.5
-
-    def law(p, r):
-        rest = 1.0 - (r / p.longest) ** 2
-        rest = rest if rest > 0.0 else math.nan
-        return -0.5 * p.k * p.longest**2 * math.log(rest), p.k * r / rest
-
-
-@kd.angle_law
-class OwnAngle(NamedTuple):
-    """The formula of CosineAngle."""
-
-    k: float
-
-    def law(p, angle):
-        return p.k * (1.0 + math.cos(angle)), -p.k * math.sin(angle)
-
-
 def test_a_users_law_has_the_bits_of_ours_and_comes_back_from_a_file(tmp_path):
     phases = []
-    for forces in ([kd.Fene(), kd.CosineAngle(1.5)], [OwnBond(), OwnAngle(1.5)]):
+    for forces in ([kd.Fene(), kd.CosineAngle(1.5)], [OwnFene(), OwnCosine(1.5)]):
         system = melt(forces, factors=(0.0, 1.0, 1.0))
         sim = kd.Simulation(system, dt=0.002)
         path = tmp_path / f"{len(phases)}.h5md"
@@ -211,6 +189,18 @@ def test_a_users_law_has_the_bits_of_ours_and_comes_back_from_a_file(tmp_path):
 
     with h5py.File(tmp_path / "0.h5md") as file:
         np.testing.assert_array_equal(file["connectivity/dihedrals"][()], system.topology.dihedrals)
+
+
+def test_fene_with_its_core_is_fene_and_the_repulsion_of_the_pair():
+    """The two forms of Kremer and Grest's bond: the core in the bond, or in a pair force that leaves nothing out."""
+    pair = kd.LennardJones(1.2, 0.9, cutoff=0.9 * 2 ** (1 / 6), truncation="shift")
+    whole = kd.System(snake(1, 2), topology=kd.Topology([(0, 1)]), forces=[kd.Fene(epsilon=1.2, sigma=0.9)])
+    apart = whole.remade(forces=[kd.Fene(), pair])
+    for length in (0.8, 0.95, 1.0, 1.02, 1.3):  # the core ends at 1.0102
+        x = [[0.0, 0.0, 0.0], [0.0, length, 0.0]]
+        first, second = (kd.Simulation(each.remade(positions=x), dt=0.01) for each in (whole, apart))
+        np.testing.assert_allclose(first.forces(), second.forces(), rtol=1e-12, atol=1e-12)
+        assert first.energy().potential == pytest.approx(second.energy().potential, rel=1e-12)
 
 
 def test_the_pressure_tensor_has_bonds_and_factors():
