@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
     from kickdrift.forces.body_law import body_law
-    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law, improper_law
     from kickdrift.forces.field_law import field_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
@@ -110,6 +110,7 @@ _HOMES = {
     "angle_law": "forces.bonded_law",
     "bond_law": "forces.bonded_law",
     "dihedral_law": "forces.bonded_law",
+    "improper_law": "forces.bonded_law",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
@@ -143,6 +144,7 @@ __all__ = [
     "GravityTree",
     "HarmonicAngle",
     "HarmonicBond",
+    "HarmonicImproper",
     "HarmonicTrap",
     "InputError",
     "Installation",
@@ -158,6 +160,7 @@ __all__ = [
     "Orbit",
     "OrbitTable",
     "PeriodicDihedral",
+    "PeriodicImproper",
     "PostNewtonian",
     "Problem",
     "PythonForce",
@@ -185,6 +188,7 @@ __all__ = [
     "engines",
     "export",
     "field_law",
+    "improper_law",
     "integrator",
     "integrators",
     "listing",

@@ -175,8 +175,8 @@ ELSEWHERE = {
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
     "--load FILE.py": (
-        "accelerations", "angle_law", "body_law", "bond_law", "dihedral_law", "field_law", "pair_law", "register_force",
-        "register_splitting", "register_step", "register_tableau",
+        "accelerations", "angle_law", "body_law", "bond_law", "dihedral_law", "field_law", "improper_law", "pair_law",
+        "register_force", "register_splitting", "register_step", "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),

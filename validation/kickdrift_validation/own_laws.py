@@ -1,4 +1,4 @@
-"""Laws of bonds and angles as a user would write them, with formulas of laws that ship: the bits and the speed agree."""
+"""Laws of bonds and angles as a user would write them, with the formulas of laws that ship."""
 
 from __future__ import annotations
 

@@ -11,9 +11,11 @@ from kickdrift.forces.bonded import (
     Fene,
     HarmonicAngle,
     HarmonicBond,
+    HarmonicImproper,
     MorseBond,
     OplsDihedral,
     PeriodicDihedral,
+    PeriodicImproper,
     RyckaertBellemans,
 )
 from kickdrift.forces.bonded_law import BondedForce
@@ -32,6 +34,11 @@ class Terms(NamedTuple):
 def _periodic(p: Any) -> tuple[float | int, ...] | None:
     whole = p.multiplicity == int(p.multiplicity) and p.multiplicity >= 0
     return (1, p.barrier, int(p.multiplicity), p.phase) if whole else None
+
+
+def _cvff(p: Any) -> tuple[float | int, ...] | None:
+    sign = {0.0: 1, 180.0: -1}.get(p.phase)
+    return (p.barrier, sign, int(p.multiplicity)) if sign and p.multiplicity in range(7) else None
 
 
 def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) = -cos(angle - pi)
@@ -69,7 +76,12 @@ LAWS: dict[type, Terms] = {
         "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
         lambda p: p._asdict(),
     ),
+    HarmonicImproper: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(abs(theta)-rest)^2",
+        lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
+    ),
 }  # fmt: skip
+LAWS[PeriodicImproper] = LAWS[PeriodicDihedral]._replace(style="cvff", coefficients=_cvff)
 
 
 def split(system: System) -> tuple[list[Any], list[BondedForce]]:

@@ -1,4 +1,4 @@
-"""Bonds, angles and dihedrals in LAMMPS' terms: styles, coefficients and the lists of a data file."""
+"""Bonds, angles, dihedrals and impropers in LAMMPS' terms: styles, coefficients and the lists of a data file."""
 
 from __future__ import annotations
 

@@ -9,9 +9,11 @@ from kickdrift.forces.bonded import (
     Fene,
     HarmonicAngle,
     HarmonicBond,
+    HarmonicImproper,
     MorseBond,
     OplsDihedral,
     PeriodicDihedral,
+    PeriodicImproper,
     RyckaertBellemans,
 )
 from kickdrift.forces.embedded_atom import EmbeddedAtom
@@ -45,6 +47,8 @@ _ALL: tuple[Any, ...] = (
     PeriodicDihedral,
     RyckaertBellemans,
     OplsDihedral,
+    HarmonicImproper,
+    PeriodicImproper,
     HarmonicTrap,
     UniformField,
     DrivenField,

@@ -1,4 +1,4 @@
-"""Compiled sums over listed bonds, angles and dihedrals, of any law. Their cost is linear in the length of the list.
+"""Compiled sums over listed bonds, angles, dihedrals and impropers, of any law. Their cost is linear in the list.
 
 They run on one thread, so every sum has a fixed order. Items go in blocks: separations and laws of a whole block first,
 in loops that LLVM turns into SIMD where the law has no functions beside square roots, then the forces one by one.
@@ -52,13 +52,13 @@ class AngleKernel(Listed):
 
 
 class DihedralKernel(Listed):
-    """A law of dihedrals."""
+    """A law of dihedrals, or of impropers: both are the angle between two planes."""
 
     __slots__ = ()
 
 
-KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel}
-ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
+KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel, "impropers": DihedralKernel}
+ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16, "impropers": 16}  # numbers of an item
 
 
 class BondedPotential(Protocol):
