@@ -176,7 +176,7 @@ def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
     output: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
+        typer.Argument(metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data."),
     ],
     unwrapped: Annotated[
         bool,

@@ -16,6 +16,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
 _SYSTEM = re.compile(rb'(title = "[^\n]*"\n)?units = "[a-z]+"\n(dimensions = 2\n)?\n\[particles\]\n')
+LAMMPS_HEADING = "LAMMPS data file by kickdrift"
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
     ".xtc": lambda head: int.from_bytes(head[:4], "big") in (1995, 2023),
@@ -23,6 +24,7 @@ _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".xyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
     ".extxyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
     ".pdb": lambda head: bool(_PDB.match(head)),
+    ".data": lambda head: head.startswith(LAMMPS_HEADING.encode()),
     ".traj": lambda head: head.startswith(b"- of Ulm"),
 }
 
