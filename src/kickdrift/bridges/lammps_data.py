@@ -62,12 +62,12 @@ class DataFile(NamedTuple):
         if self.tilts:
             yield f"{' '.join(map(repr, self.tilts))} xy xz yz"
         yield from ("", "Masses", "")
-        for kind, mass in enumerate(self.masses, 1):
-            yield f"{kind} {mass!r}" + (f" # {clean(self.labels[kind - 1], 80)}" if self.labels else "")
+        for number, mass in enumerate(self.masses, 1):
+            yield f"{number} {mass!r}" + (f" # {clean(self.labels[number - 1], 80)}" if self.labels else "")
         yield from ("", "Atoms # molecular", "")
         columns = (self.ids, self.molecules, self.types, self.positions)
-        for i, molecule, kind, (x, y, z) in zip(*(each.tolist() for each in columns), strict=True):
-            yield f"{i} {molecule} {kind} {x!r} {y!r} {z!r}"
+        for i, molecule, type_, (x, y, z) in zip(*(each.tolist() for each in columns), strict=True):
+            yield f"{i} {molecule} {type_} {x!r} {y!r} {z!r}"
         yield from ("", "Velocities", "")
         for i, (x, y, z) in zip(self.ids.tolist(), self.velocities.tolist(), strict=True):
             yield f"{i} {x!r} {y!r} {z!r}"

@@ -183,4 +183,4 @@ class PeriodicImproper(NamedTuple):
 
     dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
 
-    law = PeriodicDihedral.Parameters.law  # type: ignore[misc]
+    law = PeriodicDihedral.Parameters.law  # type: ignore[attr-defined, misc]

@@ -230,7 +230,7 @@ class Springs(Field):
 
     name: ClassVar[str] = "springs"
     kind: ClassVar[str] = "bonds"
-    Parameters: ClassVar[Any] = HarmonicBond.Parameters  # the law of each spring
+    Parameters: ClassVar[Any] = HarmonicBond.Parameters  # type: ignore[attr-defined]
     limited: ClassVar[bool] = False  # a spring may stretch over more than half the box
     external: ClassVar[bool] = False
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave

@@ -23,7 +23,7 @@ MANY_BODY = (
     "of ASE's"
 )
 MOLECULES = (
-    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
+    "charges and force fields of molecules are not there yet; bonds, angles, dihedrals and impropers are: docs/molecules.md"
 )
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
@@ -103,7 +103,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         ("opls", "{word} is 'opls-dihedral' here"),
         ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
-        ("improper charmm amber gaff martini tip3p spce", MOLECULES),
+        ("improper impropers improper-dihedral", "did you mean 'harmonic-improper' or 'periodic-improper'?"),
+        ("cvff improper-periodic", "LAMMPS' {word} is 'periodic-improper' here"),
+        ("improper-harmonic", "{word} is 'harmonic-improper' here"),
+        ("charmm amber gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),

@@ -26,7 +26,7 @@ MARGIN = 0.01  # of the particles' extent, around them along an open axis
 def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
     """Write the frame and return notes about what was lost."""
     run, (frame,) = chosen.run, chosen
-    there = np.isfinite(frame.positions).all(axis=1)
+    there = np.asarray(np.isfinite(frame.positions).all(axis=1))
     notes = [f"the file holds frame {frame.number} alone, step {frame.step}"]
     if not there.all():
         notes.append(f"bodies that were removed are {REMOVED_LEFT_OUT}")
@@ -57,7 +57,7 @@ def _content(chosen: Chosen, frame: Placed, there: NDArray[np.bool_]) -> DataFil
         if topology is not None and len(items := getattr(topology, kind)):
             types = Numbered.of(topology.types(kind))
             lists[kind] = np.column_stack([types.numbers, items + 1])
-            counts[kind], names[kind] = types.count, types.names
+            counts[kind], names[kind] = types.most, types.names
     molecules = np.arange(n) if topology is None else molecules_of(topology.bonds, n)
     return DataFile(
         heading=f"{LAMMPS_HEADING}: step {frame.step}, time {frame.time:.10g}, units {run.units.name}",
@@ -88,7 +88,7 @@ class Numbered(NamedTuple):
     """Types of items as numbers from 1: their own numbers where all are such, else in the order of their names."""
 
     numbers: NDArray[np.int64]
-    count: int
+    most: int
     names: Sequence[str]
 
     @classmethod
