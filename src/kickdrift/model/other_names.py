@@ -22,9 +22,7 @@ MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
     "of ASE's"
 )
-MOLECULES = (
-    "charges and force fields of molecules are not there yet; bonds, angles, dihedrals and impropers are: docs/molecules.md"
-)
+MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"

@@ -14,7 +14,7 @@ from kickdrift.trajectory import reader, to_ase, to_lammps, to_mdanalysis
 from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
 
-_WRITERS = {"MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write, "kickdrift": to_lammps.write}
+_WRITERS = {"MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write, ".data": to_lammps.write}
 
 
 class Exported(NamedTuple):
@@ -71,7 +71,8 @@ def export(
         frames = Chosen(run, start, stop, step, unwrapped)
         if format.single:
             frames = frames.last()
-        notes = _WRITERS[format.package](frames, part, format, told or (lambda done, of: None))
+        write = _WRITERS[format.suffix if format.suffix in _WRITERS else format.package]
+        notes = write(frames, part, format, told or (lambda done, of: None))
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         if unwrapped and run.box_varies:
