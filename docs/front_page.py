@@ -1,4 +1,4 @@
-"""Draw docs/assets/two-worlds.png, the picture of the front page: a liquid of 1000 particles, and planets with asteroids.
+"""Draw docs/assets/two-worlds.png, the picture of the front page: a liquid, and planets with asteroids.
 
     python docs/front_page.py [--output docs/assets/two-worlds.png] [--overwrite]
 
