@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
+from kickdrift.looks.columns import KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -97,6 +97,23 @@ class Sample:
             columns={name: value for name, value in values.items() if name not in KNOWN},
             **rest,
         )
+
+
+def observables_of(row: Floats, taken: bool = False) -> dict[str, float | Floats]:
+    """Return ``Sample.observables`` of the row of a look; vectors are views."""
+    found: dict[str, float | Floats] = {}
+    numbers: list[float] = row.tolist()
+    for own in OWN + TAKEN if taken else OWN:
+        number = numbers[own.place]
+        if own.shape:
+            vector = row[own.place : own.place + 3]
+            if number == number or not np.isnan(vector).all():
+                found[own.name] = vector
+        elif number == number or own.place in (KINETIC, POTENTIAL, TOTAL):
+            found[own.name] = number
+    if "momentum" not in found:
+        found.pop("pairs", None)
+    return found
 
 
 def kinetic_energy(masses: Floats, velocities: Floats) -> float:
