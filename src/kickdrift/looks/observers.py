@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.looks.columns import KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
+from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -102,6 +102,8 @@ class Sample:
 def observables_of(row: Floats, taken: bool = False) -> dict[str, float | Floats]:
     """Return ``Sample.observables`` of the row of a look; vectors are views."""
     found: dict[str, float | Floats] = {}
+    if taken and not row[ENERGY_TAKEN:].any():
+        row = np.concatenate([row[:ENERGY_TAKEN], np.zeros(len(row) - ENERGY_TAKEN)])  # no zero has a sign
     numbers: list[float] = row.tolist()
     for own in OWN + TAKEN if taken else OWN:
         number = numbers[own.place]
