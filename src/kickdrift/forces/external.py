@@ -155,7 +155,7 @@ class PythonForce(Field):
             beside = self._together([given, given])[0]
         for key, one, other in zip(("forces", "energy", "virial"), alone, beside, strict=False):
             if one is not None and not np.allclose(one, other, rtol=MIXED, atol=MIXED * np.abs(one).max()):
-                raise InputError(f"batch: the {key} of a replica depend on the replica beside it")
+                raise InputError(f"batch: another replica beside a replica changes its {key}")
 
     def asked(self, x: Floats, v: Floats, time: float, box: Box) -> Any:
         """What the function returns for this motion, or for its mirror image."""
