@@ -118,6 +118,19 @@ def observables_of(row: Floats, taken: bool = False) -> dict[str, float | Floats
     return found
 
 
+def columns_of(rows: Floats) -> dict[str, Floats]:
+    """Return ``Sample.observables`` of the rows of several looks, a row for each; empty if some looks lack a value
+    that others have."""
+    missing = np.isnan(rows)
+    if not len(rows) or (missing != missing[0]).any():
+        return {}
+    return {
+        name: rows[:, own.place : own.place + 3] if own.shape else rows[:, own.place]
+        for name in observables_of(rows[0])
+        for own in (KNOWN[name],)
+    }
+
+
 def kinetic_energy(masses: Floats, velocities: Floats) -> float:
     """Return the sum of m v^2 / 2; velocities (3, n)."""
     return 0.5 * float(np.einsum("i,ki,ki->", masses, velocities, velocities))

@@ -25,12 +25,13 @@ from kickdrift.model.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
-from kickdrift.trajectory.columns import Described, check_columns
+from kickdrift.trajectory.columns import Described, check_columns, units_of
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout import header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.order import in_order
 from kickdrift.trajectory.record import to_json
 from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.rows import Rows, behind, same
@@ -274,6 +275,24 @@ class Writer:
         if flush:
             self.flush_if_full()
 
+    def append_series(
+        self, steps: list[int], times: list[float], observables: Mapping[str, Floats], phases: Floats, like: State
+    ) -> bool:
+        """Append looks with frames, without a flush; or append nothing and return False. ``observables`` and ``phases``
+        (looks, 2, 3, n) have a row for each look; ``like`` has the ids and the box."""
+        self._check_open()
+        rows, last = self._rows, (steps[0], times[0])
+        names = {name: each[0] for name, each in observables.items()}
+        new = not any(at and (same(at, *last) or behind(last, at)) for at in (self.last_sample, self.last_frame))
+        plain = not (self._seen or self.writes) and np.array_equal(like.ids, rows.ids) and rows.complete
+        if not (new and plain) or rows.held(names) is not names or rows.check(names):
+            return False
+        rows.check_box(like.box)
+        values = np.concatenate([observables[name].reshape(len(steps), -1) for name in rows.shapes], axis=1)
+        self._waiting.add_series(steps, times, values, like.box, phases)
+        self.last_sample = self.last_frame = steps[-1], times[-1]
+        return True
+
     def flush_if_full(self) -> None:
         """Flush if much data wait, or data have waited for ``flush_seconds``."""
         if self._waiting.bytes >= self.flush_bytes or self._waited:
@@ -288,29 +307,15 @@ class Writer:
         """Names among "forces" and "images" that the frames hold besides positions and velocities."""
         return self._rows.write
 
-    def _in_order(self, state: State, forces: Floats | None) -> dict[str, Floats]:
-        """Vectors (n, 3) of a frame in the file's order of particles, with values for absorbed and removed bodies."""
+    def _in_order(self, state: State, forces: Floats | None) -> Mapping[str, Floats]:
+        """Vectors (n, 3) of a frame in the file's order of particles."""
         vectors: dict[str, Floats] = {"position": state.phase[0].T, "velocity": state.phase[1].T}
         if forces is not None:
             vectors["force"] = forces
-        ids = self._rows.ids
-        if state.ids is ids or np.array_equal(state.ids, ids):
-            return vectors
-        row_of = {int(each): row for row, each in enumerate(state.ids)}
-        order = np.array([row_of.get(self._survivor(int(each)), -1) for each in ids])
-        missing = order < 0
-        if len(state) > len(ids) or any(int(each) not in self.absorbed for each in ids[missing]):
-            raise InputError(f"{self.path}: holds {len(ids)} particles; this state has {len(state)}")
-        found = {name: vector[order] for name, vector in vectors.items()}
-        for vector in found.values():
-            vector[missing] = np.nan
+        found = in_order(vectors, state.ids, self._rows.ids, self.absorbed)
+        if found is None:
+            raise InputError(f"{self.path}: holds {len(self._rows.ids)} particles; this state has {len(state)}")
         return found
-
-    def _survivor(self, body: int) -> int:
-        """Return the id of the body that now contains this body."""
-        while body in self.absorbed:
-            body = self.absorbed[body]
-        return body
 
     def _clear(self) -> None:
         self._waiting.clear()
@@ -393,8 +398,3 @@ class Writer:
         except RunError:
             if error is None:  # else report the first error
                 raise
-
-
-def units_of(columns: Mapping[str, Described] | None) -> dict[str, str]:
-    """The unit of each column."""
-    return {name: unit for name, (_, unit) in (columns or {}).items()}

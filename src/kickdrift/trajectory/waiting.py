@@ -5,7 +5,7 @@ Columns keep their memory when their rows are written, so a frame takes one pass
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import prod
 from typing import Any, NamedTuple
 
@@ -44,13 +44,13 @@ class Column:
     def __init__(self, shape: tuple[int, ...], dtype: str | np.dtype) -> None:
         self._rows: NDArray = np.empty((0, *shape), dtype)
 
-    def row(self, k: int) -> NDArray:
-        """Memory of row ``k``, the next one."""
-        there = self._rows
-        if k == len(there):
-            self._rows = np.empty((max(1, 2 * k), *there.shape[1:]), there.dtype)
-            self._rows[:k] = there
-        return self._rows[k]
+    def next(self, first: int, count: int = 1) -> NDArray:
+        """Memory of ``count`` rows after the ``first`` ones."""
+        there, end = self._rows, first + count
+        if end > len(there):
+            self._rows = np.empty((max(end, 2 * first), *there.shape[1:]), there.dtype)
+            self._rows[:first] = there[:first]
+        return self._rows[first:end]
 
     def first(self, count: int) -> NDArray:
         """The first rows; a view."""
@@ -74,11 +74,11 @@ class Looks:
     def __len__(self) -> int:
         return len(self.steps)
 
-    def add(self, step: int, time: float, values: Floats) -> None:
-        """Add a row of all observables' numbers, as `Waiting.row` makes it."""
-        self._values.row(len(self.steps))[...] = values
-        self.times.append(time)
-        self.steps.append(step)
+    def add(self, steps: Sequence[int], times: Sequence[float], values: Floats) -> None:
+        """Add rows of all observables' numbers, as `Waiting.row` makes them."""
+        self._values.next(len(self), len(steps))[...] = values
+        self.times[len(self) :] = times
+        self.steps += steps
 
     def observables(self) -> dict[str, NDArray[np.float64]]:
         """Values (rows, …) of each observable."""
@@ -143,7 +143,7 @@ class Waiting:
 
     def add_sample(self, step: int, time: float, values: Floats) -> None:
         """Add a sample with a `row` of observables."""
-        self.samples.add(step, time, values)
+        self.samples.add([step], [time], values)
         self.bytes += self._sample_bytes
 
     def add_frame(self, step: int, time: float, values: Floats, box: Box, vectors: Mapping[str, NDArray]) -> None:
@@ -152,17 +152,31 @@ class Waiting:
         if "image" in self._vectors:
             within = box.wrap(vectors["position"])
             vectors = {**vectors, "image": images_of(vectors["position"], within, box), "position": within}
+        self._add_vectors(vectors, box, 1)
+        self.frames.add([step], [time], values)
+
+    def add_series(
+        self, steps: Sequence[int], times: Sequence[float], values: Floats, box: Box, phases: Floats
+    ) -> None:
+        """Add samples, and frames of positions and velocities alone: ``phases`` (looks, 2, 3, n)."""
+        x, v = phases[:, 0].transpose(0, 2, 1), phases[:, 1].transpose(0, 2, 1)
+        self._add_vectors({"position": x, "velocity": v}, box, len(steps))
+        for looks in (self.frames, self.samples):
+            looks.add(steps, times, values)
+        self.bytes += self._sample_bytes * len(steps)
+
+    def _add_vectors(self, vectors: Mapping[str, NDArray], box: Box, count: int) -> None:
+        """Add the vectors of ``count`` frames, before their observables."""
         k = len(self.frames)
         with np.errstate(over="ignore"):  # overflow of float32
             for name, column in self._vectors.items():
-                factor, row = self._factors[name], column.row(k)
+                factor, rows = self._factors[name], column.next(k, count)
                 if factor == 1:
-                    row[...] = vectors[name]
+                    rows[...] = vectors[name]
                 else:
-                    np.multiply(vectors[name], factor, out=row, casting="same_kind")
-        self.boxes[k:] = [box]
-        self.frames.add(step, time, values)
-        self.bytes += self._frame_bytes
+                    np.multiply(vectors[name], factor, out=rows, casting="same_kind")
+        self.boxes[k:] = [box] * count
+        self.bytes += self._frame_bytes * count
 
     def vectors(self) -> dict[str, NDArray]:
         """Stored form (frames, n, 3) of each vector of the frames."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import RunError
 from kickdrift.looks.columns import TIME
+from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
 from kickdrift.model.state import Floats
 from kickdrift.run.forces import forces_at
@@ -73,9 +74,12 @@ class File(Watcher):
         """Write looks from row ``first`` on, with their positions and velocities (looks, 2, 3, n). Flush only at the
         run's own place, and not if the run has failed there."""
         looks, writer, state = self._run.record.looks, self._writer, self._run.flow.shared_state  # type: ignore[union-attr]
-        for row, phase in enumerate(phases, first):
-            step, time = int(looks.steps[row]), float(looks.rows[row, TIME])
-            writer.append(state(phase, time, step), looks.observables(row), flush=False)
+        rows = looks.rows[first : first + len(phases)]
+        steps, times = looks.steps[first : first + len(phases)].tolist(), rows[:, TIME].tolist()
+        columns = columns_of(rows)
+        if not (columns and writer.append_series(steps, times, columns, phases, state(phases[0], times[0], steps[0]))):
+            for k, phase in enumerate(phases):
+                writer.append(state(phase, times[k], steps[k]), looks.observables(first + k), flush=False)
         if whole:
             writer.flush_if_full()
 
