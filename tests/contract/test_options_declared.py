@@ -79,9 +79,10 @@ def from_file(name: str, line: str) -> kd.System:
     return system
 
 
-BATHS = (  # younger than 0.1.0
+YOUNGER = (  # than 0.1.0
     "temperature", "friction", "seed", "noise", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
     "pressure_every", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
+    "kernel",
 )  # fmt: skip
 
 
@@ -166,9 +167,9 @@ def test_controllers_are_the_choices():
 
 
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
-    assert list(known_options()) == [*OPTIONS, *BATHS]
+    assert list(known_options()) == [*OPTIONS, *YOUNGER]
     assert all(takers(name) for name in known_options())
-    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *BATHS]
+    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *YOUNGER]
     assert takers(PRECISION.name) == list(METHODS)
 
 

@@ -16,11 +16,11 @@ import numpy as np
 import rebound
 from rebound.units import lengths_SI, masses_SI, times_SI
 
-from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
+from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.option import JACOBI
+from kickdrift.integrators.option import JACOBI, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -129,10 +129,12 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
     if method == "ias15" and own.epsilon > 0 and str(own.adaptive_mode) == "PRS23":
         untaken = ["ias15's min_dt"] if own.min_dt else []
         return run.changed(integrator="gauss-radau15", rtol=own.epsilon), untaken
-    plain = method == "whfast" and str(own.kernel) == "DEFAULT" and not own.corrector2
-    if plain and central and str(own.coordinates) in COORDINATES:
-        coordinates = COORDINATES[str(own.coordinates)]
-        return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+    if method == "whfast" and not own.corrector2 and central and str(own.coordinates) in COORDINATES:
+        coordinates, kernel = COORDINATES[str(own.coordinates)], KERNELS[str(own.kernel)]
+        if kernel == STANDARD:
+            return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+        if coordinates == JACOBI:
+            return run.changed(integrator="wisdom-holman", corrector=own.corrector, kernel=kernel), []
     if method == "saba" and central and str(own.type) in SABA:
         return run.changed(integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
     return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
@@ -214,6 +216,7 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator = "whfast"
         sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
         sim.integrator.corrector = run.options.get("corrector", 0)
+        sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
         return []
     order_there = key_of(SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:

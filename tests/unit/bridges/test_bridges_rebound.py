@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
+from kickdrift.bridges.rebound_names import KERNELS
 from kickdrift.model.bridging import bridge
 from kickdrift.model.run_defaults import RunDefaults
 
@@ -149,6 +150,11 @@ METHODS = [
         {"coordinates": "DEMOCRATICHELIOCENTRIC"},
         RunDefaults("wisdom-holman", coordinates="democratic-heliocentric", corrector=0),
     ),
+    *(
+        ("whfast", {"kernel": theirs}, RunDefaults("wisdom-holman", corrector=0, kernel=ours))
+        for theirs, ours in KERNELS.items()
+        if theirs != "DEFAULT"
+    ),
     ("ias15", {"epsilon": 1e-8}, RunDefaults("gauss-radau15", rtol=1e-8)),
     *(("saba", {"type": kind}, RunDefaults("saba", coordinates="jacobi", order=order)) for kind, order in SABA.items()),
 ]
@@ -192,7 +198,8 @@ def test_a_corrector_is_taken():
         ("mercurius", {}, "integrator 'mercurius' with its settings and its step"),
         ("bs", {}, "integrator 'bs'"),
         ("leapfrog", {"order": 8}, "integrator 'leapfrog' with its settings"),
-        ("whfast", {"kernel": "LAZY"}, "integrator 'whfast'"),
+        ("whfast", {"corrector2": 1}, "integrator 'whfast'"),
+        ("whfast", {"coordinates": "DEMOCRATICHELIOCENTRIC", "kernel": "LAZY"}, "integrator 'whfast'"),
         ("whfast", {"coordinates": "WHDS"}, "integrator 'whfast'"),
         ("saba", {"type": "CM_2"}, "integrator 'saba'"),
         ("ias15", {"adaptive_mode": "GLOBAL"}, "integrator 'ias15'"),
