@@ -34,6 +34,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
     "integrator": (
         ("ias15", "rebound's {word} is 'gauss-radau15' here"),
         ("whfast whfast512", "rebound's {word} is 'wisdom-holman' here"),
+        ("whc", "rebound's {word} is 'wisdom-holman' here, with corrector = 17"),
+        ("whckl", "rebound's {word} is 'wisdom-holman' here, with corrector = 17 and kernel = 'lazy'"),
+        ("whckm", "rebound's {word} is 'wisdom-holman' here, with corrector = 17 and kernel = 'modified-kick'"),
+        ("whckc", "rebound's {word} is 'wisdom-holman' here, with corrector = 17 and kernel = 'composition'"),
         ("wh wisdomholman mvs", "{word} is 'wisdom-holman' here"),
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
         ("mercurius trace hybrid symba", CLOSE),
