@@ -144,6 +144,7 @@ __all__ = [
     "HarmonicAngle",
     "HarmonicBond",
     "HarmonicTrap",
+    "Hill",
     "InputError",
     "Installation",
     "KickdriftError",

@@ -17,7 +17,7 @@ from kickdrift.forces.bonded import (
 from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
+from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
@@ -46,6 +46,7 @@ _ALL: tuple[Any, ...] = (
     RyckaertBellemans,
     OplsDihedral,
     HarmonicTrap,
+    Hill,
     UniformField,
     DrivenField,
     LinearDrag,
