@@ -17,7 +17,7 @@ from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
-from tests.systems import needed, pressed
+from tests.systems import in_frame, needed, pressed
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
 CASES = [(name, each.name) for name, method in METHODS.items() for each in method.options if each is not DT]
@@ -76,7 +76,7 @@ def toml(value: Any) -> str:
 def from_file(name: str, line: str) -> kd.System:
     system = loads((LIQUID if METHODS[name].bath else FILE).format(name=name, option=line))
     assert isinstance(system, kd.System)
-    return system
+    return in_frame(name, system)
 
 
 YOUNGER = (  # than 0.1.0

@@ -100,6 +100,10 @@ SCRIPTS = (
         20,
         peers=("rebound",),
     ),
+    Script(
+        "shearing_sheet.py", "sei in Hill's frame: epicycles, order, a satellite that passes; beside rebound's SEI", 15,
+        peers=("rebound", "mpmath"),
+    ),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),

@@ -48,9 +48,10 @@ class SeiStepper(FixedStepper):
 
 def _epicycles(hill: Any, dt: float) -> Epicycles:
     """Rates and phases of a run; half a step adds ``dt`` Omega / 2 to the phase, here exact to far beyond rounding."""
-    rates = float(hill.omega), float(hill.vertical * abs(hill.omega))
-    parts = [Fraction(rate) * Fraction(dt) / 2 / TURN % 1 * 2**64 for rate in rates]
+    omega = Fraction(hill.omega)
+    rates = omega, abs(omega) * Fraction(hill.vertical)
+    parts = [rate * Fraction(dt) / 2 / TURN % 1 * 2**64 for rate in rates]
     return Epicycles(
-        *rates, np.array([int(part) for part in parts], np.uint64),
+        *map(float, rates), np.array([int(part) for part in parts], np.uint64),
         np.array([float(part % 1) for part in parts]),
     )  # fmt: skip
