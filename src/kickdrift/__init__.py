@@ -140,6 +140,7 @@ __all__ = [
     "Fene",
     "FileOptions",
     "Gravity",
+    "GravitySheet",
     "GravityTree",
     "HarmonicAngle",
     "HarmonicBond",

@@ -101,7 +101,9 @@ SCRIPTS = (
         peers=("rebound",),
     ),
     Script(
-        "shearing_sheet.py", "sei in Hill's frame: epicycles, order, a satellite that passes; beside rebound's SEI", 15,
+        "shearing_sheet.py",
+        "sei in Hill's frame: epicycles, order, a satellite that passes; beside rebound's SEI",
+        15,
         peers=("rebound", "mpmath"),
     ),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),

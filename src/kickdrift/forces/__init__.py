@@ -19,6 +19,7 @@ from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.gravity_sheet import GravitySheet
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
@@ -31,6 +32,7 @@ _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    GravitySheet,
     EmbeddedAtom,
     StillingerWeber,
     Tersoff,

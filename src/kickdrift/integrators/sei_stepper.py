@@ -49,9 +49,7 @@ class SeiStepper(FixedStepper):
 def _epicycles(hill: Any, dt: float) -> Epicycles:
     """Rates and phases of a run; half a step adds ``dt`` Omega / 2 to the phase, here exact to far beyond rounding."""
     omega = Fraction(hill.omega)
-    rates = omega, abs(omega) * Fraction(hill.vertical)
-    parts = [rate * Fraction(dt) / 2 / TURN % 1 * 2**64 for rate in rates]
-    return Epicycles(
-        *map(float, rates), np.array([int(part) for part in parts], np.uint64),
-        np.array([float(part % 1) for part in parts]),
-    )  # fmt: skip
+    vertical = abs(omega) * Fraction(hill.vertical)
+    parts = [rate * Fraction(dt) / 2 / TURN % 1 * 2**64 for rate in (omega, vertical)]
+    phase, rest = np.array([int(part) for part in parts], np.uint64), np.array([float(part % 1) for part in parts])
+    return Epicycles(float(omega), float(vertical), phase, rest)

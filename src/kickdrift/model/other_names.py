@@ -42,7 +42,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
         ("mercurius trace hybrid symba", CLOSE),
         ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
-        ("eos sei", "rebound's {word} is not there yet"),
+        ("eos", "rebound's {word} is not there yet"),
+        ("symplectic-epicycle epicycle shearing-sheet", "{word} is 'sei' here, with the force hill"),
         (
             "bs bulirsch-stoer gbs odex taylor heyoka",
             "{word} is not there; 'dop853' and 'gauss-radau15' have high order too",
@@ -115,6 +116,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
         ("gr gr-full gr-potential 1pn pn1 post-newtonian relativity schwarzschild", "{word} is 'relativity-1pn' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j4", "{word} is 'j2' here"),
+        ("coriolis tidal hills-equations shearing-box", "{word} is 'hill' here"),
+        ("ghost-boxes shear-periodic", "{word} is 'gravity-sheet' here, with the force hill"),
         ("spring", "{word} is 'springs' here"),
         ("bond bonds bond-harmonic harmonicbondforce", "{word} is 'harmonic-bond' here"),
         ("harmonicangleforce angle-harmonic", "{word} is 'harmonic-angle' here"),
