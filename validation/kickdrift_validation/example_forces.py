@@ -32,6 +32,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "stillinger-weber": {"entries": None, "file": None},
     "tersoff": {"entries": None, "file": None},
     "relativity-1pn": {"c": 100.0},
+    "gravity-sheet": {"omega": 1.0, "width": 40.0, "length": 60.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "harmonic-bond": {"stiffness": 2.0, "length": 0.7},

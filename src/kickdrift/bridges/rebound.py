@@ -16,11 +16,11 @@ import numpy as np
 import rebound
 from rebound.units import lengths_SI, masses_SI, times_SI
 
-from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
+from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
-from kickdrift.forces import Gravity
+from kickdrift.forces import FORCES, Gravity, Hill
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.option import JACOBI
+from kickdrift.integrators.option import JACOBI, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -110,6 +110,17 @@ def _check_test_particles(sim: Any, masses: Floats) -> None:
 
 
 def _forces(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
+    turns = str(sim.integrator) == "sei" and sim.OMEGA
+    frame = (FORCES["hill"](omega=sim.OMEGA, vertical=_vertical(sim)),) if turns else ()
+    return (*_gravities(sim, units), *frame)
+
+
+def _vertical(sim: Any) -> float:
+    """Frequency along z over that of the frame; rebound's is the same unless OMEGAZ is set."""
+    return abs(sim.OMEGAZ / sim.OMEGA) if sim.OMEGAZ > 0 else 1.0
+
+
+def _gravities(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
     if sim.gravity == "none":
         return ()
     if sim.gravity not in NEWTON:
@@ -129,10 +140,14 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
     if method == "ias15" and own.epsilon > 0 and str(own.adaptive_mode) == "PRS23":
         untaken = ["ias15's min_dt"] if own.min_dt else []
         return run.changed(integrator="gauss-radau15", rtol=own.epsilon), untaken
-    plain = method == "whfast" and str(own.kernel) == "DEFAULT" and not own.corrector2
-    if plain and central and str(own.coordinates) in COORDINATES:
-        coordinates = COORDINATES[str(own.coordinates)]
-        return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+    if method == "whfast" and not own.corrector2 and central and str(own.coordinates) in COORDINATES:
+        coordinates, kernel = COORDINATES[str(own.coordinates)], KERNELS[str(own.kernel)]
+        if kernel == STANDARD:
+            return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+        if coordinates == JACOBI:
+            return run.changed(integrator="wisdom-holman", corrector=own.corrector, kernel=kernel), []
+    if method == "sei" and sim.OMEGA:
+        return run.changed(integrator="sei"), []
     if method == "saba" and central and str(own.type) in SABA:
         return run.changed(integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
     return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
@@ -148,7 +163,8 @@ def _tell(what: str, untaken: list[str]) -> None:
 
 def simulation_of(system: System) -> Any:
     """Return a rebound Simulation; see `System.to_rebound`."""
-    gravity = _gravity(system)
+    hill = [force for force in system.forces if isinstance(force, Hill)] if system.run.integrator == "sei" else []
+    gravity = _gravity(system, hill)
     if system.box.periodic:
         raise InputError("to_rebound: the box is periodic; rebound's boundaries differ from kickdrift's")
     if system.units.coherent_mass != 1.0:
@@ -175,13 +191,14 @@ def simulation_of(system: System) -> Any:
     return sim
 
 
-def _gravity(system: System) -> Gravity | None:
-    strange = [force.name for force in system.forces if not isinstance(force, Gravity)]
+def _gravity(system: System, frame: list[Any]) -> Gravity | None:
+    forces = [force for force in system.forces if force not in frame]
+    strange = [force.name for force in forces if not isinstance(force, Gravity)]
     if strange:
         raise InputError(f"to_rebound: rebound has no force {strange[0]!r}; expected only gravity")
-    if len(system.forces) > 1:
+    if len(forces) > 1:
         raise InputError("to_rebound: expected one gravity force, got two")
-    return system.forces[0] if system.forces else None
+    return forces[0] if forces else None
 
 
 def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
@@ -205,6 +222,10 @@ def _set_method(sim: Any, system: System) -> list[str]:
         if run.options.get("rtol") is not None:
             sim.integrator.epsilon = run.options["rtol"]
         return []
+    if run.integrator == "sei":
+        (hill,) = (force for force in system.forces if isinstance(force, Hill))
+        sim.integrator, sim.OMEGA, sim.OMEGAZ = "sei", hill.omega, hill.vertical * abs(hill.omega)
+        return []
     for order, name in LEAPFROGS.items():
         if run.integrator == name:
             sim.integrator = "leapfrog"
@@ -214,6 +235,7 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator = "whfast"
         sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
         sim.integrator.corrector = run.options.get("corrector", 0)
+        sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
         return []
     order_there = key_of(SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:

@@ -19,8 +19,9 @@ from kickdrift.forces.bonded import (
 from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
+from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.gravity_sheet import GravitySheet
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
@@ -33,6 +34,7 @@ _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    GravitySheet,
     EmbeddedAtom,
     StillingerWeber,
     Tersoff,
@@ -50,6 +52,7 @@ _ALL: tuple[Any, ...] = (
     HarmonicImproper,
     PeriodicImproper,
     HarmonicTrap,
+    Hill,
     UniformField,
     DrivenField,
     LinearDrag,

@@ -168,6 +168,52 @@ class DrivenField(NamedTuple):
 
 
 @field_law
+class Hill(NamedTuple):
+    """Coriolis and tidal forces in Hill's frame, which circles a far central body with the angular frequency omega.
+
+    x points away from the central body, y along the orbit, and z along the axis. The accelerations are
+    (2 omega v_y + 3 omega^2 x, -2 omega v_x, -(vertical omega)^2 z), for any mass. The tidal potential is
+    m (-3/2 omega^2 x^2 + (vertical omega)^2 z^2 / 2), and Coriolis forces do no work. Source: Hill 1878,
+    doi:10.2307/2369430. The integrator ``sei`` solves this motion exactly.
+
+    Attributes
+    ----------
+    omega : float
+        Angular frequency of the frame, in radians per unit of time; not zero.
+    vertical : float
+        Frequency of the oscillation along z, over omega; positive, default 1.
+    """
+
+    omega: float
+    vertical: float = 1.0
+
+    dimensions = {"omega": "rate"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
+    per_mass = velocity_dependent = True  # type: ignore[misc]
+
+    def law(p, x, v, m, t):
+        tide, upright = p.omega**2, (p.vertical * p.omega) ** 2
+        energy = 0.5 * upright * x[2] ** 2 - 1.5 * tide * x[0] ** 2
+        turn = 2.0 * p.omega
+        return energy, (turn * v[1] + 3.0 * tide * x[0], -turn * v[0], -upright * x[2])
+
+    def check(p):
+        if p.omega == 0:
+            raise InputError("omega must not be zero")
+        if p.vertical <= 0:
+            raise InputError(f"vertical must be positive, got {shown(p.vertical)}")
+
+    def check_system(p, system):
+        """Refuse a box that is periodic across the shear."""
+        if system.box.periodic_axes[0] or system.box.periodic_axes[2]:
+            raise InputError("Hill's frame is periodic along y at most, but the box is periodic along x or z")
+
+    def reversed(p):
+        """Hill's frame of the motion backwards in time, which turns the other way."""
+        return p._replace(omega=-p.omega)
+
+
+@field_law
 class LinearDrag(NamedTuple):
     """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
