@@ -40,7 +40,7 @@ def info_of(run: Run) -> dict[str, Any]:
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
     return shared_content(run) | {
         "system": run.system_record.get("name"),
-        "particles": len(run.ids),
+        "particles": len(run.ids) - run.system_record.get("room", 0),
         "species": counts,
         **({} if (joined := topology_of(run)) is None else {"topology": joined.counts()}),
         "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),

@@ -102,7 +102,7 @@ class Contacts(Checkpointed):
     def __init__(self, event: Collision, system: System) -> None:
         self.event = event
         self.radii = event.radii_in(system)
-        self._approaching = event.action == "bounce"  # bodies that have bounced touch and separate
+        self._approaching = event.action in ("bounce", "fragment", "rule")  # bodies that touch may separate
         self.begin(system)
 
     def begin(self, system: System) -> None:
@@ -143,7 +143,15 @@ class Contacts(Checkpointed):
                 time = span.zero(gap, begin, end, 1e-13)
         return Act(self.event, time, (i, j), gap(time) + reach)
 
-    follow = begin
+    def follow(self, system: System) -> None:
+        """Watch other bodies; known contacts stay known."""
+        known = self._system.state.ids[self._pairs[:, self._touching]].T.tolist()
+        self.begin(system)
+        row_of = {int(each): row for row, each in enumerate(system.state.ids)} if known else {}
+        for pair in known:
+            rows = sorted(row_of.get(each, -1) for each in pair)
+            if rows[0] >= 0:
+                self.touch(tuple(rows))
 
     def recall(self, memory: Memory) -> None:
         """Restore the state of a memory, for the remaining bodies."""
