@@ -28,7 +28,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         _check_kind(event)
         if system.box.periodic:
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
-        if isinstance(event, CloseApproach | Collision):
+        if isinstance(event, CloseApproach):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
         if isinstance(event, CloseApproach):
             bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]

@@ -191,5 +191,10 @@ def differences(system: System, run: RunRecord) -> list[str]:
         "ids": (state.ids, run.ids),
         "species of particles": ([system.species[k] for k in system.species_index], species),
     }
-    found += [key for key, (one, other) in arrays.items() if not np.array_equal(one, other, equal_nan=True)]
+    found += [key for key, (one, other) in arrays.items() if not _same(one, other)]
     return found if system.units == run.units else [*found, "constants of the units"]
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two arrays, or two lists of names, are equal; a body that does not exist yet has nan in both."""
+    return np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")

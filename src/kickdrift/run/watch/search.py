@@ -15,8 +15,9 @@ from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import Change
+from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.crossings import Crossings
-from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
+from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
 from kickdrift.run.watch.span import Act, Span, separation
 from kickdrift.run.watch.trials import Trials, Watched
