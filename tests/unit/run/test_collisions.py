@@ -68,9 +68,8 @@ def test_24_mergers_at_once_keep_mass_and_momentum():
     sim = kd.Simulation(system, dt=1.5, events=[kd.Collision()])
     report = sim.run(1)
     assert len(sim.state) == 1
-    assert [event["time"] for event in report.events] == pytest.approx(
-        [1.0] * 24, abs=0.05
-    )  # the heavy body moves and grows
+    # The heavy body moves and grows, so that the last contacts come a little later.
+    assert [event["time"] for event in report.events] == pytest.approx([1.0] * 24, abs=0.05)
     times = [event["time"] for event in report.events]
     assert times == sorted(times)
     assert abs(sim.state.masses[0] / math.fsum(masses) - 1) <= 1e-15
