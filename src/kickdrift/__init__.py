@@ -44,9 +44,11 @@ if TYPE_CHECKING:
     from kickdrift.looks.observers import Energies
     from kickdrift.model.bodies import Body
     from kickdrift.model.box import Box
-    from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.collision import Collision
+    from kickdrift.model.events import CloseApproach, Crossing, Escape
     from kickdrift.model.orbit_table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
+    from kickdrift.model.sphere import Sphere
     from kickdrift.model.state import State
     from kickdrift.model.system import System
     from kickdrift.model.topology import Topology
@@ -72,7 +74,7 @@ _HOMES = {
     "Box": "model.box",
     "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
-    "Collision": "model.events",
+    "Collision": "model.collision",
     "Column": "looks.columns",
     "Comparison": "analysis.comparison",
     "Crossing": "model.events",
@@ -93,6 +95,7 @@ _HOMES = {
     "RunError": "errors",
     "Simulation": "run.simulation",
     "Solution": "run.solve",
+    "Sphere": "model.sphere",
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
@@ -171,6 +174,7 @@ __all__ = [
     "RyckaertBellemans",
     "Simulation",
     "Solution",
+    "Sphere",
     "Springs",
     "State",
     "StillingerWeber",

@@ -183,7 +183,7 @@ ELSEWHERE = {
     "doctor": ("doctor",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, and orbits of the present": (
-        "Column", "Energies", "Orbit", "OrbitTable", "State",
+        "Column", "Energies", "Orbit", "OrbitTable", "Sphere", "State",
     ),
 }  # fmt: skip
 

@@ -115,6 +115,7 @@ SCRIPTS = (
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
+    Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
     # what textbooks and web guides say

@@ -78,11 +78,29 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
     m = run.masses
     x = np.array([run[int(k)].positions for k in chosen])
     v = np.array([run[int(k)].velocities for k in chosen])
-    held = _held(x, v, m)
+    names = run.names or tuple(f"particle {i}" for i in run.ids)
+    held = _known(run, chosen, x, v)
+    if held is None:
+        held = _held(x, v, m)
+    else:
+        seen = np.isfinite(x[:, :, 0]).any(axis=0)  # collisions may have added fewer bodies than have rows
+        x, v, m, held = x[:, seen], v[:, seen], m[seen], held[:, seen]
+        names = tuple(name for name, ever in zip(names, seen, strict=True) if ever)
     for y in (x, v):
         y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
-    names = run.names or tuple(f"particle {i}" for i in range(len(m)))
     return Paths(run.times[chosen], x, v, m, held, names, gravity, central_row(m))
+
+
+def _known(run: reader.Run, chosen: NDArray[np.intp], x: Floats, v: Floats) -> Floats | None:
+    """Masses (k, n) at frames of a file that holds them, 0 for a body that is not there; None for other files.
+
+    Positions and velocities of absent bodies become nan."""
+    masses = run[:].observables.get("body_masses")
+    if masses is None:
+        return None
+    gone = np.isnan(masses[chosen])
+    x[gone] = v[gone] = np.nan
+    return np.nan_to_num(masses[chosen])
 
 
 def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
