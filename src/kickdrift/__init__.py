@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
+    from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
@@ -102,6 +103,7 @@ _HOMES = {
     "doctor": "analysis.doctor",
     "export": "trajectory.export",
     "field_law": "forces.field_law",
+    "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
@@ -185,6 +187,7 @@ __all__ = [
     "engines",
     "export",
     "field_law",
+    "frequencies",
     "integrator",
     "integrators",
     "listing",

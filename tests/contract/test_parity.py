@@ -182,8 +182,8 @@ ELSEWHERE = {
     "list": ("engines", "integrators"),
     "doctor": ("doctor",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
-    "only in Python: values of a running Simulation, and orbits of the present": (
-        "Column", "Energies", "Orbit", "OrbitTable", "State",
+    "only in Python: values of a running Simulation, orbits of the present, and series of one's own": (
+        "Column", "Energies", "Orbit", "OrbitTable", "State", "frequencies",
     ),
 }  # fmt: skip
 
