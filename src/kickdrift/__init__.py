@@ -266,6 +266,7 @@ ABOVE.update(
         "sampling figure": _loader("plots.compare", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
+        "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),

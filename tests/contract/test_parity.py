@@ -105,6 +105,13 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "analysis.EnsembleChecks.as_json",
         "--quiet": "analysis.engine_checks(progress)",
     },
+    "analyze": {
+        "run": "analysis.orbit_report(run)",
+        "--frame": "analysis.orbit_report(frame)",
+        "--plane": "analysis.orbit_report(plane)",
+        "--plot": "analysis.OrbitReport.plot",
+        "--json": "analysis.OrbitReport.as_json",
+    },
     "ensemble": {
         "system": "Ensemble(system)",
         "--vary": "Ensemble(vary)",
@@ -155,7 +162,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 # has all its columns.
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
-    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"}, "analyze": {"--overwrite"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
     from kickdrift.analysis.sampling import SamplingComparison, SamplingRow
+    from kickdrift.analysis.secular_report import OrbitReport, orbit_report
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
 
@@ -25,6 +26,7 @@ _HOMES = {
     "Diffusion": "analysis.motion",
     "EnsembleChecks": "analysis.certificate",
     "ForceChecks": "analysis.force_certificate",
+    "OrbitReport": "analysis.secular_report",
     "SamplingComparison": "analysis.sampling",
     "SamplingRow": "analysis.sampling",
     "block_average": "statistics.blocks",
@@ -32,6 +34,7 @@ _HOMES = {
     "ensemble_checks": "analysis.certifying",
     "force_checks": "analysis.force_testing",
     "mean_squared_displacement": "analysis.motion",
+    "orbit_report": "analysis.secular_report",
     "orbital_elements": "analysis.orbits",
     "pressure_tensor": "analysis.pressure",
     "radial_distribution": "analysis.structure",
@@ -43,6 +46,7 @@ __all__ = [
     "Diffusion",
     "EnsembleChecks",
     "ForceChecks",
+    "OrbitReport",
     "SamplingComparison",
     "SamplingRow",
     "block_average",
@@ -50,6 +54,7 @@ __all__ = [
     "ensemble_checks",
     "force_checks",
     "mean_squared_displacement",
+    "orbit_report",
     "orbital_elements",
     "pressure_tensor",
     "radial_distribution",

@@ -76,8 +76,11 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
     kept = len(run) if most_frames is None else min(most_frames, len(run))
     chosen = np.unique(np.linspace(0, len(run) - 1, kept).round().astype(int))
     m = run.masses
-    x = np.array([run[int(k)].positions for k in chosen])
-    v = np.array([run[int(k)].velocities for k in chosen])
+    if kept == len(run):
+        x, v = (np.array(run.vectors(what, slice(None))) for what in ("positions", "velocities"))
+    else:
+        x = np.array([run[int(k)].positions for k in chosen])
+        v = np.array([run[int(k)].velocities for k in chosen])
     held = _held(x, v, m)
     for y in (x, v):
         y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]

@@ -138,9 +138,9 @@ class _Analysis:
         self.window /= self.window.sum()
         self.shares = [math.comb(2 * power, k) / math.comb(2 * power, power) for k in range(2 * power + 1)]
 
-    def basis(self, w: Floats) -> Complex:
+    def basis(self, w: ArrayLike) -> Complex:
         """Samples (n, m) of lines of size 1."""
-        return turns(self.index, np.atleast_1d(w))
+        return turns(self.index, np.atleast_1d(np.asarray(w, dtype=float)))
 
     def lines(self, z: Complex, count: int, near: Floats | None = None) -> tuple[Floats, Complex]:
         """Frequencies and complex amplitudes of the strongest lines; or of the lines near given frequencies."""
@@ -156,9 +156,9 @@ class _Analysis:
             column = self.basis(found)
             sizes.append(complex((self.window * z) @ column[:, 0].conj()))
             w, columns = np.append(w, found), np.hstack([columns, column])
-            c = np.linalg.solve(self._products(w), sizes)
+            c = np.asarray(np.linalg.solve(self._products(w), sizes), dtype=complex)
             if near is None and abs(c[-1]) <= NOISE * first:
-                return w[:-1], np.linalg.solve(self._products(w[:-1]), sizes[:-1])
+                return w[:-1], np.asarray(np.linalg.solve(self._products(w[:-1]), sizes[:-1]), dtype=complex)
             first = max(first, abs(c[-1]))
             rest = z - columns @ c
         return w, c

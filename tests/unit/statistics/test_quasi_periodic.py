@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import rebound
@@ -32,7 +34,7 @@ def test_known_lines_come_back(window, bound):
 def test_each_correction_is_a_hundred_times_nearer():
     errors = [np.abs(kd.frequencies(series(), TIMES, 5, corrections=k).frequencies - LINES).max() for k in range(4)]
     assert errors[0] > 1e-4 * ELEMENT
-    assert all(after < before / 50 for before, after in zip(errors[:-1], errors[1:], strict=True))
+    assert all(after < before / 50 for before, after in pairwise(errors))
 
 
 @pytest.mark.parametrize(("theirs", "corrections", "bound"), [("mft", 0, 1e-4), ("fmft", 1, 1e-5), ("fmft2", 8, 1e-6)])
@@ -69,7 +71,7 @@ def test_a_real_wave_is_two_lines_and_a_constant_is_one():
         ({"times": np.sqrt(TIMES)}, "times: not evenly spaced; the largest departure, at sample"),
         ({"times": TIMES[::-1]}, "times: expected times that increase"),
         ({"times": TIMES[1:]}, "series and times: expected two arrays of one length"),
-        ({"series": np.where(TIMES == TIMES[7], np.nan, 1.0)}, "series: sample 7 is not finite"),
+        ({"series": np.where(np.arange(N) == 7, np.nan, 1.0)}, "series: sample 7 is not finite"),
         ({"series": ["a"] * N}, "series: expected numbers"),
         ({"series": [1.0] * 15, "times": range(15)}, "series: 15 samples are too few for frequencies; 16 or more"),
         ({"window": "han"}, "window: expected one of box, hann, hann2, hann3, got 'han'; did you mean 'hann'?"),
