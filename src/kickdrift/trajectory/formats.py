@@ -105,6 +105,18 @@ FORMATS: dict[str, Format] = {
             names="in info",
             removed=REMOVED_LEFT_OUT,
         ),
+        Format(
+            ".bin",
+            "rebound, as a Simulationarchive",
+            "rebound",
+            positions="float64",
+            velocities="float64",
+            times="float64",
+            steps="int64",
+            masses="float64",
+            names="each body's",
+            removed=REMOVED_LEFT_OUT,
+        ),
     )
 }
 
