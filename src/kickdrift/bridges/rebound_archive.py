@@ -40,7 +40,7 @@ class Archive:
         self._sim: Any = None
 
     def append(self, x: Floats, v: Floats, masses: Floats, time: float, step: int) -> None:
-        """Write the bodies of a frame: positions and velocities (n, 3), nan for a body that is gone, and masses (n,)."""
+        """Write the bodies of a frame: positions and velocities (n, 3), nan where a body is gone, and masses (n,)."""
         there = np.flatnonzero(np.isfinite(x[:, 0]))
         if (rows := tuple(there.tolist())) != self._there:
             self._sim, self._there = self._made(rows), rows

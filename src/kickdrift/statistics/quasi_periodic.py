@@ -140,7 +140,7 @@ class _Analysis:
 
     def basis(self, w: ArrayLike) -> Complex:
         """Samples (n, m) of lines of size 1."""
-        return turns(self.index, np.asarray(w, dtype=np.float64).reshape(-1))
+        return turns(self.index, np.array(w, dtype=np.float64, ndmin=1))
 
     def lines(self, z: Complex, count: int, near: Floats | None = None) -> tuple[Floats, Complex]:
         """Frequencies and complex amplitudes of the strongest lines; or of the lines near given frequencies."""
