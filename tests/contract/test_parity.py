@@ -109,6 +109,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "run": "analysis.orbit_report(run)",
         "--frame": "analysis.orbit_report(frame)",
         "--plane": "analysis.orbit_report(plane)",
+        "--until": "analysis.orbit_report(until)",
         "--plot": "analysis.OrbitReport.plot",
         "--json": "analysis.OrbitReport.as_json",
     },

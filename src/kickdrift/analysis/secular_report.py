@@ -15,11 +15,12 @@ from kickdrift.analysis.orbits import orbits
 from kickdrift.analysis.secular import Modes, modes, theories
 from kickdrift.display.showing import Lines, Shown, Table, above
 from kickdrift.errors import InputError
-from kickdrift.model.checks import whole_number
+from kickdrift.model.checks import number, whole_number
 from kickdrift.model.orbits import Orbits
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.text import counted, measured
+from kickdrift.model.units import time_in
+from kickdrift.text import counted, measured, shown
 from kickdrift.trajectory import reader
 
 LEAST = 64  # frames
@@ -192,6 +193,7 @@ def orbit_report(
     frame: str = "jacobi",
     plane: str = "invariable",
     order: int = ORDER,
+    until: float | str | None = None,
 ) -> OrbitReport:
     """Proper frequencies, secular periods and librating resonances of a run's orbits.
 
@@ -206,6 +208,7 @@ def orbit_report(
     frame : origin of the orbits: "jacobi" (in the order of the file), "heliocentric" or "barycentric"
     plane : "invariable", perpendicular to the total angular momentum, or "file", the x-y plane
     order : largest p - q of a resonance of mean motions p : q
+    until : last time to use, in the run's unit or with a unit such as "20 Myr"; default the end of the run
 
     Raises
     ------
@@ -217,7 +220,16 @@ def orbit_report(
     found = orbits(run, frame, plane)
     if not len(found.names):
         raise InputError(f"{path}: one body; orbits need two or more")
+    units = _units(run)
+    if until is not None:
+        last = number(time_in(until, units, "until"))
+        if not math.isfinite(last):
+            raise InputError(f"until: expected a time, got {shown(until)}")
+        ahead = math.copysign(1.0, found.times[-1] - found.times[0])
+        found = _rows(found, slice(int(np.count_nonzero(ahead * found.times <= ahead * last))))
     found = _even(path, found)
+    if found.times[0] > found.times[-1]:  # a run back in time
+        found = _rows(found, slice(None, None, -1))
     ellipses = np.asarray((np.nan_to_num(found.elements.e, nan=2.0) < 1.0).all(axis=0))
     if not ellipses.any():
         raise InputError(f"{path}: no body stays on an ellipse to the end")
@@ -238,7 +250,7 @@ def orbit_report(
         frame,
         plane,
         2.0 * math.pi / float(found.times[-1] - found.times[0]),
-        _units(run),
+        units,
         found.times,
         z,
         zeta,
@@ -277,7 +289,7 @@ def _even(path: Path, found: Orbits) -> Orbits:
     spacing = float(np.median(np.diff(times)))
     if not math.isclose(times[-1] - times[-2], spacing, rel_tol=UNEVEN):
         found = _rows(found, slice(None, -1))
-    off = np.abs(found.times - np.linspace(found.times[0], found.times[-1], len(found.times))) / spacing
+    off = np.abs(found.times - np.linspace(found.times[0], found.times[-1], len(found.times))) / abs(spacing)
     if off.max() > UNEVEN:
         raise InputError(
             f"{path}: frames are not evenly spaced in time (frame {int(off.argmax())}); run with fixed steps, or with "

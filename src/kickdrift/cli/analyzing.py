@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.amounts import length
 from kickdrift.cli.console import out, print_lines, print_table
 from kickdrift.cli.options import JsonOption, OverwriteOption
 from kickdrift.disk.outputs import refuse_outputs, write_json
@@ -40,6 +41,9 @@ def analyze(
     order: Annotated[
         int, typer.Option(metavar="N", min=1, help="Largest p - q of resonances p : q of mean motions.")
     ] = 4,
+    until: Annotated[
+        Any, typer.Option(metavar="T", parser=length, help="Last time to use, such as '20 Myr' (default: all).")
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the orbits' frequencies and librating angles.")
     ] = None,
@@ -50,7 +54,7 @@ def analyze(
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])
     from kickdrift.analysis.secular_report import orbit_report
 
-    found = orbit_report(run, str(frame), str(plane), order)
+    found = orbit_report(run, str(frame), str(plane), order, until)
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows)
     print_lines(lines_of(found))

@@ -87,7 +87,7 @@ def test_only_a_libration_is_a_libration():
 
 def test_pluto_librates_in_the_3_2_resonance_of_neptune(outer):
     """Cohen & Hubbard 1965, doi:10.1086/109674: about 180 degrees, with an amplitude near 76 and a period of 19,670
-    years; Malhotra & Williams 1997 give 82 and 19,900."""
+    years."""
     found = kd.analysis.orbit_report(outer)
     assert {(one.inner, one.outer, one.p, one.q) for one in found.resonances} == {("Neptune", "Pluto", 3, 2)}
     first = found.resonances[0]
@@ -109,8 +109,20 @@ def test_saturns_frequencies_are_la2004s_and_slow_ones_are_not_guessed(outer):
     assert "secular period is longer than the run; run for about" in str(found)
     with pytest.raises(kd.InputError, match="no body 'Mars' in this report; expected one of Jupiter"):
         found["Mars"]
+    with pytest.raises(kd.InputError, match="36 frames; frequencies need 64"):
+        kd.analysis.orbit_report(outer, until="3.5 kyr")
+    with pytest.raises(kd.InputError, match="until: expected a time, got nan"):
+        kd.analysis.orbit_report(outer, until=math.nan)
     with kd.open(outer) as run:
         assert str(kd.analysis.orbit_report(run)) == str(found)
+
+
+def test_a_run_back_in_time_is_analysed_too(tmp_path):
+    path = tmp_path / "back.h5md"
+    kd.Simulation(kd.load("outer-solar-system")).run(time=-YEARS, every=365, output=path)
+    found = kd.analysis.orbit_report(path)
+    assert found["Saturn"].g * found.rate[0] == pytest.approx(28.2449, rel=0.01)
+    assert len(kd.analysis.orbit_report(path, until=-50_000.0).times) == 501
 
 
 def test_the_command_prints_writes_and_draws(outer, tmp_path):
