@@ -132,7 +132,7 @@ class _Analysis:
     is the middle of the series."""
 
     def __init__(self, n: int, power: int) -> None:
-        self.index = np.arange(n) - 0.5 * (n - 1)
+        self.index: Floats = np.arange(n, dtype=np.float64) - 0.5 * (n - 1)
         self.element = 2.0 * math.pi / n
         self.window = (1.0 + np.cos(self.element * self.index)) ** power
         self.window /= self.window.sum()
