@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
     from kickdrift.analysis.sampling import SamplingComparison, SamplingRow
-    from kickdrift.analysis.secular_report import OrbitReport, ProperOrbit, orbit_report
+    from kickdrift.analysis.secular_report import OrbitReport, ProperOrbit
+    from kickdrift.analysis.secular_run import orbit_report
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
     from kickdrift.statistics.quasi_periodic import Spectrum
@@ -39,7 +40,7 @@ _HOMES = {
     "ensemble_checks": "analysis.certifying",
     "force_checks": "analysis.force_testing",
     "mean_squared_displacement": "analysis.motion",
-    "orbit_report": "analysis.secular_report",
+    "orbit_report": "analysis.secular_run",
     "orbital_elements": "analysis.orbits",
     "pressure_tensor": "analysis.pressure",
     "radial_distribution": "analysis.structure",
