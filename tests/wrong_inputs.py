@@ -161,7 +161,10 @@ PYTHON = [
 # (arguments, line)
 COMMANDS = [
     ("analyze none.h5md", "kickdrift: none.h5md: no such file"),
-    ("analyze none.h5md --frame sun", "kickdrift: --frame: expected one of 'jacobi', 'heliocentric', 'barycentric', got 'sun'…"),
+    (
+        "analyze none.h5md --frame sun",
+        "kickdrift: --frame: expected one of 'jacobi', 'heliocentric', 'barycentric', got 'sun'…",
+    ),
     ("run", "kickdrift: Missing argument 'SYSTEM'…"),
     ("runn", "kickdrift: No such command 'runn'. Did you mean 'run'?…"),
     (
