@@ -21,7 +21,7 @@ from kickdrift.statistics.quasi_periodic import frequencies
 
 NODES = 512  # of the integral of Laplace's coefficients
 CLOSE = 0.95  # ratio of semi-major axes: the linear theory does not hold for closer orbits
-LINES = 6  # of each mode that are looked at
+LINES = 6  # of each mode that are looked at; a massless body's own mode is its strongest line
 RESONANT = 1e-3  # least distance of a massless body from a mode of the planets, relative
 
 
@@ -60,17 +60,19 @@ def theories(found: Orbits, masses: Floats) -> tuple[Theory, Theory]:
     central mass."""
     a, mu = found.elements.a.mean(axis=0), found.mu.mean(axis=0)
     motion = np.sqrt(mu / a**3)
-    inner, outer = np.minimum.outer(a, a), np.maximum.outer(a, a)
-    alpha = inner / outer
+    massive = masses > 0
+    planets = np.flatnonzero(massive)
+    outwards = a[None, planets] / a[:, None]
+    alpha = np.minimum(outwards, 1.0 / outwards)
     near = alpha > CLOSE
     safe = np.where(near, 0.5, alpha)
-    bar = np.where(a[None, :] > a[:, None], safe, 1.0)
-    pull = np.where(near, 0.0, 0.25 * motion[:, None] * masses[None, :] * safe * bar)
-    b1, b2 = laplace(1, safe), laplace(2, safe)
-    turning = np.diag((pull * b1).sum(axis=1))
+    strength = 0.25 * motion[:, None] * masses[None, planets] * safe * np.where(outwards > 1.0, safe, 1.0)
+    pull, across = np.zeros((2, len(a), len(a)))
+    pull[:, planets] = np.where(near, 0.0, strength * laplace(1, safe))
+    across[:, planets] = np.where(near, 0.0, strength * laplace(2, safe))
+    turning = np.diag(pull.sum(axis=1))
     weights = np.sqrt(masses * np.sqrt(mu * a))
-    massive = masses > 0
-    return Theory(turning - pull * b2, weights, massive), Theory(pull * b1 - turning, weights, massive)
+    return Theory(turning - across, weights, massive), Theory(pull - turning, weights, massive)
 
 
 def modes(z: NDArray[np.complex128], times: Floats, theory: Theory, nodes: bool) -> Modes:
@@ -81,7 +83,8 @@ def modes(z: NDArray[np.complex128], times: Floats, theory: Theory, nodes: bool)
     if nodes and theory.massive.sum() > 1:  # the direction of the total angular momentum
         still[np.argmin(np.where(theory.massive, np.abs(expected), np.inf))] = True
     element = 2.0 * math.pi / (len(times) * (times[-1] - times[0]) / (len(times) - 1))
-    spectra = [None if still[i] else frequencies(u[:, i], times, LINES) for i in range(m)]
+    lines = np.where(theory.massive, LINES, 1)
+    spectra = [None if still[i] else frequencies(u[:, i], times, int(lines[i])) for i in range(m)]
     w = np.full(m, np.nan)
     w[still] = 0.0
     strength = [spectrum.amplitudes[0] if spectrum and len(spectrum.amplitudes) else 0.0 for spectrum in spectra]

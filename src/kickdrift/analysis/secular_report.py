@@ -15,7 +15,7 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import measured
 
 ARCSEC = math.degrees(1.0) * 3600.0
-SHOWN = 30  # most resonances in a table
+SHOWN = 30  # most bodies, and most resonances, in a table
 
 
 class ProperOrbit(NamedTuple):
@@ -124,7 +124,7 @@ class OrbitReport(Shown):
         time = measured("period", f"({self.units.symbol('time')})" if self.units.symbol("time") else "")
         columns = ["body", "a", f"g ({unit})", time, "in e", f"s ({unit})", time, "in sin(i/2)"]
         rows = [[b.name, f"{b.a:.6g}", *_cells(b.g, b.g_period, b.g_amplitude, b.g_expected, scale),
-                 *_cells(b.s, b.s_period, b.s_amplitude, b.s_expected, scale)] for b in self.bodies]  # fmt: skip
+                 *_cells(b.s, b.s_period, b.s_amplitude, b.s_expected, scale)] for b in self.bodies[:SHOWN]]  # fmt: skip
         tables: list[Table] = [("Proper frequencies", columns, rows)]
         if self.resonances:
             columns = ["resonance", "angle that librates", "centre (deg)", "amplitude (deg)", time]
@@ -139,6 +139,8 @@ class OrbitReport(Shown):
     def _lines(self) -> Lines:
         length = measured(f"{self.times[-1] - self.times[0]:.6g}", self.units.symbol("time"))
         lines = [("frames", f"{len(self.times):,} over {length}; elements {self.frame}, plane {self.plane}")]
+        if len(self.bodies) > SHOWN:
+            lines.append(("bodies", f"{len(self.bodies):,}, of which the table shows {SHOWN}; --json has all"))
         if not self.resonances:
             lines.append(("resonances", "no angle librates"))
         elif len(self.resonances) > SHOWN:
