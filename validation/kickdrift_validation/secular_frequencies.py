@@ -100,7 +100,7 @@ def solar(years: float = YEARS, path: Path | None = None) -> list[Claim]:
     path = path or Path(tempfile.gettempdir()) / f"kickdrift-solar-system-{years:.0e}.h5md"
     if path.exists():
         sim = kd.resume(path)
-        sim.run(until=years)
+        sim.run(until=years, progress=True)
     else:
         system = kd.load("solar-system")
         system = system.with_forces(*system.forces, kd.PostNewtonian(form="potential"))

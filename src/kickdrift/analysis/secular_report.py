@@ -123,8 +123,11 @@ class OrbitReport(Shown):
         scale, unit = self.rate
         time = measured("period", f"({self.units.symbol('time')})" if self.units.symbol("time") else "")
         columns = ["body", "a", f"g ({unit})", time, "in e", f"s ({unit})", time, "in sin(i/2)"]
-        rows = [[b.name, f"{b.a:.6g}", *_cells(b.g, b.g_period, b.g_amplitude, b.g_expected, scale),
-                 *_cells(b.s, b.s_period, b.s_amplitude, b.s_expected, scale)] for b in self.bodies[:SHOWN]]  # fmt: skip
+        rows = [
+            [b.name, f"{b.a:.6g}", *_cells(b.g, b.g_period, b.g_amplitude, b.g_expected, scale),
+             *_cells(b.s, b.s_period, b.s_amplitude, b.s_expected, scale)]
+            for b in self.bodies[:SHOWN]
+        ]  # fmt: skip
         tables: list[Table] = [("Proper frequencies", columns, rows)]
         if self.resonances:
             columns = ["resonance", "angle that librates", "centre (deg)", "amplitude (deg)", time]

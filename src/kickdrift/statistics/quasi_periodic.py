@@ -29,6 +29,7 @@ UNEVEN = 1e-6  # largest departure from even spacing, in spacings
 PADDED = 4  # points of the spectrum for each resolution element
 NEWTON, CONVERGED = 20, 1e-13  # most steps to a maximum, and the last one in resolution elements
 CORRECTIONS = 8
+SAME = 1e-12  # a smaller singular value, relative, is that of two lines that coincide
 NOISE = 1e-15  # a line below this part of the first is rounding
 
 
@@ -156,12 +157,16 @@ class _Analysis:
             column = self.basis(found)
             sizes.append(complex((self.window * z) @ column[:, 0].conj()))
             w, columns = np.append(w, found), np.hstack([columns, column])
-            c = np.asarray(np.linalg.solve(self._products(w), sizes), dtype=complex)
+            c = self._fitted(w, sizes)
             if near is None and abs(c[-1]) <= NOISE * first:
-                return w[:-1], np.asarray(np.linalg.solve(self._products(w[:-1]), sizes[:-1]), dtype=complex)
+                return w[:-1], self._fitted(w[:-1], sizes[:-1])
             first = max(first, abs(c[-1]))
             rest = z - columns @ c
         return w, c
+
+    def _fitted(self, w: Floats, sizes: list[complex]) -> Complex:
+        """Amplitudes of lines whose products with the series are ``sizes``; lines that coincide share theirs."""
+        return np.asarray(np.linalg.lstsq(self._products(w), np.array(sizes), rcond=SAME)[0], dtype=complex)
 
     def _products(self, w: Floats) -> Floats:
         """Products of lines under the window, in closed form."""

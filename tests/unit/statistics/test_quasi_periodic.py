@@ -57,6 +57,13 @@ def test_lines_that_share_a_peak_stay_finite_and_noise_does_not_move_a_line():
     assert np.abs(found.frequencies - LINES[:2]).max() < 0.01 * ELEMENT
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_gives_finite_lines(seed):
+    noise = np.random.default_rng(seed).normal(size=(2, 64))
+    found = kd.frequencies(noise[0] + 1j * noise[1], np.arange(64.0), 30)
+    assert np.isfinite(found).all()
+
+
 def test_a_real_wave_is_two_lines_and_a_constant_is_one():
     found = kd.frequencies(3.0 + np.cos(TIMES * LINES[0]), TIMES, 3)
     np.testing.assert_allclose(sorted(found.frequencies / LINES[0]), [-1.0, 0.0, 1.0], atol=1e-12)
