@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
+    from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
@@ -105,6 +106,7 @@ _HOMES = {
     "doctor": "analysis.doctor",
     "export": "trajectory.export",
     "field_law": "forces.field_law",
+    "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
@@ -194,6 +196,7 @@ __all__ = [
     "engines",
     "export",
     "field_law",
+    "frequencies",
     "improper_law",
     "integrator",
     "integrators",
@@ -273,6 +276,7 @@ ABOVE.update(
         "sampling figure": _loader("plots.compare", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
+        "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),

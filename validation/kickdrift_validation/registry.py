@@ -117,6 +117,12 @@ SCRIPTS = (
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script(
+        "secular_frequencies.py",
+        "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
+        20,
+        peers=("rebound",),
+    ),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
     # what textbooks and web guides say
     Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),

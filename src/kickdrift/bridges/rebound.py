@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
 NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
+POINTERS = "reset function pointers"  # in rebound's warning about functions that no archive holds
 FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_modifications")
 
 
@@ -156,6 +158,47 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
 def _tell(what: str, untaken: list[str]) -> None:
     if untaken:
         warnings.warn(f"{what}: left out, without an equivalent in kickdrift: {'; '.join(untaken)}", stacklevel=4)
+
+
+# --- from an archive ---
+
+
+def archived_system(path: Path, snapshot: int | None = None) -> System:
+    """Return the System of a snapshot, by default the last, named after the file; see ``kickdrift.load``."""
+    snapshot = -1 if snapshot is None else snapshot
+    if isinstance(snapshot, bool) or not isinstance(snapshot, int | np.integer):
+        raise InputError(f"snapshot: expected a whole number, got {snapshot!r}")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        archive = archive_at(path)
+        count = len(archive)
+        if not -count <= snapshot < count:
+            raise InputError(f"{path}: has no snapshot {snapshot}; the archive holds {count}, from 0 to {count - 1}")
+        sim = archive[snapshot]
+        if not sim.is_synchronized:
+            sim.synchronize()
+    lost = [str(each.message) for each in said]
+    told = ["additional forces and other functions, which no archive holds"] if any(POINTERS in s for s in lost) else []
+    if any("corrupt" in each for each in lost):
+        warnings.warn(f"{path}: the end of the archive is damaged; its {count} whole snapshots are read", stacklevel=4)
+    if sim.collision != "none":
+        told.append(f"the action on collisions ({sim.collision!r}); give the run events=[kd.Collision(…)]")
+        sim.collision = "none"
+    try:
+        system = system_of(sim)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if told:
+        warnings.warn(f"{path}: left out: {'; '.join(told)}", stacklevel=4)
+    return system.remade(name=path.stem)
+
+
+def archive_at(path: Path) -> Any:
+    """A rebound.Simulationarchive. rebound takes names in ASCII alone; other files are read whole."""
+    try:
+        return rebound.Simulationarchive(str(path) if str(path).isascii() else path.read_bytes())
+    except RuntimeError as error:
+        raise InputError(f"{path}: rebound cannot read this archive: {' '.join(str(error).split())}") from None
 
 
 # --- to rebound ---

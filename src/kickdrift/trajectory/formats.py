@@ -123,6 +123,18 @@ FORMATS: dict[str, Format] = {
             removed=REMOVED_LEFT_OUT,
             single=True,
         ),
+        Format(
+            ".bin",
+            "rebound, as a Simulationarchive",
+            "rebound",
+            positions="float64",
+            velocities="float64",
+            times="float64",
+            steps="int64",
+            masses="float64",
+            names="each body's",
+            removed=REMOVED_LEFT_OUT,
+        ),
     )
 }
 

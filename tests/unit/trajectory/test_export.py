@@ -373,7 +373,12 @@ def test_bad_input(path, output, options, message):
 
 @pytest.mark.parametrize(
     ("package", "suffix", "extra"),
-    [("MDAnalysis", ".dcd", "mdanalysis"), ("ase", ".traj", "ase"), ("ase", ".extxyz", "ase")],
+    [
+        ("MDAnalysis", ".dcd", "mdanalysis"),
+        ("ase", ".traj", "ase"),
+        ("ase", ".extxyz", "ase"),
+        ("rebound", ".bin", "rebound"),
+    ],
 )
 def test_a_missing_package_is_named(path, monkeypatch, package, suffix, extra):
     write(path, make_system("lj"))
