@@ -86,9 +86,9 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
     seen: NDArray[np.bool_] = np.isfinite(x[:, :, 0]).any(
         axis=0
     )  # collisions may have added fewer bodies than have rows
-    if not seen.all():
+    if not np.all(seen):
         x, v, m, held = x[:, seen], v[:, seen], m[seen], held[:, seen]
-        names = tuple(name for name, ever in zip(names, seen.tolist(), strict=True) if ever)
+        names = tuple(name for name, ever in zip(names, np.atleast_1d(seen), strict=True) if ever)
     for y in (x, v):
         y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
     return Paths(run.times[chosen], x, v, m, held, names, gravity, central_row(m))
