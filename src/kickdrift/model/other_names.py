@@ -19,8 +19,8 @@ CLOSE = (
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
 MANY_BODY = (
-    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
-    "of ASE's"
+    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
+    "calculator of ASE"
 )
 MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
