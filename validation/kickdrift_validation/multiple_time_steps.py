@@ -55,22 +55,6 @@ class Attraction(NamedTuple):
         return energy
 
 
-@kd.bond_law
-class FeneAndCore(NamedTuple):
-    """The whole bond of Kremer & Grest 1990: FENE, and the repulsion of the two beads."""
-
-    stiffness: float = 30.0
-    length: float = 1.5
-
-    def law(p, r):
-        left = 1.0 - (r / p.length) ** 2
-        left = left if left > 0.0 else math.nan
-        s6 = r**-6
-        near = 1.0 if r < 1.122462048309373 else 0.0
-        energy = -0.5 * p.stiffness * p.length**2 * math.log(left) + near * (4.0 * (s6 * s6 - s6) + 1.0)
-        return energy, p.stiffness * r / left - near * 24.0 * (2.0 * s6 * s6 - s6) / r
-
-
 # --- order and reversal ---
 
 
@@ -162,7 +146,7 @@ def melt() -> kd.System:
     system = kd.load("kremer-grest-1000")
     pairs = next(force for force in system.forces if isinstance(force, kd.LennardJones))
     chains = kd.Topology.chains(20, 50, factors=(0.0, 1.0, 1.0))
-    return system.remade(forces=[FeneAndCore(), replace(pairs, group=1)], topology=chains)
+    return system.remade(forces=[kd.Fene(epsilon=1.0), replace(pairs, group=1)], topology=chains)
 
 
 def energies(method: str, dt: float, time: float, **options: int) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from kickdrift.errors import InputError
@@ -48,6 +49,13 @@ def load_module(name: str) -> None:
     except Exception as error:
         raise InputError(f"--load {name}: {type(error).__name__}: {' '.join(str(error).split())}") from error
     _MODULES.add(name)
+
+
+def name_all(module: ModuleType) -> None:
+    """Let files name the functions and classes that a loaded Python file defines."""
+    for key, value in list(vars(module).items()):
+        if callable(value) and path_of(value) == f"{module.__name__}.{key}":
+            named(value)
 
 
 def home_of(path: Any) -> str | Path | None:

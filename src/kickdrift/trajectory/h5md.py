@@ -1,7 +1,8 @@
 """A run's file in H5MD 1.1, which MDAnalysis opens without topology or keyword and which survives a kill.
 
 ``docs/file-format.md`` describes its content. Every frame has n rows. After a merger, the rows of an absorbed body hold
-the position and velocity of the body that absorbed it. Rows of a removed body are NaN.
+the position and velocity of the body that absorbed it. Rows of a removed body are NaN, and so are the rows of a body
+before a collision has made it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
 from kickdrift.trajectory.columns import Described, check_columns, units_of
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.header import Committed, Outline, outline_of
-from kickdrift.trajectory.layout import header_image
+from kickdrift.trajectory.layout import KIND_BYTES, NEW_NAMES, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.order import in_order
@@ -71,7 +72,8 @@ class Writer:
     last_sample, last_frame : (step, time) or None
         Steps of the last sample and of the last frame appended.
     absorbed : dict of id -> id
-        Bodies that states may lack: the id of the body that absorbed each, or a negative number for a removed body.
+        Bodies that states may lack: the id of the body that absorbed each, or a negative number for a body that was
+        removed or does not exist yet.
     """
 
     units: ClassVar[dict[str, str]] = {}  # of observables of kickdrift's own that no unit system knows
@@ -301,6 +303,16 @@ class Writer:
     def append_event(self, event: Mapping[str, Any]) -> None:
         """Add an entry of `Simulation.events`, which is written with the next sample."""
         self._seen.append(EventRow.of(event))
+
+    def name(self, number: int, names: Sequence[str]) -> None:
+        """Write the names of new bodies, from this number on, counted from 0."""
+        found = np.array([name.encode()[:KIND_BYTES] for name in names], f"S{KIND_BYTES}")
+
+        def write() -> None:
+            self._out.dataset(f"kickdrift/system/{NEW_NAMES}")[number : number + len(found)] = found
+            self._out.commit()
+
+        self._write(write)
 
     @property
     def writes(self) -> tuple[str, ...]:

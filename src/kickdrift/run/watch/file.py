@@ -43,14 +43,17 @@ class File(Watcher):
         """Open the file."""
         run = self._run
         self._writer: Any = self._open()
-        self._told = len(run.record.events)
+        self._told, self._named = len(run.record.events), 0
         self._acting = run.heat is not None or (run.events is not None and run.events.acting)
         if run.events:
-            self._writer.absorbed = run.events.absorbed
+            self._writer.absorbed = run.events.roster.absorbed
 
     def look(self) -> None:
         """Write the current frame and sample, and the events since the last look."""
         run, writer = self._run, self._writer
+        if run.events and len(run.events.roster.names) > self._named:
+            writer.name(self._named, run.events.roster.names[self._named :])
+            self._named = len(run.events.roster.names)
         for event in run.record.events[self._told :]:
             writer.append_event(event)
         self._told = len(run.record.events)
