@@ -146,7 +146,13 @@ def event_of(given: Named) -> Event:
     rule = parameters.pop("rule", None)
     found = _checked(cls, parameters, f"event {name}")
     if rule is not None:
-        found["rule"] = code_named(f"event {name}: rule", rule)
+        try:
+            found["rule"] = code_named(f"event {name}: rule", rule)
+        except InputError:
+            raise InputError(
+                f"event {name}: rule {shown(rule)} is a function of the user; load its module first (on the command "
+                "line with --load FILE.py), or give the events again"
+            ) from None
     return cls(**found) if cls is not Crossing else cls(function=function, **found)
 
 
