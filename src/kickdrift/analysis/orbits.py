@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.looks.columns import BODY_MASSES
 from kickdrift.model.orbits import Orbits, Paths, central_row, orbits_of
 from kickdrift.model.starts.elements import Elements
 from kickdrift.model.state import Floats
@@ -95,7 +96,7 @@ def _known(run: reader.Run, chosen: NDArray[np.intp], x: Floats, v: Floats) -> F
     """Masses (k, n) at frames of a file that holds them, 0 for a body that is not there; None for other files.
 
     Positions and velocities of absent bodies become nan."""
-    masses = run[:].observables.get("body_masses")
+    masses = run[:].observables.get(BODY_MASSES)
     if masses is None:
         return None
     gone = np.isnan(masses[chosen])

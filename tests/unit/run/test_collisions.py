@@ -280,6 +280,8 @@ def test_a_file_with_new_bodies_can_be_exported_and_drawn(tmp_path):
     frames = read(tmp_path / "crash.extxyz", ":")
     assert [len(frame) for frame in frames][:2] == [3, 3]
     assert len(frames[-1]) > 20
+    np.testing.assert_allclose([frame.get_masses().sum() for frame in frames], 3.5, rtol=1e-7)
+    assert "B" not in frames[-1].info["names"]
     assert "A/fragment-1" in frames[-1].info["names"]
     with kd.open(path) as run:
         assert run.plot() is not None
