@@ -19,7 +19,7 @@ from pydantic.errors import PydanticUserError
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.forces import force_class
-from kickdrift.forces.external_code import found as code_named
+from kickdrift.forces.external_code import found_function
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -147,7 +147,7 @@ def event_of(given: Named) -> Event:
     found = _checked(cls, parameters, f"event {name}")
     if rule is not None:
         try:
-            found["rule"] = code_named(f"event {name}: rule", rule)
+            found["rule"] = found_function(f"event {name}: rule", rule)
         except InputError:
             raise InputError(
                 f"event {name}: rule {shown(rule)} is a function of the user; load its module first (on the command "

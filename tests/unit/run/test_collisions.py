@@ -440,7 +440,7 @@ def test_a_rule_in_a_file_needs_its_module(tmp_path, monkeypatch, kickdrift):
     assert status == 0, err
     assert "rule: masses 2, 1" in out
     assert kd.resume("own.h5md").system.events[0].rule.__name__ == "through"
-    monkeypatch.setattr(external_code, "_NAMED", {})
+    monkeypatch.setattr(external_code, "_FUNCTIONS", {})
     with pytest.raises(InputError, match=r"rule 'own_collisions.through' is a function of the user; load its module"):
         kd.resume("own.h5md")
     assert kd.resume("own.h5md", events=[kd.Collision(rule=merge)]).system.names == ("A", "B", "C")

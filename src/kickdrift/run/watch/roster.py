@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.external_code import named
+from kickdrift.forces.external_code import named_function
 from kickdrift.looks.columns import BODY_MASSES, BODY_RADII, MOST_NUMBERS, Column
 from kickdrift.model.changing import next_id, with_empty_rows
 from kickdrift.model.collision import Collision
@@ -35,7 +35,7 @@ class Roster:
         self.first = first
         for event in events:
             if isinstance(event, Collision) and event.rule is not None:
-                named(event.rule)  # this program may resume the run's file
+                named_function(event.rule)  # this program may resume the run's file
         self.room = sum(event.new_bodies for event in events if isinstance(event, Collision) and event.adds)
         self.names: list[str] = []
         self.absorbed: dict[int, int] = {}
