@@ -86,6 +86,11 @@ def home_of(path: Any) -> str | Path | None:
     return Path(source).resolve() if source else None
 
 
+def takes_batches(calculator: Any) -> bool:
+    """Whether a calculator takes several Atoms at once."""
+    return callable(getattr(calculator, "calculate_batch", None))
+
+
 def installation(module: str) -> str:
     """What to install for a missing module of ASE; else ""."""
     return "; ASE: pip install 'kickdrift[ase]'" if module.split(".")[0] == "ase" and "ase" not in sys.modules else ""
