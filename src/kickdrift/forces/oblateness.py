@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.around import around, vector
 from kickdrift.forces.arguments import Vector, number
+from kickdrift.forces.around import around, vector
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from kickdrift.errors import InputError
 from kickdrift.forces.around import around
@@ -20,9 +20,6 @@ from kickdrift.forces.central import (
 )
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
 
 FORMS = ("full", "potential")
 
