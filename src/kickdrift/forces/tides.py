@@ -144,21 +144,21 @@ class Tides(NamedTuple):
         central, gm, share = Attraction.of("tides", p, system)
         masses, deformed = system.state.masses, 3.0 * p.k2 * p.radius**5
         for i in np.flatnonzero((deformed > 0) & (masses == 0)):
-            raise InputError(f"k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0")
+            raise InputError(f"tides: k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0")
         lagging = (deformed > 0) & (p.tau != 0)
         for i in np.flatnonzero(lagging & ~p.spin.any(axis=0)):
             if p.rotation is None:
                 raise InputError(
-                    f"spin: {system.body(int(i))} has a time lag and no spin; give its spin, or rotation = "
+                    f"tides: spin: {system.body(int(i))} has a time lag and no spin; give its spin, or rotation = "
                     + " or ".join(map(repr, ROTATIONS))
                 )
             if i == central and p.rotation != "none":
                 raise InputError(
-                    f"spin: the central body, {system.body(int(i))}, has a time lag and no spin; rotation = "
+                    f"tides: spin: the central body, {system.body(int(i))}, has a time lag and no spin; rotation = "
                     f"{p.rotation!r} is for the other bodies"
                 )
         if system.dimensions == 2 and p.spin[:2].any():
-            raise InputError("spin: expected vectors along z in this two-dimensional system")
+            raise InputError("tides: spin: expected vectors along z in this two-dimensional system")
         slaved = float(ROTATIONS.index(p.rotation)) if p.rotation else 0.0
         one = gm / masses[central]  # G
         felt = one * masses[central] ** 2 * np.divide(deformed, masses, out=0.0 * masses, where=masses > 0)
