@@ -32,7 +32,7 @@ class Radiation(NamedTuple):
     central: int
     pressure: Floats  # (n,) beta G M
     inverse_light: float  # 0 without drag
-    share: Floats  # (n,) zeros: the radiation carries the momentum away
+    share: Floats  # (n,) m / M in the potential form, else zeros: the radiation carries the momentum away
 
 
 @body_law
@@ -43,7 +43,8 @@ class RadiationPressure(NamedTuple):
     1979, doi:10.1016/0019-1035(79)90050-2, eq. 5). The drag takes energy and angular momentum: a and e fall as in Wyatt
     & Whipple 1950, doi:10.1086/145244. It depends on velocity, so methods for velocity-independent forces refuse it.
 
-    The potential form leaves the drag out: U = beta G M m / r alone. The central body takes no force.
+    The central body takes no force, since it shines in all directions. The potential form leaves the drag out: U = beta
+    G M m / r alone. There the central body takes the opposite force, so that energy and momentum are conserved.
 
     Attributes
     ----------
@@ -66,7 +67,7 @@ class RadiationPressure(NamedTuple):
     G: float | None = None
 
     name = "radiation-pressure"  # type: ignore[misc]
-    by_mass = external = True  # type: ignore[misc]
+    by_mass = True  # type: ignore[misc]
     varies = ("beta",)  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
     law = staticmethod(around)  # type: ignore[misc]
@@ -79,6 +80,11 @@ class RadiationPressure(NamedTuple):
     @property
     def works(p):
         """Whether there is drag, so that energy is not conserved."""
+        return p.form == "full"
+
+    @property
+    def external(p):
+        """Whether there is drag, so that momentum is not conserved."""
         return p.form == "full"
 
     @staticmethod
@@ -107,8 +113,9 @@ class RadiationPressure(NamedTuple):
     def bound(p, system):
         """The radiation of this System's central body."""
         central, gm, share = Attraction.of("radiation-pressure", p, system)
-        inverse = 1.0 / light("radiation-pressure", p.c, system) if p.form == "full" else 0.0
-        return Radiation(central, gm * p.beta, inverse, np.zeros_like(share))
+        if p.form == "potential":
+            return Radiation(central, gm * p.beta, 0.0, share)
+        return Radiation(central, gm * p.beta, 1.0 / light("radiation-pressure", p.c, system), np.zeros_like(share))
 
 
 class Recoil(NamedTuple):

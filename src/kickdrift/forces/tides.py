@@ -144,7 +144,9 @@ class Tides(NamedTuple):
         central, gm, share = Attraction.of("tides", p, system)
         masses, deformed = system.state.masses, 3.0 * p.k2 * p.radius**5
         for i in np.flatnonzero((deformed > 0) & (masses == 0)):
-            raise InputError(f"tides: k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0")
+            raise InputError(
+                f"tides: k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0"
+            )
         lagging = (deformed > 0) & (p.tau != 0)
         for i in np.flatnonzero(lagging & ~p.spin.any(axis=0)):
             if p.rotation is None:
