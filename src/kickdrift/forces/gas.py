@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,7 +114,7 @@ class GasDrag(NamedTuple):
         if system.dimensions == 2 and any(p.pole[:2]):
             raise InputError(f"pole: expected a vector along z in this two-dimensional system, got {list(p.pole)}")
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The gas around this System's central body."""
         central, gm, share = Attraction.of("gas-drag", p, system)
         thinness = 0.5 / p.aspect**2 if p.aspect else 0.0
@@ -210,7 +210,7 @@ class DynamicalFriction(NamedTuple):
         central_body("dynamical-friction", p.central, system)
         gravitational_constant("dynamical-friction", p.G, system)
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The background of this System's bodies."""
         central, gm, share = Attraction.of("dynamical-friction", p, system)
         masses = system.state.masses

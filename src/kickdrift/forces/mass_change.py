@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import opposite
@@ -82,7 +82,7 @@ class MassChange(NamedTuple):
             if force.name.startswith("gravity") and getattr(force, "softening", 0.0):
                 raise InputError(f"needs gravity without softening, and {force.name!r} has softening")
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The changing masses of this System."""
         gm = gravitational_constant("mass-change", p.G, system) * system.state.masses
         return Changes(gm, p.rate, p.form == "exponential")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -119,12 +119,12 @@ class Migration(NamedTuple):
         if system.dimensions == 2 and any(p.pole[:2]):
             raise InputError(f"pole: expected a vector along z in this two-dimensional system, got {list(p.pole)}")
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The damping of this System's bodies."""
         central, gm, share = Attraction.of("migration", p, system)
-        rates = [np.divide(1.0, tau, out=0.0 * tau, where=tau != 0) for tau in (p.tau_a, p.tau_e, p.tau_i)]
+        a, e, i = (np.divide(1.0, tau, out=0.0 * tau, where=tau != 0) for tau in (p.tau_a, p.tau_e, p.tau_i))
         still = np.zeros_like(share)
-        return Disc(central, *rates, gm * (1.0 + share), p.edge or 0.0, p.width, axis(p.pole), still)
+        return Disc(central, a, e, i, gm * (1.0 + share), p.edge or 0.0, p.width, axis(p.pole), still)
 
     def reversed(p):
         """The migration of the motion backwards in time."""

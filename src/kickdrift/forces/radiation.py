@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class RadiationPressure(NamedTuple):
         if p.form == "full":
             light("radiation-pressure", p.c, system)
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The radiation of this System's central body."""
         central, gm, share = Attraction.of("radiation-pressure", p, system)
         if p.form == "potential":
@@ -194,7 +194,7 @@ class NonGravitational(NamedTuple):
         if system.dimensions == 2 and values_in(p.a3).any():
             raise InputError("a3: is out of the plane of this two-dimensional system; expected 0")
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The accelerations of this System's bodies."""
         central = central_body("non-gravitational", p.central, system)
         return Recoil(central, p.a1, p.a2, p.a3, p.scale, p.power, np.zeros(len(system)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -139,7 +139,7 @@ class Tides(NamedTuple):
         central_body("tides", p.central, system)
         gravitational_constant("tides", p.G, system)
 
-    def bound(p, system):
+    def bound(p: Any, system):
         """The tides of this System's bodies; an InputError names a body without mass or without a spin."""
         central, gm, share = Attraction.of("tides", p, system)
         masses, deformed = system.state.masses, 3.0 * p.k2 * p.radius**5

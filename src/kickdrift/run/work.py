@@ -65,8 +65,7 @@ def work_columns(system: Any) -> list[Column]:
     for name in working(system):
         meter = Meter(name)
         power, potential = column_names(name)
-        found.append(Column(power, "power", (), lambda sim, meter=meter: meter.at(sim)[0]))
-        found.append(Column(potential, "energy", (), lambda sim, meter=meter: meter.at(sim)[1]))
+        found += [Column(power, "power", (), meter.power), Column(potential, "energy", (), meter.potential)]
     return found
 
 
@@ -79,7 +78,15 @@ class Meter:
         self._forces: Any = None
         self._last: tuple[Any, tuple[float, float]] = (None, (np.nan, np.nan))
 
-    def at(self, sim: Any) -> tuple[float, float]:
+    def power(self, sim: Any) -> float:
+        """Sum of m v . a now."""
+        return self._at(sim)[0]
+
+    def potential(self, sim: Any) -> float:
+        """Potential energy now."""
+        return self._at(sim)[1]
+
+    def _at(self, sim: Any) -> tuple[float, float]:
         """Power and potential energy now; nan if the forces are not finite."""
         if sim.system is not self._system:  # a new system after a body has left
             self._system = sim.system
