@@ -116,7 +116,7 @@ def harmonics() -> Iterator[Claim]:
     yield rate("j2: rate of the pericentre", found.pericentre, 0.75 * unit * (4.0 - 5.0 * s2), source)
     # At 45 degrees from the node, the terms with twice the argument of pericentre vanish.
     found = changes(start([kd.Oblateness(0.0, radius, j4=j)], e=e, inclination=tilt, pericentre=math.pi / 4), 1.0)
-    unit, source = j * (radius / p) ** 4, "Brouwer 1959; Vallado 2013, eqs. 9-41, 9-42"
+    unit, source = j * (radius / p) ** 4, "Brouwer 1959; Vallado 2013, section 9.6"
     node = 15.0 / 32.0 * unit * math.cos(tilt) * (8.0 + 12.0 * e * e - (14.0 + 21.0 * e * e) * s2)
     bracket = 64.0 + 72.0 * e * e - (248.0 + 252.0 * e * e) * s2 + (196.0 + 189.0 * e * e) * s2 * s2
     yield rate("j4: rate of the node", found.node, node, source)
@@ -166,7 +166,7 @@ def radiation() -> Iterator[Claim]:
     yield rate("radiation-pressure: a", found.a, -unit * (2 + 3 * e * e) * (1 - e * e) ** -1.5, source)
     yield rate("radiation-pressure: e", found.e, -2.5 * unit * e * (1 - e * e) ** -0.5, source)
     found = changes(start([kd.NonGravitational([0.0, 1e-7], 2.0)], e=e), 1.0)
-    yield rate("non-gravitational: a", found.a, 8e-7 / (1 - e * e), "Farnocchia et al. 2013, eq. 2")
+    yield rate("non-gravitational: a", found.a, 8e-7 / (1 - e * e), "Farnocchia et al. 2013")
 
 
 def tides() -> Iterator[Claim]:
@@ -238,7 +238,7 @@ def backgrounds() -> Iterator[Claim]:
     until = 40.0 * math.pi
     sim.run(until=until)
     r = float(np.linalg.norm(sim.state.positions[1] - sim.state.positions[0]))
-    source = "Binney & Tremaine 2008, eq. 8.12: r dr/dt = -0.428 G m log / v"
+    source = "Binney & Tremaine 2008, section 8.1: r dr/dt = -0.428 G m log / v"
     factor = math.erf(1.0) - 2.0 / math.sqrt(math.pi) * math.exp(-1.0)
     yield rate("dynamical-friction: decay of r^2", (r * r - 1.0) / until, -2.0 * factor * light * log, source)
     for power in (-1.0, -1.5, 1.0):
@@ -254,7 +254,7 @@ def backgrounds() -> Iterator[Claim]:
         phase = math.atan2(outward / epicycle, guide - float(np.linalg.norm(d)))
         found = epicycle * (1.0 + phase / (turns * 2.0 * math.pi))
         text = f"central-potential: epicyclic over orbital frequency at power {power:g}"
-        yield rate(text, found, epicycle, "sqrt(3 + power); Binney & Tremaine 2008, eq. 3.80")
+        yield rate(text, found, epicycle, "sqrt(3 + power); Binney & Tremaine 2008, section 3.2")
     loss = -1e-5
     system = start([kd.MassChange([loss, 0.0])])
     sim = kd.Simulation(system, "gauss-radau15")

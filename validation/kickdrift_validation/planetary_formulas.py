@@ -144,7 +144,7 @@ def schwarzschild(i: int, r: Any, v: Any, m: list[Any]) -> Any:
 
 
 def radiated(x: Bodies, v: Bodies, m: list[Any], t: Any) -> Bodies:
-    """Blanchet 2014, eq. 203, the 2.5PN terms A and B: a = -(G M / r^2) [A n + B v] of each pair's separation."""
+    """Blanchet 2014, section 7, the 2.5PN terms A and B: a = -(G M / r^2) [A n + B v] of each pair's separation."""
     found = [mp.matrix([0, 0, 0]) for _ in x]
     for i in range(len(x)):
         for j in range(i):
@@ -197,7 +197,7 @@ SPINS = ((0.1, 0.2, 0.7), (0.3, 0.0, 1.1), (0.0, -0.4, -0.3), (0.0, 0.0, 1.0), (
 
 
 def hut(love: Any, radius: Any, lag: Any, spin: Any, mass: Any, r: Any, v: Any) -> Any:
-    """Force on the body of this mass at r from the deformed body (Hut 1981, eq. 8, the spin along any axis): radial 1 +
+    """Force on the body of this mass at r from the deformed body (Hut 1981, the spin along any axis): radial 1 +
     3 tau r' / r, and across along the spin less the angular velocity of the orbit."""
     far = norm(r)
     n = r / far
@@ -291,7 +291,7 @@ FORMULAS: dict[str, Formula] = {
     ),
     "relativity-1pn": Formula(kd.PostNewtonian(c=LIGHT, G=1.0), around(schwarzschild, True), "Anderson et al. 1975"),
     "relativity-eih": Formula(kd.EinsteinInfeldHoffmann(c=LIGHT, G=1.0), eih, "Newhall et al. 1983, eq. 1"),
-    "relativity-2.5pn": Formula(kd.RadiationReaction(c=LIGHT, G=1.0), radiated, "Blanchet 2014, eq. 203"),
+    "relativity-2.5pn": Formula(kd.RadiationReaction(c=LIGHT, G=1.0), radiated, "Blanchet 2014, section 7"),
     "lense-thirring": Formula(
         kd.LenseThirring(SPIN, c=LIGHT, G=1.0), around(dragged, True), "IERS Conventions 2010, eq. 10.12"
     ),
@@ -302,7 +302,7 @@ FORMULAS: dict[str, Formula] = {
         kd.NonGravitational(scale=1.5, power=2.25, **RECOIL), around(recoiled, False), "Marsden et al. 1973"
     ),
     "tides": Formula(
-        kd.Tides(LOVE, RADII, LAGS, SPINS, rotation="pseudo-synchronous", G=1.0), around(tidal, True), "Hut 1981, eq. 8"
+        kd.Tides(LOVE, RADII, LAGS, SPINS, rotation="pseudo-synchronous", G=1.0), around(tidal, True), "Hut 1981"
     ),
     "migration": Formula(
         kd.Migration(**TIMES, edge=EDGE, width=WIDTH, pole=POLE, G=1.0),

@@ -17,12 +17,13 @@ import numpy as np
 def around(p, x, v, m, t, a):
     """Add the pull of the central body on each other body, and the opposite force on the central body."""
     c, n = p.central, x.shape[1]
+    centre, motion = column(x, c), column(v, c)
     back_x = back_y = back_z = energy = virial = 0.0
     for i in range(n):
         if i == c:
             continue
-        d = column(x, i) - column(x, c)
-        potential, push = pull(p, i, d, column(v, i) - column(v, c), t)
+        d = column(x, i) - centre
+        potential, push = pull(p, i, d, column(v, i) - motion, t)
         ax, ay, az, share = push[0], push[1], push[2], p.share[i]
         a[0, i] += ax
         a[1, i] += ay

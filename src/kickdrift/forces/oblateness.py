@@ -30,8 +30,8 @@ class Harmonics(NamedTuple):
 
     central: int
     gm: float  # G M of this body
-    harmonics: Floats  # J_n R^n for n = 2 … 6
-    degree: int  # highest n with a harmonic
+    zonal: Floats  # (5,) J_n R^n for n = 2 … 6
+    more: bool  # whether J3, J5 or J6 is there
     pole: Vector  # of length 1
     share: Floats  # (n,) m / M: this body's share of another body's acceleration
 
@@ -91,21 +91,29 @@ class Oblateness(NamedTuple):
     @staticmethod
     def pull(p, i, d, u, t):
         """-grad of J_n R^n P_n(s) / r^(n+1) is J_n R^n / r^(n+2) [P'_(n+1)(s) r / |r| - P'_n(s) pole], since s P'_n +
-        (n + 1) P_n = P'_(n+1). Both P_n and P'_(n+1) = P'_(n-1) + (2 n + 1) P_n follow from n to n."""
-        inverse2, pole = 1.0 / (d @ d), vector(p.pole)
+        (n + 1) P_n = P'_(n+1)."""
+        pole, zonal, inverse2 = vector(p.pole), p.zonal, 1.0 / (d @ d)
         inverse = math.sqrt(inverse2)
         s = (d @ pole) * inverse
-        before, legendre = 1.0, s
-        slope, next_slope = 1.0, 3.0 * s
-        energy, along, across, power = 0.0, 0.0, 0.0, inverse
-        for n in range(2, p.degree + 1):
-            before, legendre = legendre, ((2.0 * n - 1.0) * s * legendre - (n - 1.0) * before) / n
-            slope, next_slope = next_slope, slope + (2.0 * n + 1.0) * legendre
-            power *= inverse
-            harmonic = p.harmonics[n - 2] * power
-            energy += harmonic * legendre
-            along += harmonic * next_slope
-            across += harmonic * slope
+        s2, inverse4 = s * s, inverse2 * inverse2
+        two, four = zonal[0] * inverse2, zonal[2] * inverse4
+        slope3, slope5 = 1.5 * (5.0 * s2 - 1.0), 1.875 * ((21.0 * s2 - 14.0) * s2 + 1.0)
+        slope4 = 2.5 * s * (7.0 * s2 - 3.0)
+        energy = 0.5 * two * (3.0 * s2 - 1.0) + 0.125 * four * ((35.0 * s2 - 30.0) * s2 + 3.0)
+        along = two * slope3 + four * slope5
+        across = two * 3.0 * s + four * slope4
+        if p.more:
+            three, five, six = (
+                zonal[1] * inverse2 * inverse,
+                zonal[3] * inverse4 * inverse,
+                zonal[4] * inverse4 * inverse2,
+            )
+            slope6 = 2.625 * s * ((33.0 * s2 - 30.0) * s2 + 5.0)
+            slope7 = 0.4375 * (((429.0 * s2 - 495.0) * s2 + 135.0) * s2 - 5.0)
+            energy += 0.5 * three * s * (5.0 * s2 - 3.0) + 0.125 * five * s * ((63.0 * s2 - 70.0) * s2 + 15.0)
+            energy += 0.0625 * six * (((231.0 * s2 - 315.0) * s2 + 105.0) * s2 - 5.0)
+            along += three * slope4 + five * slope6 + six * slope7
+            across += three * slope3 + five * slope5 + six * slope6
         scale = p.gm * inverse
         return scale * energy, (scale * inverse2 * along) * d - (scale * inverse * across) * pole
 
@@ -138,9 +146,8 @@ class Oblateness(NamedTuple):
     def bound(p, system):
         """The harmonics of this System's flattened body."""
         central, gm, share = Attraction.of("j2", p, system)
-        harmonics = np.array([j * p.radius**n for n, j in enumerate((p.j2, p.j3, p.j4, p.j5, p.j6), 2)])
-        degree = 2 + int(np.flatnonzero(harmonics).max(initial=0))
-        return Harmonics(central, gm, harmonics, degree, axis(pole_of(p)), share)
+        zonal = np.array([j * p.radius**n for n, j in enumerate((p.j2, p.j3, p.j4, p.j5, p.j6), 2)])
+        return Harmonics(central, gm, zonal, any((p.j3, p.j5, p.j6)), axis(pole_of(p)), share)
 
 
 def pole_of(p: Oblateness) -> Vector:

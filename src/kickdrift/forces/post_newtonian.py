@@ -126,8 +126,8 @@ class RadiationReaction(NamedTuple):
 
     The acceleration of a pair's separation, in harmonic coordinates, is a = -8 G^2 m_1 m_2 / (5 c^5 r^3) [(v^2 + 3 G M
     / r) v - (v . n) (3 v^2 + 17 G M / (3 r)) n], with M = m_1 + m_2 and n = r / |r| (Damour & Deruelle 1981; Blanchet
-    2014, doi:10.12942/lrr-2014-2, eq. 203). The mean rates of a and e are those of Peters 1964, Phys. Rev. 136, B1224.
-    The force of more than two bodies is the sum over pairs, which leaves out terms of three bodies.
+    2014, doi:10.12942/lrr-2014-2, section 7). The mean rates of a and e are those of Peters 1964, Phys. Rev. 136,
+    B1224. The force of more than two bodies is the sum over pairs, which leaves out terms of three bodies.
 
     The waves take energy, so the total energy falls. The two bodies of a pair take opposite forces.
 

@@ -45,7 +45,7 @@ class Tides(NamedTuple):
 
     A body of radius R, Love number k2, time lag tau and spin S feels, by another body of mass m at r, v from it, the
     opposite of F = -3 G k2 m^2 R^5 / r^8 [r + tau (2 r (r . v) / r^2 + r × S + v)], which acts on the other body (Hut
-    1981, A&A 99, 126, eq. 8; Mignard 1979). The part without tau has the energy -G k2 m^2 R^5 / (2 r^6) and the apsidal
+    1981, A&A 99, 126; Mignard 1979). The part without tau has the energy -G k2 m^2 R^5 / (2 r^6) and the apsidal
     motion of Sterne 1939. The part with tau takes energy from orbit and spin.
 
     Spins stay as they are given: the torque on a body does not change its spin. This holds where a spin changes slowly
