@@ -5,7 +5,7 @@
 Accelerations of five bodies are held against the textbook formulas of planetary_formulas.py in 50 digits, and against
 REBOUNDx where it is installed. Secular rates come from runs of few orbits by gauss-radau15. They begin and end at the
 same phase of the orbit, so that the periodic changes of the elements drop out, and the forces are weak, so that
-theories of first order hold. The energy that leaves an orbit is held against the work of the force.
+theories of first order hold. At last, the energy of a run less the work of the force must stay.
 """
 
 from __future__ import annotations
@@ -263,8 +263,29 @@ def backgrounds() -> Iterator[Claim]:
     yield rate("mass-change: a of a circle", elements(sim.state, mass).a, 1.0 / mass, "Jeans 1924: a M is constant")
 
 
+def energies() -> Iterator[Claim]:
+    """The energy of a run, less the work of the force, stays."""
+    masses, e = (0.9, 0.1), 0.3
+    for force in (
+        kd.Tides(0.3, 0.1, 0.01, (0, 0, 0.5)),
+        kd.RadiationReaction(c=20.0),
+        kd.RadiationPressure([0.0, 1e-3], c=20.0),
+        kd.NonGravitational([0.0, 1e-5], 1.0),
+        kd.Migration(1e4, 1e3),
+        kd.GasDrag([0.0, 1e-3], 1.0, headwind=0.1),
+        kd.DynamicalFriction(1e-4, 0.7, 3.0),
+        kd.MassChange(-1e-5),
+    ):
+        report = kd.Simulation(start([force], masses, e=e), "gauss-radau15").run(until=60.0, interval=0.02)
+        assert report.energy is not None
+        change = (report.energy.final - report.energy.initial) / report.energy.initial
+        off, bound = report.energy.max_relative_error, 1e-11
+        text = f"{force.name}: energy less work, {abs(change):.2g} of the energy taken or given; largest relative error"
+        yield claim(text, off, f"at most {bound:g}", off <= bound, "conservation of energy")
+
+
 PARTS: tuple[Callable[[], Iterator[Claim]], ...] = (
-    accelerations, harmonics, relativity, radiation, tides, discs, backgrounds,
+    accelerations, harmonics, relativity, radiation, tides, discs, backgrounds, energies,
 )  # fmt: skip
 
 
