@@ -272,7 +272,7 @@ def energies() -> Iterator[Claim]:
         kd.RadiationPressure([0.0, 1e-3], c=20.0),
         kd.NonGravitational([0.0, 1e-5], 1.0),
         kd.Migration(1e4, 1e3),
-        kd.GasDrag([0.0, 1e-3], 1.0, headwind=0.1),
+        kd.GasDrag([0.0, 1e-3], 1.0, headwind=0.3),
         kd.DynamicalFriction(1e-4, 0.7, 3.0),
         kd.MassChange(-1e-5),
     ):
