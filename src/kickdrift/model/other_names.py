@@ -22,9 +22,7 @@ MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
     "of ASE's"
 )
-MOLECULES = (
-    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
-)
+MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -34,11 +32,16 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
     "integrator": (
         ("ias15", "rebound's {word} is 'gauss-radau15' here"),
         ("whfast whfast512", "rebound's {word} is 'wisdom-holman' here"),
+        ("whc", "rebound's {word} is 'wisdom-holman' here, with corrector 17"),
+        ("whckl", "rebound's {word} is 'wisdom-holman' here, with the kernel lazy and corrector 17"),
+        ("whckm", "rebound's {word} is 'wisdom-holman' here, with the kernel modified-kick and corrector 17"),
+        ("whckc", "rebound's {word} is 'wisdom-holman' here, with the kernel composition and corrector 17"),
         ("wh wisdomholman mvs", "{word} is 'wisdom-holman' here"),
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
         ("mercurius trace hybrid symba", CLOSE),
         ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
-        ("eos sei", "rebound's {word} is not there yet"),
+        ("eos", "rebound's {word} is not there yet"),
+        ("symplectic-epicycle epicycle shearing-sheet", "{word} is 'sei' here, with the force hill"),
         (
             "bs bulirsch-stoer gbs odex taylor heyoka",
             "{word} is not there; 'dop853' and 'gauss-radau15' have high order too",
@@ -103,7 +106,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         ("opls", "{word} is 'opls-dihedral' here"),
         ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
-        ("improper charmm amber gaff martini tip3p spce", MOLECULES),
+        ("improper impropers improper-dihedral", "did you mean 'harmonic-improper' or 'periodic-improper'?"),
+        ("cvff improper-periodic", "LAMMPS' {word} is 'periodic-improper' here"),
+        ("improper-harmonic", "{word} is 'harmonic-improper' here"),
+        ("charmm amber gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
@@ -114,7 +120,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("2.5pn pn25 gravitational-waves radiation-reaction peters", "{word} is 'relativity-2.5pn' here"),
         ("frame-dragging gravitomagnetism", "{word} is 'lense-thirring' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j3 j4 j5 j6", "{word} is 'j2' here"),
-        ("tide tides-constant-time-lag tidal hut", "{word} is 'tides' here"),
+        ("tide tides-constant-time-lag hut", "{word} is 'tides' here"),
         ("tides-spin tides-dynamical", "{word} is not there; 'tides' has a constant time lag and given spins"),
         ("radiation radiation-forces poynting-robertson pr-drag light", "{word} is 'radiation-pressure' here"),
         ("yarkovsky yarkovsky-effect outgassing marsden", "{word} is 'non-gravitational' here"),
@@ -127,6 +133,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("central-force power-law halo", "{word} is 'central-potential' here"),
         ("modify-mass mass-loss mass-growth accretion", "{word} is 'mass-change' here"),
         ("stochastic-forces", "{word} is not there; friction with noise belongs to the integrator baoab"),
+        ("coriolis tidal hills-equations shearing-box", "{word} is 'hill' here"),
+        ("ghost-boxes shear-periodic", "{word} is 'gravity-sheet' here, with the force hill"),
         ("spring", "{word} is 'springs' here"),
         ("bond bonds bond-harmonic harmonicbondforce", "{word} is 'harmonic-bond' here"),
         ("harmonicangleforce angle-harmonic", "{word} is 'harmonic-angle' here"),
