@@ -27,7 +27,7 @@ class SpringsKernel(NamedTuple):
 def spring_forces(force, t, x, v, a, sums):
     never_inline()
     pairs, inverse_masses = force.pairs, force.inverse_masses
-    d = np.empty(3)
+    d = np.empty(3, x.dtype)
     energy = virial = 0.0
     for s in range(pairs.shape[0]):
         i, j = pairs[s, 0], pairs[s, 1]
