@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
     from kickdrift.analysis.doctor import Installation, doctor
+    from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
+    from kickdrift.analysis.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -96,6 +98,8 @@ _HOMES = {
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
+    "TransitionMatrix": "analysis.transition",
+    "Transits": "analysis.transits",
     "body_law": "forces.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.comparing",
@@ -119,6 +123,8 @@ _HOMES = {
     "solve": "run.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
+    "transition_matrix": "analysis.transition",
+    "transits": "analysis.transits",
 }
 
 __all__ = [
@@ -172,6 +178,8 @@ __all__ = [
     "System",
     "Tersoff",
     "Topology",
+    "TransitionMatrix",
+    "Transits",
     "UniformField",
     "accelerations",
     "analysis",
@@ -200,6 +208,8 @@ __all__ = [
     "solve",
     "stability",
     "template",
+    "transition_matrix",
+    "transits",
 ]
 
 # A public name in no other table is a force.

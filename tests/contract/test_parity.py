@@ -185,6 +185,7 @@ ELSEWHERE = {
     "only in Python: values of a running Simulation, and orbits of the present": (
         "Column", "Energies", "Orbit", "OrbitTable", "State",
     ),
+    "only in Python: derivatives of a motion": ("TransitionMatrix", "Transits", "transition_matrix", "transits"),
 }  # fmt: skip
 
 

@@ -215,14 +215,14 @@ def length_of(system: System | Problem, time: float | str | None) -> float:
     return float(length)
 
 
-def carrier(system: System, integrator: str | None) -> str:
+def carrier(system: System, integrator: str | None, default: str = DEFAULT) -> str:
     """Name of the integrator for the run."""
     if integrator is not None:
         if not method_named(integrator).carries:
-            raise InputError(f"integrator: {integrator} carries no variations; {DEFAULT} does, and yoshida6")
+            raise InputError(f"integrator: {integrator} carries no variations; {default} does, and yoshida6")
         return integrator
     named = INTEGRATORS.get(system.run.integrator or "")
-    return named.name if named is not None and named.carries else DEFAULT
+    return named.name if named is not None and named.carries else default
 
 
 def _growth(

@@ -70,6 +70,7 @@ def _push_of(p, x, v, m, t):
 def dual_slopes(force: Any, t: float, x: Any, v: Any, a: Any) -> int:
     """Add the accelerations of a force at duals x and v to the duals ``a``, all (3, n). Return a status, which is
     NO_DUALS for a force without a formula that takes duals."""
+    raise NotImplementedError("for compiled code")
 
 
 @overload(dual_slopes)

@@ -40,7 +40,9 @@ class Varied:
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         if masses is not None and not isinstance(force, Gravity):
-            raise InputError(f"masses: force {force.name!r} has no derivatives with respect to masses; gravity has them")
+            raise InputError(
+                f"masses: force {force.name!r} has no derivatives with respect to masses; gravity has them"
+            )
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along = masses, along
         self._found: Any = None

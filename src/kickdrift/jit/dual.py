@@ -146,4 +146,3 @@ def dual_rows(typingctx, memory, columns):
 
     plain = isinstance(memory, types.Array) and memory.layout == "C" and memory.dtype == types.float64
     return (kind(memory, types.intp), codegen) if plain else None
-

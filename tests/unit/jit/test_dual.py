@@ -50,7 +50,6 @@ def with_choices(x, y):
     return larger + max(x, y) * min(x, 2.0) + abs(x - y) + kept + math.copysign(x, -y) + math.floor(x) + math.fabs(y)
 
 
-
 def arithmetic_mp(x, y):
     total = mpmath.mpf(0)
     for k in range(3):

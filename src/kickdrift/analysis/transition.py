@@ -1,0 +1,168 @@
+"""State-transition matrix: the derivatives of a motion's end with respect to its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.chaos import carrier, length_of
+from kickdrift.analysis.varied_run import DEFAULT, Columns, VariedRun, rows_of
+from kickdrift.display.showing import following
+from kickdrift.errors import InputError
+from kickdrift.forces.gravity import Gravity
+from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.model.state import Floats, State
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+
+
+@dataclass(frozen=True, eq=False)
+class TransitionMatrix:
+    """Derivatives of the state at the end of a run with respect to the state at its start.
+
+    Rows are the n particles' positions x0, y0, z0, x1 … and then their velocities. Columns are positions and velocities
+    of the varied bodies, in the same order.
+
+    Attributes
+    ----------
+    matrix : (6 n, 6 k) for k varied bodies
+    by_masses : (6 n, n), derivatives with respect to the masses; None if not asked for
+    bodies : rows of the varied bodies in the system
+    start, end : State
+    integrator : name of the method
+    steps : number of steps
+    by_differences : names of the forces whose slopes came from central differences, with a relative error of some
+        1e-10; the slopes of all others are exact
+    """
+
+    matrix: Floats
+    by_masses: Floats | None
+    bodies: tuple[int, ...]
+    start: State
+    end: State
+    integrator: str
+    steps: int
+    by_differences: tuple[str, ...]
+
+    @property
+    def symplectic_error(self) -> float | None:
+        """The largest element of M^T J M - J, relative to the square of the largest element of M. Here M acts on
+        canonical coordinates: positions and velocities times sqrt(m), in units of the start's distances and speeds.
+        None unless all bodies vary and have a mass.
+
+        Forces that derive from a potential give zero up to round-off and the error of the method. A symplectic method
+        gives round-off alone."""
+        masses = self.start.masses
+        if len(self.bodies) != len(masses) or not (masses > 0).all():
+            return None
+        distance, speed = (float(np.linalg.norm(each)) or 1.0 for each in self.start.phase)
+        heavy, order = np.repeat(np.sqrt(masses), 3), self._order
+        weights = np.concatenate([heavy / distance, heavy / speed])
+        m = weights[:, None] * self.matrix[:, order] / weights
+        half = len(m) // 2
+        j = np.zeros_like(m)
+        j[:half, half:], j[half:, :half] = np.eye(half), -np.eye(half)
+        return float(np.abs(m.T @ j @ m - j).max() / max(1.0, float(np.abs(m).max()) ** 2))
+
+    @property
+    def _order(self) -> Any:
+        """Columns in the order of the system's rows."""
+        rows = np.argsort(self.bodies)
+        own = (3 * rows[:, None] + np.arange(3)).ravel()
+        return np.concatenate([own, 3 * len(rows) + own])
+
+    def __str__(self) -> str:
+        rows, columns = self.matrix.shape
+        words = [f"transition matrix {rows} x {columns} from t = {self.start.time:.6g} to {self.end.time:.6g}"]
+        words.append(f"{self.integrator}, {self.steps} steps")
+        if self.by_differences:
+            words.append(f"by central differences: {', '.join(self.by_differences)}")
+        return "; ".join(words)
+
+
+def transition_matrix(
+    system: System | Simulation,
+    time: float | str | None = None,
+    integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
+    *,
+    bodies: Iterable[str | int] | str | int | None = None,
+    masses: bool = False,
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> TransitionMatrix:
+    """Derivatives of a motion's end with respect to its start, from the variational equations.
+
+    The same method moves particles and deviations, so with fixed steps the matrix is the derivative of the method's own
+    map. Gravity, field laws, body laws and springs have exact slopes: a law's formula runs on numbers that carry their
+    derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use central differences, and the
+    result names them.
+
+    Parameters
+    ----------
+    system : System, or a Simulation, whose current state and method are the defaults
+    time : length of the run; default the system file's
+    integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
+        gauss-radau15. With fixed steps the run has the nearest whole number of them
+    bodies : names or numbers of the bodies whose start varies; default all
+    masses : whether to differentiate by the masses of all bodies as well; for gravity alone
+
+    Returns
+    -------
+    TransitionMatrix
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and for a force without variational equations.
+    RunError
+        If the run blows up.
+    """
+    system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
+    length, name = length_of(system, time), carrier(system, asked, DEFAULT)
+    columns = columns_of(system, bodies, masses)
+    with following(progress, "running") as told:
+        run = VariedRun(system, columns, name, threads, given)
+        phase, slopes, end = run.to(length, told)
+    matrix, by_masses = as_matrix(slopes, columns)
+    reached = system.at(phase, end, run.sim.steps_done).state
+    return TransitionMatrix(
+        matrix, by_masses, columns.bodies, system.state, reached, name, run.sim.steps_done, run.by_differences
+    )
+
+
+def given_run(
+    what: str, system: System | Simulation, integrator: Any, options: dict[str, Any]
+) -> tuple[System, str | None, dict[str, Any]]:
+    """The System, the name of the integrator if one is asked for, and its options."""
+    if not isinstance(system, System | Simulation):
+        raise InputError(f"{what}: takes a System or a Simulation, got {type(system).__name__}")
+    asked, given = unpacked(integrator, options)
+    if isinstance(system, System):
+        return system, asked, given
+    sim, now = system, system.state
+    own = sim.integration.system
+    assert isinstance(own, System)
+    if asked is None and sim.method.carries:
+        asked = sim.integrator
+        kept = {"dt": sim.dt, **{key: sim.options.get(key) for key in sim.method.tunable}}
+        given = kept | {key: value for key, value in given.items() if value is not None}
+    return own.at(now.phase, sim.time), asked, given
+
+
+def columns_of(system: System, bodies: Any, masses: bool) -> Columns:
+    """The numbers to differentiate by."""
+    if masses and not any(isinstance(force, Gravity) for force in system.forces):
+        raise InputError(f"masses: system {system.name!r} has no gravity, whose sources they are")
+    return Columns(rows_of(system, bodies, "bodies"), tuple(range(len(system))) if masses else ())
+
+
+def as_matrix(slopes: Floats, columns: Columns) -> tuple[Floats, Floats | None]:
+    """The matrix (6 n, 6 k), and the derivatives by masses, from derivatives (2, 3, n, columns)."""
+    flat = slopes.transpose(0, 2, 1, 3).reshape(-1, columns.total)
+    first = 6 * len(columns.bodies)
+    return np.ascontiguousarray(flat[:, :first]), np.ascontiguousarray(flat[:, first:]) if columns.masses else None
