@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
+from kickdrift.analysis.tangent_run import TangentRun
 from kickdrift.analysis.varied_run import DEFAULT, Columns, VariedRun, rows_of
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -107,7 +110,9 @@ def transition_matrix(
     system : System, or a Simulation, whose current state and method are the defaults
     time : length of the run; default the system file's
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
-        gauss-radau15. With fixed steps the run has the nearest whole number of them
+        gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
+        use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
+        alone
     bodies : names or numbers of the bodies whose start varies; default all
     masses : whether to differentiate by the masses of all bodies as well; for gravity alone
 
@@ -123,16 +128,28 @@ def transition_matrix(
         If the run blows up.
     """
     system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
-    length, name = length_of(system, time), carrier(system, asked, DEFAULT)
-    columns = columns_of(system, bodies, masses)
+    length, columns = length_of(system, time), columns_of(system, bodies, masses)
+    mapped = _mapped(system, asked, given)
+    name = mapped or carrier(system, asked, DEFAULT)
+    run = (TangentRun if mapped else VariedRun)(system, columns, name, threads, given)
     with following(progress, "running") as told:
-        run = VariedRun(system, columns, name, threads, given)
         phase, slopes, end = run.to(length, told)
     matrix, by_masses = as_matrix(slopes, columns)
-    reached = system.at(phase, end, run.sim.steps_done).state
+    reached = system.at(phase, end, run.steps).state
     return TransitionMatrix(
-        matrix, by_masses, columns.bodies, system.state, reached, name, run.sim.steps_done, run.by_differences
+        matrix, by_masses, columns.bodies, system.state, reached, name, run.steps, run.by_differences
     )
+
+
+def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
+    """Name of the Wisdom-Holman method whose tangent map serves: the one asked for, or the system file's own where it
+    can; else None."""
+    named = INTEGRATORS.get(asked or system.run.integrator or "")
+    if not isinstance(named, WisdomHolman):
+        return None
+    alone = all(isinstance(force, Gravity) for force in system.forces)
+    has_step = given.get("dt") is not None or system.run.dt is not None
+    return named.name if asked or (alone and has_step) else None
 
 
 def given_run(
@@ -147,7 +164,7 @@ def given_run(
     sim, now = system, system.state
     own = sim.integration.system
     assert isinstance(own, System)
-    if asked is None and sim.method.carries:
+    if asked is None and (sim.method.carries or isinstance(sim.method, WisdomHolman)):
         asked = sim.integrator
         kept = {"dt": sim.dt, **{key: sim.options.get(key) for key in sim.method.tunable}}
         given = kept | {key: value for key, value in given.items() if value is not None}

@@ -180,7 +180,7 @@ class _Search:
 
     def found(self) -> list[tuple[float, Floats, float, float]]:
         """Times, their derivatives (columns,), distances and speeds."""
-        self._run.steps(MOST_STEPS, self._visit, 1)
+        self._run.advance(MOST_STEPS, self._visit, 1)
         return self._found
 
     def _relative(self, y: Floats) -> Floats:

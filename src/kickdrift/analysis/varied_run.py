@@ -105,6 +105,11 @@ class VariedRun:
     def time(self) -> float:
         return self.sim.time
 
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+        return self.sim.steps_done
+
     def split(self, y: Floats) -> tuple[Floats, Floats]:
         """The particles' phase (2, 3, n), and the derivatives (2, 3, n, columns), of the run's y (2, 3, n (1 +
         columns))."""
@@ -112,7 +117,7 @@ class VariedRun:
         deviations = y[:, :, n:].reshape(2, 3, n, self.columns.total)
         return y[:, :, :n].copy(), deviations * self._unit
 
-    def steps(self, number: int, visit: Callable[[], bool | None], every: int = EVERY) -> None:
+    def advance(self, number: int, visit: Callable[[], bool | None], every: int = EVERY) -> None:
         """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
         large = False
 
@@ -151,11 +156,11 @@ class VariedRun:
 
         if not self.sim.method.chooses_steps:
             assert self.sim.dt is not None
-            self.steps(cadence(length, self.sim.dt)[0], visit)
+            self.advance(cadence(length, self.sim.dt)[0], visit)
             return *self.split(self.sim.integration.stepper.y), self.time
         stepper: Any = self.sim.integration.stepper
         while stepper.time < end:
-            self.steps(1, visit, 1)
+            self.advance(1, visit, 1)
             stepper = self.sim.integration.stepper
         return *self.split(stepper.at(end)), end
 

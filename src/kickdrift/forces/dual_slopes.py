@@ -12,12 +12,10 @@ from kickdrift.forces.fields_kernel import SpringsKernel
 from kickdrift.forces.kernel import OK, run_body
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.dual import dual
-from kickdrift.jit.dual_operators import dual_vector
+from kickdrift.jit.dual_operators import dual_vector, vector_at
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cpu_target
-from kickdrift.jit.vector3 import vector3
 
 NO_DUALS = -1  # status of a force without a formula on duals
 BODIES = (BodyWork, SpringsKernel)  # their bodies take arrays of duals as they are
@@ -48,13 +46,6 @@ def over_mass(push, inverse_masses, i):
     if inverse_masses is None:
         return push
     return inverse_masses[i] * push
-
-
-@jit
-def vector_at(x, i):
-    """Return column i of an array of duals as a vector."""
-    p, q, r = x[0, i], x[1, i], x[2, i]
-    return dual(vector3(p.value, q.value, r.value), vector3(p.slope, q.slope, r.slope))
 
 
 def push_of(p: Any, x: Any, v: Any, m: Any, t: Any) -> Any:

@@ -224,7 +224,5 @@ def _numbers_of(context: Any, builder: Any, kind: types.Array, value: Any, place
     return parts[0] if kind.ndim == 1 else joined(builder, parts)
 
 
-parameters_at = _reading(
-    lanes_type
-)  # of eight particles from a place on: numbers and vectors, of lanes where they vary
-parameters_of = _reading(types.float64)  # of one particle
+# Numbers and vectors of eight particles from a place on, as lanes where they vary, and of one particle.
+parameters_at, parameters_of = _reading(lanes_type), _reading(types.float64)

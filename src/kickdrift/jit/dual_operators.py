@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.dual import DUAL, DUAL3, Dual, as_dual, dual
 from kickdrift.jit.inner import overload
@@ -189,3 +190,15 @@ def _dual_vector(push):
 @as_written
 def _of_three(x, y, z):
     return dual(vector3(x.value, y.value, z.value), vector3(x.slope, y.slope, z.slope))
+
+
+@as_written
+def vector_at(x, i):
+    """Return column i of an array (3, n) of duals as a vector."""
+    return _of_three(x[0, i], x[1, i], x[2, i])
+
+
+@as_written
+def put_vector(x, i, vector):
+    """Write a dual vector into column i of an array (3, n) of duals."""
+    x[0, i], x[1, i], x[2, i] = vector.x, vector.y, vector.z

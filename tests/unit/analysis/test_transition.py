@@ -36,7 +36,7 @@ def run_to(system: kd.System, integrator: str, dt: float | None, time: float = 5
     return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()])
 
 
-@pytest.mark.parametrize(("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01)])
+@pytest.mark.parametrize(("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01), ("wisdom-holman", 0.05), ("saba", 0.05)])
 def test_columns_are_slopes_of_runs(name, dt):
     found = kd.transition_matrix(planets(), 5.0, name, dt, masses=True)
     assert found.by_differences == ()
@@ -64,6 +64,30 @@ def test_bodies_select_columns_and_a_simulation_goes_on():
     assert second.integrator == "yoshida4"
     assert second.start.time == 0.5
     np.testing.assert_allclose(second.matrix @ first.matrix, whole.matrix, rtol=0, atol=1e-12)
+
+
+def test_a_tangent_map_follows_the_corrector_and_the_star_in_any_place():
+    order = [1, 0, 2]
+    system = planets()
+    turned = kd.System(
+        system.state.positions[order], system.state.velocities[order], system.state.masses[order],
+        forces=system.forces, units="nbody",
+    )  # fmt: skip
+    found = kd.transition_matrix(turned, 5.0, "wisdom-holman", 0.02, corrector=17)
+    sim = kd.Simulation(turned, "wisdom-holman", 0.02, corrector=17)
+    sim.run(250)
+    np.testing.assert_allclose(found.end.positions, sim.state.positions, rtol=0, atol=1e-12)
+    exact = kd.transition_matrix(turned, 5.0, "gauss-radau15")
+    np.testing.assert_allclose(found.matrix, exact.matrix, rtol=0, atol=1e-6)
+    plain = kd.transition_matrix(turned, 5.0, "wisdom-holman", 0.02)
+    assert np.abs(found.matrix - exact.matrix).max() < 0.1 * np.abs(plain.matrix - exact.matrix).max()
+
+
+def test_a_tangent_map_is_symplectic_over_long_runs():
+    found = kd.transition_matrix(planets(), 500.0, "wisdom-holman", 0.05)
+    assert found.steps == 10_000
+    assert found.symplectic_error < 1e-13
+    assert kd.transition_matrix(kd.load("trappist-1"), "10 day").integrator == "wisdom-holman"
 
 
 def test_a_scaled_deviation_is_the_same(monkeypatch):
@@ -109,6 +133,11 @@ def test_a_law_of_whole_arrays_takes_central_differences_and_says_so():
         ({"bodies": 9}, "bodies: there is no body 9"),
         ({"integrator": "hermite4"}, "integrator: hermite4 carries no variations"),
         ({"time": -1.0}, "time must be a positive finite time"),
+        ({"integrator": "saba"}, "dt is needed"),
+        (
+            {"integrator": "wisdom-holman", "dt": 0.1, "coordinates": "democratic-heliocentric"},
+            "coordinates: the tangent map of wisdom-holman takes jacobi alone, got democratic-heliocentric",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_said(given, message):
@@ -122,6 +151,9 @@ def test_forces_without_variations_are_refused():
     trapped = kd.System(np.eye(2, 3), forces=[kd.Gravity(G=1.0), kd.HarmonicTrap(1.0)], units="nbody")
     with pytest.raises(InputError, match="masses: force 'harmonic-trap' has no derivatives with respect to masses"):
         kd.transition_matrix(trapped, 0.1, masses=True)
+    flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
+    with pytest.raises(InputError, match="its tangent map takes gravity alone, not j2; gauss-radau15 takes all"):
+        kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1)
     with pytest.raises(InputError, match="takes a System or a Simulation, got str"):
         kd.transition_matrix("two-body", 0.1)
 
