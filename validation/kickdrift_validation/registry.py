@@ -104,6 +104,12 @@ SCRIPTS = (
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script(
+        "derivatives.py",
+        "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
+        30,
+        peers=("heyoka", "mpmath", "rebound"),
+    ),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
     # what textbooks and web guides say
     Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),

@@ -83,8 +83,9 @@ def varied(system: System, deviations: Floats, masses: Floats | None = None) -> 
     names = [system.body(i) for i in range(len(system))]
     each = range(1, along + 1)
     more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
-    return System(
+    made = System(
         x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
         [Varied(force, system, masses, along) for force in system.forces], system.units,
         name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
+    return made.at(made.state.phase, system.state.time)

@@ -36,7 +36,9 @@ def run_to(system: kd.System, integrator: str, dt: float | None, time: float = 5
     return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()])
 
 
-@pytest.mark.parametrize(("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01), ("wisdom-holman", 0.05), ("saba", 0.05)])
+@pytest.mark.parametrize(
+    ("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01), ("wisdom-holman", 0.05), ("saba", 0.05)]
+)
 def test_columns_are_slopes_of_runs(name, dt):
     found = kd.transition_matrix(planets(), 5.0, name, dt, masses=True)
     assert found.by_differences == ()
@@ -182,6 +184,15 @@ def test_keplers_transits_come_once_a_period():
                 )
             )
             np.testing.assert_allclose(found.jacobian[:, 3 * half + axis], wanted, rtol=1e-8, atol=1e-8)
+
+
+def test_transits_of_a_simulation_go_on_from_its_time():
+    whole = kd.transits(planets(), "b", until=14.0, direction=(1, 0, 0))
+    sim = kd.Simulation(planets(), "gauss-radau15")
+    sim.run(until=8.0)
+    rest = kd.transits(sim, "b", until=14.0, direction=(1, 0, 0))
+    assert len(whole) == len(rest) + 1
+    np.testing.assert_allclose(rest.times, whole.times[1:], rtol=1e-13)
 
 
 def test_transits_are_those_of_rebound():
