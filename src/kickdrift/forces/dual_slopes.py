@@ -15,7 +15,7 @@ from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.dual_operators import dual_vector, vector_at
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
-from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cpu_target
+from kickdrift.jit.numba_private import cpu_target
 
 NO_DUALS = -1  # status of a force without a formula on duals
 BODIES = (BodyWork, SpringsKernel)  # their bodies take arrays of duals as they are
@@ -71,7 +71,7 @@ def _dual_slopes(force, t, x, v, a):
     if cls is FieldWork or cls in BODIES:
         try:
             cpu_target.typing_context.resolve_function_type(types.Dispatcher(code), (force, t, x, v, a), {})
-        except (NumbaError, UnsupportedBytecodeError):  # such as a law with functions of whole arrays
+        except Exception:  # whatever numba raises for a law with, say, functions of whole arrays
             return lambda force, t, x, v, a: NO_DUALS
         return lambda force, t, x, v, a: code(force, t, x, v, a)
     return lambda force, t, x, v, a: NO_DUALS

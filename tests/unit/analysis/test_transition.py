@@ -119,11 +119,24 @@ class WholeArrays(NamedTuple):
         return 0.5 * p.k * np.sum(m * x * x)
 
 
-def test_a_law_of_whole_arrays_takes_central_differences_and_says_so():
-    system = kd.System([[0.3, -0.2, 0.9], [1.0, 0.0, 0.0]], forces=[WholeArrays(k=1.0)], units="nbody")
+@kd.body_law
+class WholeColumns(NamedTuple):
+    k: float
+
+    def law(p, x, v, m, t, a):
+        energy = 0.0
+        for i in range(x.shape[1]):
+            a[:, i] += -p.k * x[:, i]
+            energy += 0.5 * p.k * m[i] * np.sum(x[:, i] ** 2)
+        return energy
+
+
+@pytest.mark.parametrize("law", [WholeArrays, WholeColumns])
+def test_a_law_of_whole_arrays_takes_central_differences_and_says_so(law):
+    system = kd.System([[0.3, -0.2, 0.9], [1.0, 0.0, 0.0]], forces=[law(k=1.0)], units="nbody")
     found = kd.transition_matrix(system, 1.7, "gauss-radau15")
-    assert found.by_differences == ("whole-arrays",)
-    assert "by central differences: whole-arrays" in str(found)
+    assert found.by_differences == (law.name,)
+    assert f"by central differences: {law.name}" in str(found)
     np.testing.assert_allclose(found.matrix[:6, :6], math.cos(1.7) * np.eye(6), rtol=0, atol=1e-8)
 
 
