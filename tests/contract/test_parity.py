@@ -88,6 +88,19 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "ChaosReport.as_json",
         "--quiet": "megno(progress)",
     },
+    "transits": {
+        "system": "transits(system)",
+        "planet": "transits(planet)",
+        "--until": "transits(until)",
+        "--star": "transits(star)",
+        "--direction": "transits(direction)",
+        "--within": "transits(within)",
+        "--masses": "transits(masses)",
+        "--integrator": "transits(integrator)",
+        "--threads": "transits(threads)",
+        "--json": "Transits.as_json",
+        "--quiet": "transits(progress)",
+    },
     "certify": {
         "runs": "analysis.ensemble_checks(runs)",
         "--temperature": "analysis.ensemble_checks(temperature)",
@@ -154,7 +167,8 @@ OPTIONS: dict[str, dict[str, str]] = {
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
 # has all its columns.
 OF_FILES = {
-    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
+    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"},
+    "transits": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
@@ -185,7 +199,7 @@ ELSEWHERE = {
     "only in Python: values of a running Simulation, and orbits of the present": (
         "Column", "Energies", "Orbit", "OrbitTable", "State",
     ),
-    "only in Python: derivatives of a motion": ("TransitionMatrix", "Transits", "transition_matrix", "transits"),
+    "only in Python: derivatives of a motion": ("TransitionMatrix", "transition_matrix"),
 }  # fmt: skip
 
 

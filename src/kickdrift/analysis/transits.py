@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from kickdrift.analysis.chaos import carrier
 from kickdrift.analysis.transition import columns_of, given_run
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun, rows_of
-from kickdrift.display.showing import following
+from kickdrift.display.showing import Lines, Shown, Table, following
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator
@@ -21,15 +21,18 @@ from kickdrift.model.checks import positive
 from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 
 TURN = 0.5  # radians that the planet may move between two looks for a transit
+MOST_SHOWN = 20  # rows of the table
+_COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
 MOST = 60  # attempts to find a time: bisection alone needs some 50
 
 
-@dataclass(frozen=True, eq=False)
-class Transits:
+@dataclass(frozen=True, eq=False, repr=False)
+class Transits(Shown):
     """Times at which a planet is nearest to its star on the sky, in front of it, and the derivatives of these times.
 
     Attributes
@@ -43,6 +46,7 @@ class Transits:
     planet, star : names
     integrator : name of the method
     by_differences : names of the forces whose slopes came from central differences
+    units : the system's
     """
 
     times: Floats
@@ -54,14 +58,34 @@ class Transits:
     star: str
     integrator: str
     by_differences: tuple[str, ...]
+    units: UnitSystem
 
     def __len__(self) -> int:
         return len(self.times)
 
-    def __str__(self) -> str:
-        shown = ", ".join(f"{time:.10g}" for time in self.times[:4])
-        more = f" and {len(self) - 4} more" if len(self) > 4 else ""
-        return f"{len(self)} transits of {self.planet} in front of {self.star}: {shown}{more}"
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _tables(self) -> list[Table]:
+        columns = ["transit", *(_headed(name, self.units.symbol(kind)) for name, kind in _COLUMNS)]
+        series = (self.times, self.distances, self.speeds)
+        rows = [[str(k), *(f"{value:.13g}" for value in row)] for k, row in enumerate(zip(*series, strict=True))]
+        return [(f"transits of {self.planet} in front of {self.star}", columns, rows[:MOST_SHOWN])]
+
+    def _lines(self) -> Lines:
+        lines = [("transits", f"{len(self)}, with derivatives by {self.jacobian.shape[1]} numbers of the start")]
+        if len(self) > MOST_SHOWN:
+            lines.append(("", f"the first {MOST_SHOWN} are shown"))
+        lines.append(("integrator", self.integrator))
+        if self.by_differences:
+            lines.append(("by differences", ", ".join(self.by_differences)))
+        return lines
+
+    def as_json(self) -> dict[str, Any]:
+        """The transits as one JSON object."""
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "units"}
+        plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in kept.items()}
+        return plain | {"units": self.units.name}
 
 
 def transits(
@@ -118,7 +142,7 @@ def transits(
     most = _within(system, pair, within)
     columns = columns_of(system, bodies, masses)
     with following(progress, "running") as told:
-        run = VariedRun(system, columns, name, threads, given if method_named(name).chooses_steps else {})
+        run = VariedRun(system, columns, name, threads, given if name == asked else options)
         found = _Search(run, pair, sight, end, most, told).found()
     who, whom = (system.body(row) for row in pair)
     if not found:
@@ -127,8 +151,21 @@ def transits(
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     jacobian, by_masses = rates[:, : 6 * len(columns.bodies)], rates[:, 6 * len(columns.bodies) :]
     return Transits(
-        times, jacobian, by_masses if masses else None, distances, speeds, who, whom, name, run.by_differences
+        times,
+        jacobian,
+        by_masses if masses else None,
+        distances,
+        speeds,
+        who,
+        whom,
+        name,
+        run.by_differences,
+        system.units,
     )
+
+
+def _headed(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
 
 
 def _method(system: System, asked: str | None, by_default: bool) -> str:

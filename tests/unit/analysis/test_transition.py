@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.varied_run import Columns, VariedRun
+from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 
 MASSES = [1.0, 1e-3, 3e-4]
@@ -251,3 +254,20 @@ def test_columns():
     assert slopes.shape == (2, 3, 3, 8)
     np.testing.assert_array_equal(slopes[:, :, 1, :6].reshape(6, 6), np.eye(6))
     assert np.count_nonzero(slopes) == 6
+
+
+def test_command(monkeypatch, tmp_path, capsys):
+    def called(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "transits", "trappist-1", *words, "--direction", "0,-1,0"])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return int(ended.value.code or 0)
+
+    file = tmp_path / "transits.json"
+    assert called("b", "--until", "4 day", "--json", str(file)) == 0
+    assert "2, with derivatives by 48 numbers of the start" in capsys.readouterr().out
+    found = json.loads(file.read_text())
+    assert len(found["times"]) == len(found["jacobian"]) == 2
+    assert found["units"] == "astro"
+    assert called("h", "--until", "1 day") == 2
+    assert "transits: h does not pass in front of TRAPPIST-1 until t = " in capsys.readouterr().err
