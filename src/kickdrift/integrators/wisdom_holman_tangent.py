@@ -9,7 +9,7 @@ Masses may vary as well.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,12 @@ def tangents(phase: Floats, slopes: Floats, gm: Floats, gm_slopes: Floats) -> Ta
     made = Tangents(np.zeros((-(-columns // WIDTH), 5, 3 * n * SLOT)), columns)
     enter(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
     return made
+
+
+def slopes_in(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The derivatives of positions and velocities in the rows of ``Tangents``, to read and to write."""
+    duals = rows.reshape(*rows.shape[:2], -1, SLOT)
+    return duals[:, :2, :, 1:]
 
 
 @driver
@@ -194,7 +200,7 @@ def kepler_duals(gm, dt, x, v):
     ahead, eta = sign * ahead, sign * eta
     found = one_solution(gm.value, beta.value, r0.value, eta.value, zeta.value, ahead.value)
     root = (ahead.value - eta.value * found.g2 - zeta.value * found.g3) / r0.value
-    g = one_g(beta, as_dual(root))
+    g: Any = one_g(beta, as_dual(root))
     excess = r0 * root + eta * g.g2 + zeta * g.g3 - ahead
     slope = r0.value + eta.value * g.g1.value + zeta.value * g.g2.value
     g = one_g(beta, root - excess / slope)
