@@ -188,7 +188,8 @@ def drift_duals(x, v, masses, dt, changes, slopes):
 @jit
 def kepler_duals(gm, dt, x, v):
     """Changes of x and v as `kepler.kepler_increments` gives them, on duals."""
-    r0, eta = math.sqrt(x @ x), x @ v
+    r0: Any = math.sqrt(x @ x)
+    eta = x @ v
     beta = 2.0 * gm / r0 - v @ v
     zeta = gm - beta * r0
     ahead = as_dual(dt)
@@ -200,7 +201,7 @@ def kepler_duals(gm, dt, x, v):
     ahead, eta = sign * ahead, sign * eta
     found = one_solution(gm.value, beta.value, r0.value, eta.value, zeta.value, ahead.value)
     root = (ahead.value - eta.value * found.g2 - zeta.value * found.g3) / r0.value
-    g: Any = one_g(beta, as_dual(root))
+    g = one_g(beta, as_dual(root))
     excess = r0 * root + eta * g.g2 + zeta * g.g3 - ahead
     slope = r0.value + eta.value * g.g1.value + zeta.value * g.g2.value
     g = one_g(beta, root - excess / slope)
