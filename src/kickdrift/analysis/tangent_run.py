@@ -41,6 +41,8 @@ class TangentRun:
             raise InputError(
                 f"{name}: its tangent map takes gravity alone, not {', '.join(others)}; {DEFAULT} takes all"
             )
+        if columns is not None and columns.parameters:
+            raise InputError(f"parameters: the tangent map of {name} has none; {DEFAULT} takes them")
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0

@@ -14,6 +14,7 @@ from kickdrift.analysis.varied_run import DEFAULT, Columns, VariedRun, rows_of
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.pushes import parameter_of
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.integrators.wisdom_holman import WisdomHolman
@@ -33,6 +34,7 @@ class TransitionMatrix:
     ----------
     matrix : (6 n, 6 k) for k varied bodies
     by_masses : (6 n, n), derivatives with respect to the masses; None if not asked for
+    by_parameters : (6 n, p), derivatives with respect to the parameters; None if not asked for
     bodies : rows of the varied bodies in the system
     start, end : State
     integrator : name of the method
@@ -43,6 +45,7 @@ class TransitionMatrix:
 
     matrix: Floats
     by_masses: Floats | None
+    by_parameters: Floats | None
     bodies: tuple[int, ...]
     start: State
     end: State
@@ -94,6 +97,7 @@ def transition_matrix(
     *,
     bodies: Iterable[str | int] | str | int | None = None,
     masses: bool = False,
+    parameters: Iterable[str] = (),
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
@@ -114,7 +118,9 @@ def transition_matrix(
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
         alone
     bodies : names or numbers of the bodies whose start varies; default all
-    masses : whether to differentiate by the masses of all bodies as well; for gravity alone
+    masses : whether to differentiate by the masses of all bodies as well
+    parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
+        Their slopes, and those of masses in other forces than gravity, are central differences of order 4 of the force
 
     Returns
     -------
@@ -128,17 +134,15 @@ def transition_matrix(
         If the run blows up.
     """
     system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
-    length, columns = length_of(system, time), columns_of(system, bodies, masses)
+    length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters)
     mapped = _mapped(system, asked, given)
     name = mapped or carrier(system, asked, DEFAULT)
     run = (TangentRun if mapped else VariedRun)(system, columns, name, threads, given)
     with following(progress, "running") as told:
         phase, slopes, end = run.to(length, told)
-    matrix, by_masses = as_matrix(slopes, columns)
+    parts = as_matrices(slopes, columns)
     reached = system.at(phase, end, run.steps).state
-    return TransitionMatrix(
-        matrix, by_masses, columns.bodies, system.state, reached, name, run.steps, run.by_differences
-    )
+    return TransitionMatrix(*parts, columns.bodies, system.state, reached, name, run.steps, run.by_differences)
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
@@ -171,15 +175,21 @@ def given_run(
     return own.at(now.phase, sim.time), asked, given
 
 
-def columns_of(system: System, bodies: Any, masses: bool) -> Columns:
+def columns_of(system: System, bodies: Any, masses: bool, parameters: Iterable[str]) -> Columns:
     """The numbers to differentiate by."""
-    if masses and not any(isinstance(force, Gravity) for force in system.forces):
-        raise InputError(f"masses: system {system.name!r} has no gravity, whose sources they are")
-    return Columns(rows_of(system, bodies, "bodies"), tuple(range(len(system))) if masses else ())
+    named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    for text in named:
+        parameter_of(system, text)
+    return Columns(rows_of(system, bodies, "bodies"), tuple(range(len(system))) if masses else (), named)
 
 
-def as_matrix(slopes: Floats, columns: Columns) -> tuple[Floats, Floats | None]:
-    """The matrix (6 n, 6 k), and the derivatives by masses, from derivatives (2, 3, n, columns)."""
+def as_matrices(slopes: Floats, columns: Columns) -> tuple[Floats, Floats | None, Floats | None]:
+    """The matrix (6 n, 6 k), and the derivatives by masses and by parameters, from derivatives (2, 3, n, columns)."""
     flat = slopes.transpose(0, 2, 1, 3).reshape(-1, columns.total)
     first = 6 * len(columns.bodies)
-    return np.ascontiguousarray(flat[:, :first]), np.ascontiguousarray(flat[:, first:]) if columns.masses else None
+    matrix, by_masses, by_parameters = np.split(flat, [first, first + len(columns.masses)], axis=1)
+    return (
+        np.ascontiguousarray(matrix),
+        np.ascontiguousarray(by_masses) if columns.masses else None,
+        np.ascontiguousarray(by_parameters) if columns.parameters else None,
+    )

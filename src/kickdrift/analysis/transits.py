@@ -41,6 +41,7 @@ class Transits(Shown):
     jacobian : (k, 6 b), derivatives with respect to the start of the varied bodies: positions x0, y0, z0, x1 …, then
         velocities, as in a `TransitionMatrix`
     by_masses : (k, n), derivatives with respect to the masses; None if not asked for
+    by_parameters : (k, p), derivatives with respect to the parameters; None if not asked for
     distances : (k,) distances on the sky at these times
     speeds : (k,) speeds on the sky at these times
     planet, star : names
@@ -52,6 +53,7 @@ class Transits(Shown):
     times: Floats
     jacobian: Floats
     by_masses: Floats | None
+    by_parameters: Floats | None
     distances: Floats
     speeds: Floats
     planet: str
@@ -98,6 +100,7 @@ def transits(
     within: float | str | None = None,
     bodies: Iterable[str | int] | str | int | None = None,
     masses: bool = False,
+    parameters: Iterable[str] = (),
     integrator: str | Integrator | None = None,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
@@ -118,7 +121,8 @@ def transits(
     direction : from the system towards the observer; default z
     within : largest distance on the sky that counts; default the sum of both radii if the system has radii, else any
     bodies : bodies whose start varies; default all
-    masses : whether to differentiate by the masses of all bodies as well; for gravity alone
+    masses : whether to differentiate by the masses of all bodies as well
+    parameters : parameters of forces to differentiate by, as in ``transition_matrix``
     integrator, options : a method that knows the state inside its steps; default the system file's if it does, else
         gauss-radau15
 
@@ -140,7 +144,7 @@ def transits(
     if not (math.isfinite(end) and end > system.state.time):
         raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
     most = _within(system, pair, within)
-    columns = columns_of(system, bodies, masses)
+    columns = columns_of(system, bodies, masses, parameters)
     with following(progress, "running") as told:
         run = VariedRun(system, columns, name, threads, given if name == asked else options)
         found = _Search(run, pair, sight, end, most, told).found()
@@ -149,19 +153,12 @@ def transits(
         near = "" if most == math.inf else f" within {most:.6g} on the sky"
         raise InputError(f"transits: {who} does not pass in front of {whom}{near} until t = {end:.10g}")
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
-    jacobian, by_masses = rates[:, : 6 * len(columns.bodies)], rates[:, 6 * len(columns.bodies) :]
+    first = 6 * len(columns.bodies)
+    jacobian, by_masses, by_parameters = np.split(rates, [first, first + len(columns.masses)], axis=1)
     return Transits(
-        times,
-        jacobian,
-        by_masses if masses else None,
-        distances,
-        speeds,
-        who,
-        whom,
-        name,
-        run.by_differences,
-        system.units,
-    )
+        times, jacobian, by_masses if columns.masses else None, by_parameters if columns.parameters else None,
+        distances, speeds, who, whom, name, run.by_differences, system.units,
+    )  # fmt: skip
 
 
 def _headed(name: str, unit: str) -> str:

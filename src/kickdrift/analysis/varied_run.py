@@ -9,6 +9,7 @@ import numpy as np
 
 from kickdrift.analysis.deviations import cadence, scale_of
 from kickdrift.errors import InputError, RunError
+from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import varied
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
@@ -21,14 +22,15 @@ EVERY = 16  # steps between two checks of that growth
 
 
 class Columns(NamedTuple):
-    """The numbers by which the end is differentiated: coordinates and velocities of bodies, then masses."""
+    """The numbers by which the end is differentiated: coordinates and velocities of bodies, masses, parameters."""
 
     bodies: tuple[int, ...]  # rows of the System whose start varies
-    masses: tuple[int, ...]  # rows of the System whose mass varies
+    masses: tuple[int, ...] = ()  # rows of the System whose mass varies
+    parameters: tuple[str, ...] = ()  # of forces, "j2.radius"
 
     @property
     def total(self) -> int:
-        return 6 * len(self.bodies) + len(self.masses)
+        return 6 * len(self.bodies) + len(self.masses) + len(self.parameters)
 
     def start(self, n: int) -> Floats:
         """Unit deviations (2, 3, n, columns): positions body by body, velocities body by body, then masses, which
@@ -69,6 +71,18 @@ def rows_of(system: System, bodies: Any, what: str) -> tuple[int, ...]:
     return tuple(rows)
 
 
+def _pushes(system: System, columns: Columns, heavy: float) -> tuple[list[Push], list[float]]:
+    """What the masses and parameters do in each force, and the size of each parameter as a power of two."""
+    first = 6 * len(columns.bodies)
+    made = [push for k, body in enumerate(columns.masses) for push in pushes_of_mass(system, body, first + k, heavy)]
+    sizes = []
+    for k, text in enumerate(columns.parameters, first + len(columns.masses)):
+        value = parameter_of(system, text)[2]
+        sizes.append(float(2.0 ** np.round(np.log2(abs(value) or 1.0))))
+        made.append(push_of_parameter(system, text, k, sizes[-1]))
+    return made, sizes
+
+
 class VariedRun:
     """A System with deviations, under way.
 
@@ -81,7 +95,8 @@ class VariedRun:
         self.system, self.columns = system, columns
         masses, start = columns.of_masses(n), columns.start(n)
         heavy = 2.0 ** np.round(np.log2(system.state.masses.sum() or 1.0))
-        made = varied(system, start.reshape(2, 3, -1), None if masses is None else heavy * masses)
+        pushes, sizes = _pushes(system, columns, heavy)
+        made = varied(system, start.reshape(2, 3, -1), None if masses is None else heavy * masses, pushes)
         self.sim = Simulation(made, name, threads=threads, **options)
         try:
             with compiling_for(self.sim.integration.purpose):
@@ -92,7 +107,7 @@ class VariedRun:
         self._unit = np.ones(count)  # true deviation over the scaled one
         half = 3 * len(columns.bodies)
         self._unit[:half], self._unit[half : 2 * half] = 1.0 / self._scale[:, 0, 0, 0]
-        self._unit[2 * half :] = 1.0 / heavy
+        self._unit[2 * half :] = 1.0 / np.array([*(heavy for _ in columns.masses), *sizes])
         self._put(start / self._unit)
 
     def _put(self, deviations: Floats) -> None:

@@ -8,6 +8,7 @@ for the particles.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
+    from kickdrift.forces.pushes import Push
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 
@@ -39,10 +41,6 @@ class Varied:
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
-        if masses is not None and not isinstance(force, Gravity):
-            raise InputError(
-                f"masses: force {force.name!r} has no derivatives with respect to masses; gravity has them"
-            )
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along = masses, along
         self._found: Any = None
@@ -70,9 +68,10 @@ class Varied:
         return parts
 
 
-def varied(system: System, deviations: Floats, masses: Floats | None = None) -> System:
+def varied(system: System, deviations: Floats, masses: Floats | None = None, pushes: Iterable[Push] = ()) -> System:
     """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle
-    0, then k of particle 1, and so on. ``masses`` (n, k) are the slopes of the masses along them."""
+    0, then k of particle 1, and so on. ``masses`` (n, k) are the slopes of the masses along them, for gravity;
+    ``pushes`` add what other numbers do."""
     from kickdrift.model.starts.builders import check_overlaps
     from kickdrift.model.system import System
 
@@ -85,7 +84,7 @@ def varied(system: System, deviations: Floats, masses: Floats | None = None) -> 
     more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
     made = System(
         x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
-        [Varied(force, system, masses, along) for force in system.forces], system.units,
+        [*(Varied(force, system, masses, along) for force in system.forces), *pushes], system.units,
         name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
     return made.at(made.state.phase, system.state.time)
