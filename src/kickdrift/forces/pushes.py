@@ -60,7 +60,7 @@ def parameter_of(system: System, text: str) -> tuple[int, str, float]:
         known = ", ".join(force.name for force in system.forces)
         raise InputError(f"parameters: expected FORCE.KEY with a force of {known}, got {text!r}")
     force = system.forces[found[0]]
-    value = getattr(force, key, None)
+    value: Any = getattr(force, key, None)
     if isinstance(force, Gravity) and key == "G":
         value = gravitational_constant(force.name, force.G, system)
     if not is_number(value):

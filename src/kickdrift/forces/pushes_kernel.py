@@ -26,7 +26,8 @@ class PushKernel(NamedTuple):
 
 def bind(bound: list[Any], n: int, column: int, size: float) -> PushKernel:
     """Bind the four copies of a force."""
-    return PushKernel(*bound, column, size, np.zeros((2, 3, n)), np.zeros((3, n)))
+    ahead, behind, far_ahead, far_behind = bound
+    return PushKernel(ahead, behind, far_ahead, far_behind, column, size, np.zeros((2, 3, n)), np.zeros((3, n)))
 
 
 @kernel(PushKernel)

@@ -148,7 +148,8 @@ def test_slopes_by_masses_and_parameters_of_all_forces():
     wanted = [slope(lambda by: end(j2=1e-2 + by), 1e-3), slope(lambda by: end(G=1.0 + by), 1e-2)]
     np.testing.assert_allclose(found.by_parameters.T, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
     for body in range(3):
-        wanted = slope(lambda by, e=np.eye(3)[body]: end(masses=np.array(MASSES) + by * e), 1e-4)
+        way = np.eye(3)[body]
+        wanted = slope(lambda by, way=way: end(masses=np.array(MASSES) + by * way), 1e-4)
         np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
     with pytest.raises(
         InputError, match=r"parameters: expected FORCE\.KEY with a force of gravity, j2, relativity-1pn"
