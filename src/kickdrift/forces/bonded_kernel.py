@@ -1,4 +1,4 @@
-"""Compiled sums over listed bonds, angles and dihedrals, of any law. Their cost is linear in the length of the list.
+"""Compiled sums over listed bonds, angles, dihedrals and impropers, of any law. Their cost is linear in the list.
 
 They run on one thread, so every sum has a fixed order. Items go in blocks: separations and laws of a whole block first,
 in loops that LLVM turns into SIMD where the law has no functions beside square roots, then the forces one by one.
@@ -52,19 +52,20 @@ class AngleKernel(Listed):
 
 
 class DihedralKernel(Listed):
-    """A law of dihedrals."""
+    """A law of dihedrals, or of impropers: both are the angle between two planes."""
 
     __slots__ = ()
 
 
-KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel}
-ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
+KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel, "impropers": DihedralKernel}
+ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16, "impropers": 16}  # numbers of an item
 
 
 class BondedPotential(Protocol):
-    """A bonded force as its compiled code needs it; see ``BondedForce``."""
+    """A bonded force as its compiled code needs it; see ``BondedForce`` and ``Springs``."""
 
     kind: ClassVar[str]
+    limited: ClassVar[bool]  # whether a bond has no value where its nearest image is uncertain
     Parameters: ClassVar[Any]
 
     def items(self, system: Subject) -> tuple[NDArray[np.int64], list[Any], NDArray[np.int64]]:
@@ -85,7 +86,7 @@ def bind(force: BondedPotential, system: Subject) -> Any:
         which=which,
         items=np.ascontiguousarray(items).copy(),
         cell=cell_of(system.box),
-        longest2=(LONGEST * system.box.narrowest[1]) ** 2,
+        longest2=(LONGEST * system.box.narrowest[1]) ** 2 if force.limited else np.inf,
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )
@@ -119,16 +120,28 @@ def _energy_and_slope(law, value):
     return terms
 
 
+def room_for(room: Any, x: Any) -> Any:
+    """Room for the numbers of a block: the force's own, or for positions that are duals room for duals."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(room_for, forceinline=True)
+def _room_for(room, x):
+    if x.dtype == types.float64:
+        return lambda room, x: room
+    return lambda room, x: np.empty(room.shape, x.dtype)
+
+
 @inlined
-def fill_separations(listed, x, begin, count, a, b, row):
+def fill_separations(listed, room, x, begin, count, a, b, row):
     """room[row : row + 3] <- separations between nearest images from particle b to particle a of each item."""
-    items, room, edges = listed.items, listed.room, listed.cell.edges
+    items, edges = listed.items, listed.cell.edges
     for k in range(count):
         i, j = items[begin + k, a], items[begin + k, b]
         for axis in range(3):
             room[row + axis, k] = x[axis, i] - x[axis, j]
     if listed.cell.leans:
-        d = np.empty(3)
+        d = np.empty(3, x.dtype)
         for k in range(count):
             for axis in range(3):
                 d[axis] = room[row + axis, k]
@@ -146,11 +159,11 @@ def fill_separations(listed, x, begin, count, a, b, row):
 @kernel(BondKernel)
 def bond_forces(force, t, x, v, a, sums):
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = virial = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
         for k in range(count):
             dx, dy, dz = room[0, k], room[1, k], room[2, k]
             r2 = dx * dx + dy * dy + dz * dz
@@ -182,12 +195,12 @@ def angle_forces(force, t, x, v, a, sums):
 
     An angle does not change with the size of the system, so its virial is zero."""
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
-        fill_separations(force, x, begin, count, 2, 1, 3)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 2, 1, 3)
         for k in range(count):
             d, e = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k])
             n = cross(d, e)
@@ -218,13 +231,13 @@ def dihedral_forces(force, t, x, v, a, sums):
     """Gradients of Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27,
     with their F, G, H, A and B. A dihedral does not change with the size of the system, so its virial is zero."""
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
-        fill_separations(force, x, begin, count, 1, 2, 3)
-        fill_separations(force, x, begin, count, 3, 2, 6)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 1, 2, 3)
+        fill_separations(force, room, x, begin, count, 3, 2, 6)
         for k in range(count):
             f, g, h = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k]), (
                 room[6, k], room[7, k], room[8, k]

@@ -7,8 +7,8 @@ from typing import Any
 from numba import types
 
 from kickdrift.forces.body_kernel import BodyWork
+from kickdrift.forces.bonded_kernel import AngleKernel, BondKernel, DihedralKernel
 from kickdrift.forces.field_kernel import FieldWork, clocked, parameters_of
-from kickdrift.forces.fields_kernel import SpringsKernel
 from kickdrift.forces.kernel import OK, run_body
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import jit, never_inline
@@ -18,7 +18,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import cpu_target
 
 NO_DUALS = -1  # status of a force without a formula on duals
-BODIES = (BodyWork, SpringsKernel)  # their bodies take arrays of duals as they are
+BODIES = (BodyWork, BondKernel, AngleKernel, DihedralKernel)  # their bodies take arrays of duals as they are
 
 
 @jit

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Varied:
     """A force of a System, for its particles and their deviations.
 
-    Gravity has its variation in closed form. Field laws, body laws and springs have exact slopes by duals. Other
+    Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
     forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
     some 1e-10; after the first evaluation ``differs`` tells which. Pair forces on a neighbour list and gravity by a
     tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone.

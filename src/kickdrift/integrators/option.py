@@ -216,6 +216,11 @@ ITERATION = Option(
 JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
 COORDINATES = Option("coordinates", str, "Origins of positions and velocities.", JACOBI, (JACOBI, HELIOCENTRIC))
 CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
+STANDARD, LAZY, COMPOSITION, MODIFIED_KICK = "standard", "lazy", "composition", "modified-kick"
+KERNEL = Option(
+    "kernel", str, "Kick of a step, or what takes its place and has smaller errors.", STANDARD,
+    (STANDARD, LAZY, COMPOSITION, MODIFIED_KICK), written=False,
+)  # fmt: skip
 ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
 ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
     "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False

@@ -54,6 +54,9 @@ class Shells(NamedTuple):
 FORCES = {
     "gravity": kd.Gravity(softening=0.3),
     "trap": kd.HarmonicTrap(stiffness=(1.0, 2.0, 0.5), centre=(0.1, 0.0, 0.0)),
+    "bonds": kd.HarmonicBond(stiffness=2.0, length=0.4),
+    "angles": kd.HarmonicAngle(stiffness=1.5, rest=1.9),
+    "dihedrals": kd.PeriodicDihedral(barrier=0.7, multiplicity=2.0, phase=0.3),
     "springs": kd.Springs(pairs=[(0, 1), (1, 2)], stiffness=2.0, length=0.4),
     "field law": Whirl(k=[1.0, 1.2, 1.4, 1.6, 1.8], w=(0.1, 0.2, 0.3)),
     "body law": Shells(k=0.7),
@@ -62,7 +65,8 @@ FORCES = {
 
 def system_of(force) -> kd.System:
     x, v = np.random.default_rng(4).normal(size=(2, N, 3))
-    return kd.System(x, v, np.linspace(0.5, 1.5, N), forces=[force], units="nbody")
+    chain = kd.Topology(bonds=[(0, 1), (1, 2), (2, 3)], angles=[(0, 1, 2), (1, 2, 3)], dihedrals=[(0, 1, 2, 3)])
+    return kd.System(x, v, np.linspace(0.5, 1.5, N), forces=[force], units="nbody", topology=chain)
 
 
 def accelerations(system: kd.System, deviations: np.ndarray):

@@ -1,4 +1,4 @@
-"""Search of a step for close approaches, collisions and escapes: events of distances between bodies."""
+"""Search of a step for close approaches and escapes: events of distances between bodies."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.event_checks import binding
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Collision, Escape
-from kickdrift.model.memory import Checkpointed, Memory
+from kickdrift.model.events import CloseApproach, Escape
+from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
-from kickdrift.run.watch.encounters import CLOSEST, contacts, passages, unbound
+from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
 from kickdrift.run.watch.span import Act, Span, approach, separation
 
 if TYPE_CHECKING:
@@ -92,67 +92,6 @@ class Approaches(Checkpointed):
     def going_on(self) -> list[Row]:
         """Entries for passages that have not ended."""
         return [self._entry(int(p), "going on") for p in np.flatnonzero(np.isfinite(self._closest_of[:, 0]))]
-
-
-class Contacts(Checkpointed):
-    """Contacts of a `Collision`."""
-
-    saved = ("radii", "_touching")
-
-    def __init__(self, event: Collision, system: System) -> None:
-        self.event = event
-        self.radii = event.radii_in(system)
-        self._approaching = event.action == "bounce"  # bodies that have bounced touch and separate
-        self.begin(system)
-
-    def begin(self, system: System) -> None:
-        """Watch these bodies, without any known contact."""
-        self._system, masses = system, system.state.masses
-        pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
-        self._pairs = np.ascontiguousarray(pairs[:, masses[pairs].any(axis=0)])
-        self._touching = np.zeros(self._pairs.shape[1], dtype=np.bool_)
-        self._rows = np.zeros((self._pairs.shape[1], 4))
-
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of pairs in contact."""
-        self._count = contacts(
-            y0, y1, t1 - t0, self._pairs, self.radii, self._approaching, self._touching, self._rows
-        )  # fmt: skip
-        return self._count
-
-    def first(self, span: Span) -> Act | None:
-        """First contact in the searched span."""
-        rows = self._rows[: self._count].tolist()
-        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
-        return min(found, key=lambda act: act.time, default=None)
-
-    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
-        """Contact on the method's own solution, or None."""
-        i, j = (int(k) for k in self._pairs[:, int(pair)])
-        reach = self.radii[i] + self.radii[j]
-
-        def gap(time: float) -> float:
-            return separation(span.inside(time), i, j) - reach
-
-        begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
-        time = begin
-        if s > a:
-            if gap(end) > 0:
-                return None
-            if gap(begin) > 0:
-                time = span.zero(gap, begin, end, 1e-13)
-        return Act(self.event, time, (i, j), gap(time) + reach)
-
-    follow = begin
-
-    def recall(self, memory: Memory) -> None:
-        """Restore the state of a memory, for the remaining bodies."""
-        self.radii = np.zeros(len(self._system))
-        super().recall(memory)
-
-    def touch(self, bodies: tuple[int, ...]) -> None:
-        """Mark two bodies as touching, until they separate."""
-        self._touching |= (self._pairs == np.array(bodies)[:, None]).all(axis=0)
 
 
 class Escapes(Checkpointed):
