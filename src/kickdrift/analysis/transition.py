@@ -105,9 +105,9 @@ def transition_matrix(
     """Derivatives of a motion's end with respect to its start, from the variational equations.
 
     The same method moves particles and deviations, so with fixed steps the matrix is the derivative of the method's own
-    map. Gravity, field laws, body laws, springs and bonded forces have exact slopes: a law's formula runs on numbers that carry their
-    derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use central differences, and the
-    result names them.
+    map. Gravity, springs, and laws of fields, bodies and bonds have exact slopes: a law's formula runs on numbers that
+    carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use central
+    differences, and the result names them.
 
     Parameters
     ----------

@@ -178,6 +178,10 @@ def test_a_law_of_whole_arrays_takes_central_differences_and_says_so(law):
         ({"time": -1.0}, "time must be a positive finite time"),
         ({"integrator": "saba"}, "dt is needed"),
         (
+            {"integrator": "wisdom-holman", "dt": 0.1, "kernel": "lazy"},
+            "kernel: the tangent map of wisdom-holman takes 'standard' alone",
+        ),
+        (
             {"integrator": "wisdom-holman", "dt": 0.1, "coordinates": "democratic-heliocentric"},
             "coordinates: the tangent map of wisdom-holman takes jacobi alone, got democratic-heliocentric",
         ),
