@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
     from kickdrift.analysis.doctor import Installation, doctor
+    from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
+    from kickdrift.analysis.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -100,6 +102,8 @@ _HOMES = {
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
+    "TransitionMatrix": "analysis.transition",
+    "Transits": "analysis.transits",
     "body_law": "forces.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.comparing",
@@ -125,6 +129,8 @@ _HOMES = {
     "solve": "run.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
+    "transition_matrix": "analysis.transition",
+    "transits": "analysis.transits",
 }
 
 __all__ = [
@@ -194,6 +200,8 @@ __all__ = [
     "Tersoff",
     "Tides",
     "Topology",
+    "TransitionMatrix",
+    "Transits",
     "UniformField",
     "accelerations",
     "analysis",
@@ -224,6 +232,8 @@ __all__ = [
     "solve",
     "stability",
     "template",
+    "transition_matrix",
+    "transits",
 ]
 
 # A public name in no other table is a force.

@@ -125,6 +125,12 @@ SCRIPTS = (
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
     Script(
+        "derivatives.py",
+        "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
+        30,
+        peers=("heyoka", "mpmath", "rebound"),
+    ),
+    Script(
         "secular_frequencies.py",
         "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
         20,
