@@ -39,7 +39,7 @@ class Begun:
 
 
 class CalculatorHost(Host):
-    """Atoms whose positions compiled code writes, and the calculator that they are given to."""
+    """Atoms whose positions compiled code writes, and the calculator that takes these atoms."""
 
     def __init__(self, calculator: Any, atoms: Any, volume: float, units: Scale, *given: Any, **more: Any) -> None:
         super().__init__(*given, **more)
