@@ -31,6 +31,7 @@ LAWS = {
     "harmonic-trap": kd.HarmonicTrap((1.0, 2.0, 0.5), centre=(0.1, 0.0, -0.2)),
     "uniform-field": kd.UniformField((0.0, -9.8, 1.0)),
     "driven-field": kd.DrivenField((1.0, 0.5, 0.0), frequency=0.3),
+    "hill": kd.Hill(omega=0.8),
     "linear-drag": kd.LinearDrag(0.7),
     "j2": kd.Oblateness(j2=0.01, radius=0.4, j4=-1e-4, pole=(0.1, 0.2, 1.0), G=1.0),
     "relativity-1pn": kd.PostNewtonian(c=10.0, G=1.0),
