@@ -83,9 +83,7 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
         v = np.array([run[int(k)].velocities for k in chosen])
     names = run.names or tuple(f"particle {i}" for i in run.ids)
     held = masses_held(run, chosen, x, v)
-    seen: NDArray[np.bool_] = np.isfinite(x[:, :, 0]).any(
-        axis=0
-    )  # collisions may have added fewer bodies than have rows
+    seen = np.any(np.isfinite(x[:, :, 0]), axis=0)  # collisions may have added fewer bodies than have rows
     if not np.all(seen):
         x, v, m, held = x[:, seen], v[:, seen], m[seen], held[:, seen]
         names = tuple(name for name, ever in zip(names, np.atleast_1d(seen), strict=True) if ever)
