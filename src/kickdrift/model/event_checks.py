@@ -30,12 +30,13 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
         if isinstance(event, CloseApproach):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
-        if isinstance(event, CloseApproach):
             bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]
             if len(set(bodies)) < len(bodies):
                 raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
         elif isinstance(event, Collision):
             event.radii_in(system)
+            if event.adds:
+                check_room(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))
         elif isinstance(event, Escape):
             if event.about is not None:

@@ -19,8 +19,8 @@ CLOSE = (
 )
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
 MANY_BODY = (
-    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
-    "of ASE's"
+    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
+    "calculator of ASE"
 )
 MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
@@ -129,7 +129,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "{word} is 'migration' here; positive times damp",
         ),
         ("gas-drag-force aerodynamic-drag stokes-drag headwind", "{word} is 'gas-drag' here"),
-        ("gas-dynamical-friction chandrasekhar", "{word} is 'dynamical-friction' here"),
+        ("chandrasekhar", "{word} is 'dynamical-friction' here"),
+        ("gas-dynamical-friction", "did you mean 'dynamical-friction' by stars, or 'gas-drag'?"),
         ("central-force power-law halo", "{word} is 'central-potential' here"),
         ("modify-mass mass-loss mass-growth accretion", "{word} is 'mass-change' here"),
         ("stochastic-forces", "{word} is not there; friction with noise belongs to the integrator baoab"),

@@ -17,7 +17,7 @@ ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pa
 
 
 class Contacts(Checkpointed):
-    """Contacts of a `Collision`. With many bodies, the pairs are those that a step may bring together."""
+    """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
 
@@ -57,7 +57,7 @@ class Contacts(Checkpointed):
         return self._count
 
     def _take_near(self, near: np.ndarray) -> None:
-        """Search these pairs. Known contacts of other pairs have ended."""
+        """Search these pairs, and forget known contacts of all other pairs."""
         n = len(self._system)
         touching = np.isin(near[0] * n + near[1], self._known[0] * n + self._known[1])
         self._take(np.ascontiguousarray(near), touching)
@@ -105,7 +105,7 @@ class Contacts(Checkpointed):
             self._touching |= same
 
     def memory(self) -> Memory:
-        """State; of many bodies, the pairs whose contact is known."""
+        """State; for many bodies also the pairs whose contact is known."""
         return super().memory() | ({"touching": self._known.tolist()} if self._many else {})
 
     def recall(self, memory: Memory) -> None:
