@@ -18,6 +18,7 @@ from kickdrift.integrators import (
     scipy_methods,
     splitting,
     stormer,
+    trace,
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
@@ -35,6 +36,7 @@ INTEGRATORS: dict[str, Method] = {
         *reversible.ROWS,
         *hermite.ROWS,
         *wisdom_holman.ROWS,
+        *trace.ROWS,
         *runge_kutta.ROWS,
         *gauss_radau.ROWS,
         *implicit.ROWS,
