@@ -69,7 +69,7 @@ class Trace(Method):
 ROWS = (
     Trace(
         "trace", 2,
-        "Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae2028; Hernandez & Dehnen 2023, doi:10.1093/mnras/stad1245",
+        "Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982; Hernandez & Dehnen 2023, MNRAS 522, 4639",
         "planets that meet, pericentre passages, scattering",
     ),
 )  # fmt: skip

@@ -1,8 +1,8 @@
 """Compiled loop of the hybrid map: kick, jump, drift, jump, kick, with encounters and passages inside the drift.
 
 A step is done with the pairs and passages found at its start. If its end shows further ones, the step is done once more
-with all of them (Hernandez & Dehnen 2023, doi:10.1093/mnras/stad1245; Lu, Hernandez & Rein 2024,
-doi:10.1093/mnras/stae2028).
+with all of them (Hernandez & Dehnen 2023, MNRAS 522, 4639; Lu, Hernandez & Rein 2024,
+doi:10.1093/mnras/stae1982).
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from kickdrift.integrators.wisdom_holman_drift import drift
 from kickdrift.integrators.wisdom_holman_kicks import jump, kick_velocities, mutual_accelerations
 from kickdrift.integrators.wisdom_holman_loop import add_accelerations, fill_others
 from kickdrift.integrators.wisdom_holman_places import leave_democratic
-from kickdrift.jit.compile import driver, is_finite, jit
+from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.lanes import lane_sum, splat
+from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, numbers3, store3, vector3
 from kickdrift.jit.vectors import WIDTH
 
@@ -135,20 +137,20 @@ def drift_or_meet(hybrid, h, t):
     return each_massless(hybrid, h) if status == OK else status
 
 
-@jit
+@inlined
 def copy_orbits(to, of):
-    for k in range(to.shape[0]):
-        for i in range(to.shape[1]):
-            to[k, i] = of[k, i]
+    """Copy an array whose rows are whole lanes."""
+    for i in range(0, of.size, WIDTH):
+        store(to, i, load(of, i))
 
 
-@jit
+@inlined
 def finite(bodies):
-    total = 0.0
-    for k in range(6):
-        for i in range(bodies.orbit.shape[1]):
-            total += 0.0 * bodies.orbit[k, i]
-    return is_finite(total)
+    """Tell whether all orbits are finite."""
+    total = splat(0.0)
+    for i in range(0, bodies.orbit.size, WIDTH):
+        total = total + 0.0 * load(bodies.orbit, i)
+    return is_finite(lane_sum(total))
 
 
 @jit

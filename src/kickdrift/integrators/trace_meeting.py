@@ -38,7 +38,7 @@ from kickdrift.integrators.gauss_radau_series import (
     set_scale,
 )
 from kickdrift.integrators.gauss_radau_step import TERMS, next_step
-from kickdrift.jit.compile import is_finite, jit
+from kickdrift.jit.compile import inlined, is_finite, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
 from kickdrift.jit.memory import load, store
@@ -50,6 +50,7 @@ MOST = 25  # iterations
 CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
 ROUNDED = 1e-9  # a stalled residual below this is rounding
 PATIENCE = 3  # iterations in which residuals may grow
+SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
 SHORTEST = 1e-13  # of the time h
 NUMBER, ALL, FOUND = range(3)
 
@@ -86,6 +87,35 @@ def attract(hybrid, x, a):
             a[n + i] -= pull_y
             a[2 * n + i] -= pull_z
     meeting.size[FOUND] += 1
+
+
+@inlined
+def rate2(x, y, z, u, v, w, gm):
+    """1 / tau^2 of a Kepler motion; see ``trace_switch.passage``."""
+    r2, v2, along = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w
+    sigma2 = along * along / r2
+    c = 2.0 * gm / math.sqrt(r2) - 3.0 * v2 + 15.0 * sigma2
+    root = math.sqrt(max(0.0, c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2))
+    return (v2 + 3.0 * sigma2 + root) / (2.0 * r2)
+
+
+@jit
+def shortest_time(hybrid):
+    """Shortest time scale at the start, of the motion about the central body and of near pairs."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
+    n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
+    for i in range(n):
+        j, k = n + i, 2 * n + i
+        fastest = max(fastest, rate2(x[i], x[j], x[k], v[i], v[j], v[k], gm_0))
+        for b in range(i):
+            if everyone or near[slots[b], slots[i]]:
+                c, d = n + b, 2 * n + b
+                rate = rate2(
+                    x[i] - x[b], x[j] - x[c], x[k] - x[d], v[i] - v[b], v[j] - v[c], v[k] - v[d], gm[i] + gm[b]
+                )  # fmt: skip
+                fastest = max(fastest, rate)
+    return 1.0 / math.sqrt(fastest)
 
 
 @jit
@@ -135,7 +165,7 @@ def follow(hybrid, h):
         meeting.x[i] = meeting.a[i] = 0.0
     for i in range(3 * n):
         work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
-    done, last, before, step = 0.0, 0.0, 0.0, h
+    done, last, before, step = 0.0, 0.0, 0.0, min(h, ETA * shortest_time(hybrid))
     while done < h:
         rest = h - done
         parts = math.ceil(rest / step - 1e-9)
@@ -149,11 +179,11 @@ def follow(hybrid, h):
         predict(work, width, ratio, before, tables.shifts)
         set_scale(work, width, step, True)
         status = iterate(hybrid, width, step)
-        wanted = 0.25 * step
+        wanted = 0.0
         if status == OK:
             wanted = next_step(work, width, NOW, ENDS, V, 3, n, step, ETA)
-        if status != OK or not wanted >= 0.25 * step:
-            step = wanted if 0.0 < wanted < 0.25 * step else 0.25 * step
+        if not wanted >= SHORTER * step:
+            step = wanted if 0.0 < wanted < SHORTER * step else 0.25 * step
             if not step > SHORTEST * h:
                 return BLOWN_UP
             continue
