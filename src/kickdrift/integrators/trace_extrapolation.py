@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.trace_meeting import NUMBER, SHORTEST, attract
+from kickdrift.integrators.trace_meeting import SHORTEST, attract, note_path
+from kickdrift.integrators.trace_state import NUMBER
 from kickdrift.jit.compile import jit
 
 COLUMNS = 9  # of the table of extrapolation
@@ -105,5 +106,6 @@ def follow_by_extrapolation(hybrid, h):
                 return BLOWN_UP
             k = converge(hybrid, size, step)
         done = h if parts <= 1 else done + step
+        note_path(hybrid, done)
         step *= 1.6 if k < AIM - 1 else (1.2 if k < AIM else (0.9 if k == AIM else 0.7))
     return OK

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.trace_extrapolation import follow_by_extrapolation
-from kickdrift.integrators.trace_meeting import ALL, NUMBER, follow
-from kickdrift.integrators.trace_state import FULL, GAUSS_RADAU, HEAVY
+from kickdrift.integrators.trace_meeting import follow, note_path
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FULL, GAUSS_RADAU, HEAVY, NUMBER
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, OTHERS, SOURCE
 from kickdrift.jit.compile import jit
 
@@ -72,6 +72,7 @@ def move_together(hybrid, h):
         for i in range(n):
             if meeting.jumps[i]:
                 meeting.v[k * n + i] += move
+    note_path(hybrid, 0.0)
     status = follow(hybrid, h) if hybrid.inner == GAUSS_RADAU else follow_by_extrapolation(hybrid, h)
     if status != OK:
         return status
@@ -102,7 +103,7 @@ def passage_of_massive(hybrid, h, moved):
     """Move all massive bodies together from ``middle``. moved <- their part of the central body's way, the other way.
     Return a status."""
     meeting, share, live = hybrid.meeting, hybrid.bodies.table[OTHERS], hybrid.bodies.table[LIVE]
-    meeting.size[NUMBER], meeting.size[ALL] = 0, hybrid.way == FULL
+    meeting.size[NUMBER], meeting.size[ALL], meeting.size[FIRST_NOTED] = 0, hybrid.way == FULL, 0
     mass = 1.0
     for i in range(hybrid.group.size):
         if live[i] != 0.0:
@@ -122,9 +123,9 @@ def passage_of_massive(hybrid, h, moved):
 @jit
 def groups_of_massive(hybrid, h):
     """Move each group of massive bodies that meet. Return a status."""
-    found = find_groups(hybrid)
+    found, size = find_groups(hybrid), hybrid.meeting.size
     for number in range(found):
-        hybrid.meeting.size[NUMBER], hybrid.meeting.size[ALL] = 0, 0
+        size[NUMBER], size[ALL], size[FIRST_NOTED] = 0, 0, 0
         for i in range(hybrid.group.size):
             if hybrid.group[i] == number:
                 join(hybrid, i, 0)
@@ -162,7 +163,7 @@ def each_massless(hybrid, h):
             if live[j] != 0.0 and (jumps or joins_massless(hybrid, i, j)):
                 join(hybrid, j, heavy)
         join(hybrid, i, jumps)
-        meeting.size[ALL] = heavy and hybrid.way == FULL
+        meeting.size[ALL], meeting.size[FIRST_NOTED] = heavy and hybrid.way == FULL, meeting.size[NUMBER] - 1
         status = move_together(hybrid, h)
         if status != OK:
             return status

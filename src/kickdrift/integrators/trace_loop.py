@@ -16,8 +16,7 @@ from kickdrift.integrators.trace_groups import (
     keep,
     passage_of_massive,
 )
-from kickdrift.integrators.trace_meeting import FOUND
-from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, READY, TWICE
+from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace_switch import clear_flags, find_flags
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, OTHERS, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
@@ -157,6 +156,7 @@ def finite(bodies):
 def attempt(forces, hybrid, h, t, moved, cursor):
     """One step with the present pairs and passages. Return a status."""
     bodies, others_act = hybrid.bodies, forces.table.shape[0] > 0
+    hybrid.counts[POINTS] = 0
     if others_act:
         status = fill_others(forces, bodies, t, cursor)
         if status != OK:

@@ -38,6 +38,7 @@ from kickdrift.integrators.gauss_radau_series import (
     set_scale,
 )
 from kickdrift.integrators.gauss_radau_step import TERMS, next_step
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, PATH_ROWS, POINTS
 from kickdrift.jit.compile import inlined, is_finite, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
@@ -52,7 +53,6 @@ ROUNDED = 1e-9  # a stalled residual below this is rounding
 PATIENCE = 3  # iterations in which residuals may grow
 SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
 SHORTEST = 1e-13  # of the time h
-NUMBER, ALL, FOUND = range(3)
 
 
 @jit
@@ -87,6 +87,21 @@ def attract(hybrid, x, a):
             a[n + i] -= pull_y
             a[2 * n + i] -= pull_z
     meeting.size[FOUND] += 1
+
+
+@jit
+def note_path(hybrid, t):
+    """Note where the bodies that meet are at a time t since the step's start."""
+    meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
+    x, v = meeting.x, meeting.v
+    n = meeting.size[NUMBER]
+    for i in range(meeting.size[FIRST_NOTED], n):
+        row = counts[POINTS]
+        if row < PATH_ROWS:
+            path[row, 0], path[row, 1] = t, meeting.slots[i]
+            for k in range(3):
+                path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
+            counts[POINTS] = row + 1
 
 
 @inlined
@@ -194,6 +209,7 @@ def follow(hybrid, h):
         finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
         done = h if parts <= 1 else done + step
         last, before, step = step, ratio, min(wanted, 4.0 * step)
-    for i in range(3 * n):
-        meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+        for i in range(3 * n):
+            meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+        note_path(hybrid, done)
     return OK

@@ -15,13 +15,19 @@ from kickdrift.integrators.gauss_radau_tables import Tables
 from kickdrift.integrators.wisdom_holman_bodies import Bodies
 
 # Entries of ``counts``: pairs and passages found anew by the last search; all pairs that are near; all passages; the
-# massive bodies in passage; whether flags and accelerations belong to the present state; steps done twice.
-NEW, PAIRS, PASSAGES, HEAVY, READY, TWICE = range(6)
-COUNTS = 6
+# massive bodies in passage; whether flags and accelerations belong to the present state; steps done twice; points in
+# ``path``.
+NEW, PAIRS, PASSAGES, HEAVY, READY, TWICE, POINTS = range(7)
+COUNTS = 7
 # Ways of a pericentre passage.
 NONE, PARTIAL, FULL = range(3)
-# Rows of ``meeting``: G m and the slots of bodies that meet. Rows of ``state``: positions and velocities.
 GAUSS_RADAU, BULIRSCH_STOER = range(2)
+# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; attractions found so far; first body
+# whose path is noted.
+NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
+# Columns of ``path``: time since the step's start, slot, position from the central body, velocity.
+PATH_COLUMNS = 8
+PATH_ROWS = 4096  # further points are not noted
 
 
 class Meeting(NamedTuple):
@@ -30,7 +36,7 @@ class Meeting(NamedTuple):
     slots: NDArray[np.int64]  # (room,) slot of each
     gm: NDArray[np.float64]  # (room,)
     jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body, which moves
-    size: NDArray[np.int64]  # (3,) number of bodies; 1: all pairs attract each other here; attractions found so far
+    size: NDArray[np.int64]  # (4,) see NUMBER to FIRST_NOTED
     x: NDArray[np.float64]  # (width,) positions from the central body, three rows of as many as there are bodies
     v: NDArray[np.float64]  # (width,)
     a: NDArray[np.float64]  # (width,)
@@ -51,6 +57,7 @@ class Hybrid(NamedTuple):
     centre: NDArray[np.float64]  # (5, 8) the centre of mass there
     middle: NDArray[np.float64]  # (6, slots) orbits before the drift
     group: NDArray[np.int64]  # (massive,) number of the group of massive bodies that meet
+    path: NDArray[np.float64]  # (PATH_ROWS, PATH_COLUMNS) points of the last step
     kept: NDArray[np.float64]  # (6, slots) values that a change of all lanes must not touch
     meeting: Meeting
     tables: Tables

@@ -13,7 +13,8 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
-from kickdrift.integrators.trace_state import COUNTS, READY, TWICE, Hybrid, Meeting
+from kickdrift.integrators.trace_path import points_inside
+from kickdrift.integrators.trace_state import COUNTS, PATH_COLUMNS, PATH_ROWS, POINTS, READY, TWICE, Hybrid, Meeting
 from kickdrift.integrators.wisdom_holman import LEAPFROG
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
@@ -50,10 +51,10 @@ class TraceStepper(WisdomHolmanStepper):
             bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
             passes=np.zeros(slots, np.uint8), reach=self._reach, zone=np.zeros(massive),
             counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
-            middle=aligned((6, slots)), group=np.zeros(massive, np.int64), kept=aligned((6, slots)),
+            middle=aligned((6, slots)), group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)), kept=aligned((6, slots)),
             meeting=Meeting(
                 slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
-                size=np.zeros(3, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
+                size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
                 work=aligned((ROWS * width,)),
             ),
             tables=tables(), way=self._way, inner=self._inner,
@@ -64,7 +65,7 @@ class TraceStepper(WisdomHolmanStepper):
         self._start = time - steps * self.dt
         self._cursor = np.zeros(SLOTS, np.int64)
         self._others.forget()
-        self._hybrid.counts[READY] = self._hybrid.counts[TWICE] = 0
+        self._hybrid.counts[:] = 0
         self._enter(y)
         self._look_at_start()
 
@@ -99,6 +100,12 @@ class TraceStepper(WisdomHolmanStepper):
     @property
     def compiled_steps(self) -> CompiledSteps:
         return trace_loop, self._others, self._given
+
+    def inside(self, before: Floats) -> list[tuple[float, Floats]]:
+        """Times and states inside the last step, which began at ``before``, at the points of the bodies that meet."""
+        rows = self._hybrid.path[: self._hybrid.counts[POINTS]]
+        order, central = self._bodies.order, self._bodies.central
+        return points_inside(rows, order, central, before, self.y, self.time - self.dt, self.dt)
 
     @property
     def warnings(self) -> list[str]:

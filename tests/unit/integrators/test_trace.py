@@ -232,3 +232,29 @@ def test_other_forces_join_the_kicks():
 def test_refusals(system, options, message):
     with pytest.raises(InputError, match=message):
         kd.Simulation(system(), "trace", dt=0.1, **options)
+
+
+# --- events ---
+
+
+@pytest.mark.parametrize("miss", [0.0, 0.1])
+def test_what_happens_inside_a_step_is_found(miss):
+    """Two giants on their way to one another, within steps of a third of that time: contact and closest approach are
+    where gauss-radau15 has them, to what the third giant does in a step."""
+    found = {}
+    x = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.3, 0.4, miss], [-9.0, 0.0, 0.0]])
+    v = np.array([[0.0, 0.0, 0.0], [0.0, 0.45, 0.0], [-0.04, 0.45 - 0.05, 0.0], [0.0, -0.33, 0.0]])
+    system = kd.System(
+        x, v, masses=[1.0, 1e-3, 1e-3, 6e-4], forces=[kd.Gravity()], units="nbody", radii=[0.005, 3e-3, 3e-3, 1e-3]
+    )
+    events = [kd.Collision(action="stop"), kd.CloseApproach(0.2)]
+    for name, dt in (("gauss-radau15", None), ("trace", 2.0), ("trace", 0.7)):
+        sim = kd.Simulation(system, name, dt=dt, events=events)
+        report = sim.run(until=14.0)
+        rows = [(row["kind"], row["time"], row["distance"]) for row in sim.events]
+        found.setdefault(name, []).append((bool(report.stopped), *rows[0]))
+    (exact,) = found["gauss-radau15"]
+    for stopped, kind, time, distance in found["trace"]:
+        assert (stopped, kind) == exact[:2] == ((miss == 0.0), "close-approach" if miss else "collision")
+        assert time == pytest.approx(exact[2], abs=1e-4)
+        assert distance == pytest.approx(exact[3], rel=1e-4)

@@ -15,7 +15,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import CLOSEST, contacts, passages, unbound
-from kickdrift.run.watch.span import Act, Span, approach, separation
+from kickdrift.run.watch.span import Act, Part, Span, approach, separation
 
 if TYPE_CHECKING:
     pass
@@ -58,24 +58,33 @@ class Approaches(Checkpointed):
     def _by_id(self) -> list[list[int]]:
         return self._system.state.ids[self._pairs.T].tolist()
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of closest points and ends of passages."""
-        self._count = passages(
-            y0, y1, t0, t1 - t0, step, self._pairs, self._limits, self._heaviest, self._closest_of, self._rows
-        )
-        return self._count
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Search a step. Return the number of closest points and ends of passages."""
+        self._ended: list[tuple[float, Row]] = []
+        for part in step_parts:
+            self._count = passages(
+                part.y0, part.y1, part.t0, part.t1 - part.t0, step, self._pairs, self._limits, self._heaviest,
+                self._closest_of, self._rows,
+            )  # fmt: skip
+            if len(step_parts) > 1:  # so short that the cubic's closest points need no refinement
+                self._end_passages(part.t1)
+                self._count = 0
+        return self._count + len(self._ended)
+
+    def _end_passages(self, time: float) -> None:
+        """Make the entries of the passages that end at a time."""
+        for p, _, what in self._rows[: self._count].tolist():
+            if what != CLOSEST:
+                self._ended.append((time, self._entry(int(p), "passed")))
+                self._closest_of[int(p)] = np.inf
 
     def look(self, span: Span) -> list[tuple[float, Row]]:
         """Entries for passages that ended in the searched span."""
-        found = []
         for p, _, what in self._rows[: self._count].tolist():
-            pair = int(p)
             if what == CLOSEST:
-                self._refine(pair, span)
-            else:
-                found.append((span.t1, self._entry(pair, "passed")))
-                self._closest_of[pair] = np.inf
-        return found
+                self._refine(int(p), span)
+        self._end_passages(span.t1)
+        return self._ended
 
     def _refine(self, pair: int, span: Span) -> None:
         """Replace the cubic's closest point by that of the method's own solution."""
@@ -113,11 +122,19 @@ class Contacts(Checkpointed):
         self._touching = np.zeros(self._pairs.shape[1], dtype=np.bool_)
         self._rows = np.zeros((self._pairs.shape[1], 4))
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of pairs in contact."""
-        self._count = contacts(
-            y0, y1, t1 - t0, self._pairs, self.radii, self._approaching, self._touching, self._rows
-        )  # fmt: skip
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Search a step up to its first part with a contact. Return the number of pairs in contact."""
+        begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
+        for part in step_parts:
+            h = part.t1 - part.t0
+            self._count = contacts(
+                part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
+            )
+            if self._count:
+                if len(step_parts) > 1:  # fractions of the step
+                    rows = self._rows[: self._count, 1:]
+                    rows[...] = (part.t0 - begin + rows * h) / length
+                break
         return self._count
 
     def first(self, span: Span) -> Act | None:
@@ -183,12 +200,12 @@ class Escapes(Checkpointed):
         self._known = np.isin(ids, self._known_ids)
         self._rows = np.zeros((len(system), 2))
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Number of escapes at the end of a span."""
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Number of escapes at the end of a step."""
         self._count = 0
         if self._place >= -1:
             self._count = unbound(
-                y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
+                step_parts[-1].y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
             )  # fmt: skip
         return self._count
 

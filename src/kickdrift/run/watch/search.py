@@ -17,7 +17,7 @@ from kickdrift.run.watch.collisions import joined
 from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
 from kickdrift.run.watch.log import Log
-from kickdrift.run.watch.span import Act, Span
+from kickdrift.run.watch.span import Act, Part, Span, parts
 from kickdrift.run.watch.trials import Trials, Watched
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Search:
         y, t = inner.y, inner.time
         for watch in self._bodily:
             known = watch.memory()
-            watch.scan(y, t, y, t, inner.steps_done)
+            watch.scan([Part(y, t, y, t)], inner.steps_done)
             watch.recall(known)
 
     # --- bodies that leave ---
@@ -98,9 +98,9 @@ class Search:
 
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
-        step, whole = inner.steps_done, None
+        step, whole, found_in = inner.steps_done, None, parts(y0, t0, y1, t1, inner)
         for watch in self._contacts:
-            if watch.scan(y0, t0, y1, t1, step):
+            if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)
         if whole is not None:
             acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
@@ -108,8 +108,9 @@ class Search:
                 self.act, self.span = min(acts, key=lambda act: act.time), whole
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
-        hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
-        gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self.act is None else []
+                    found_in = [Part(y0, t0, y1, t1)]
+        hits = [watch for watch in self._lookers if watch.scan(found_in, step)]
+        gone = [each for each in self._escapes if each.scan(found_in, step)] if self.act is None else []
         if hits or gone:
             span = replace(whole, y1=y1, t1=t1) if whole else self._span_of(inner, y0, t0, y1, t1)
             found = [row for watch in hits for row in watch.look(span)]

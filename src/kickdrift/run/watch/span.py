@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -40,6 +41,23 @@ class Span:
 
         least = max(tolerance * self.length, 4 * float(np.spacing(max(abs(a), abs(b)))))
         return float(brentq(g, a, b, xtol=least, rtol=4 * np.finfo(float).eps))
+
+
+class Part(NamedTuple):
+    """A part of a step: y at both ends, and their times."""
+
+    y0: Floats
+    t0: float
+    y1: Floats
+    t1: float
+
+
+def parts(y0: Floats, t0: float, y1: Floats, t1: float, inner: object) -> list[Part]:
+    """Parts of a stepper's last step, from (t0, y0) to (t1, y1): between the states that it knows inside the step, if
+    there are any (see ``TraceStepper.inside``), else the step as one part."""
+    inside = getattr(inner, "inside", None)
+    ends = [(t0, y0), *(inside(y0) if inside else ()), (t1, y1)]
+    return [Part(a, begin, b, end) for (begin, a), (end, b) in pairwise(ends)]
 
 
 class Act(NamedTuple):
