@@ -61,6 +61,7 @@ class Approaches(Checkpointed):
     def scan(self, step_parts: list[Part], step: int) -> int:
         """Search a step. Return the number of closest points and ends of passages."""
         self._ended: list[tuple[float, Row]] = []
+        self._outside, self._passed = np.isinf(self._closest_of[:, 0]), dict[int, float]()
         for part in step_parts:
             self._count = passages(
                 part.y0, part.y1, part.t0, part.t1 - part.t0, step, self._pairs, self._limits, self._heaviest,
@@ -71,11 +72,23 @@ class Approaches(Checkpointed):
                 self._count = 0
         return self._count + len(self._ended)
 
+    def begun(self, time: float) -> Act | None:
+        """The event that ends a run with the searched step, if a passage began there."""
+        if self.event.action != "stop":
+            return None
+        inside = np.isfinite(self._closest_of[:, 0])
+        inside[list(self._passed)] = True
+        for p in np.flatnonzero(self._outside & inside):
+            i, j = (int(k) for k in self._pairs[:, p])
+            return Act(self.event, time, (i, j), self._passed.get(int(p), float(self._closest_of[p, 0])))
+        return None
+
     def _end_passages(self, time: float) -> None:
         """Make the entries of the passages that end at a time."""
         for p, _, what in self._rows[: self._count].tolist():
             if what != CLOSEST:
                 self._ended.append((time, self._entry(int(p), "passed")))
+                self._passed[int(p)] = float(self._closest_of[int(p), 0])
                 self._closest_of[int(p)] = np.inf
 
     def look(self, span: Span) -> list[tuple[float, Row]]:

@@ -90,7 +90,7 @@ class Search:
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
                 contacts.touch(act.bodies)
-        else:
+        elif isinstance(act.event, Escape):
             for escapes in self._escapes:
                 escapes.know(act.bodies[0])
 
@@ -110,6 +110,7 @@ class Search:
                     y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
                     found_in = [Part(y0, t0, y1, t1)]
         hits = [watch for watch in self._lookers if watch.scan(found_in, step)]
+        met = [act for watch in self._approaches if (act := watch.begun(t1)) is not None]
         gone = [each for each in self._escapes if each.scan(found_in, step)] if self.act is None else []
         if hits or gone:
             span = replace(whole, y1=y1, t1=t1) if whole else self._span_of(inner, y0, t0, y1, t1)
@@ -117,6 +118,8 @@ class Search:
             for escapes in gone:
                 found += self._escaped(escapes, span)
             self.log.wait(found)
+        if met and self.act is None:
+            self.act, self.span = met[0], self._span_of(inner, y0, t0, y1, t1)
 
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
         step = inner.steps_done
@@ -145,7 +148,7 @@ class Search:
 
     @property
     def _acting(self) -> list[Any]:
-        watches: list[Any] = [*self._contacts, *self._escapes]
+        watches: list[Any] = [*self._contacts, *self._escapes, *self._approaches]
         return [watch.event for watch in watches]
 
     def memory(self) -> Memory:

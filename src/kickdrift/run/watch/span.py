@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from kickdrift.model.events import Collision, Escape
+from kickdrift.model.events import CloseApproach, Collision, Escape
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ def parts(y0: Floats, t0: float, y1: Floats, t1: float, inner: object) -> list[P
 
 
 class Act(NamedTuple):
-    """An event that is about to change bodies."""
+    """An event that is about to change bodies, or to end the run."""
 
-    event: Collision | Escape
+    event: Collision | Escape | CloseApproach
     time: float
     bodies: tuple[int, ...]  # rows
     distance: float

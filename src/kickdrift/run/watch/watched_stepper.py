@@ -20,7 +20,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepper import Counts
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import Collision, Event
+from kickdrift.model.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -238,7 +238,7 @@ class WatchedStepper:
 
     def _stop(self, act: Act, span: Span) -> None:
         names = " and ".join(self._system.body(i) for i in act.bodies)
-        what = "touch" if isinstance(act.event, Collision) else "escapes"
+        what = {Collision.kind: "touch", CloseApproach.kind: "meet"}.get(act.event.kind, "escapes")
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
         self._search.log.add(row)
         self._search.know(act)
