@@ -94,6 +94,7 @@ SCRIPTS = (
     Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
+    Script("trace.py", "trace beside TRACE: steps, way back, scatterings, outcomes, speed", 60, peers=("rebound",)),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),

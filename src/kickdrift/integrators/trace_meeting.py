@@ -94,14 +94,15 @@ def note_path(hybrid, t):
     """Note where the bodies that meet are at a time t since the step's start."""
     meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
     x, v = meeting.x, meeting.v
-    n = meeting.size[NUMBER]
-    for i in range(meeting.size[FIRST_NOTED], n):
-        row = counts[POINTS]
-        if row < PATH_ROWS:
-            path[row, 0], path[row, 1] = t, meeting.slots[i]
-            for k in range(3):
-                path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
-            counts[POINTS] = row + 1
+    n, first = meeting.size[NUMBER], counts[POINTS]
+    if first + n > PATH_ROWS:
+        return
+    for i in range(n):
+        row, slot = first + i, meeting.slots[i]
+        path[row, 0], path[row, 1], path[row, 8] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot, n
+        for k in range(3):
+            path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
+    counts[POINTS] = first + n
 
 
 @inlined

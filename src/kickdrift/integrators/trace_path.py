@@ -17,6 +17,7 @@ def points_inside(
     These follow Hermite's cubics between their points. Their ends are moved to those of the step: the map has shifted
     all bodies that meet alike, so that the distances between them are those of their paths.
     """
+    rows = rows[rows[:, 1] >= 0.0]  # no copies
     times = np.unique(rows[:, 0])
     times = times[(times > 0.0) & (times < h)]
     if not len(times):

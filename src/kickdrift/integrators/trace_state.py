@@ -25,8 +25,9 @@ GAUSS_RADAU, BULIRSCH_STOER = range(2)
 # Entries of ``size``: number of bodies; 1 if all pairs attract each other here; attractions found so far; first body
 # whose path is noted.
 NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
-# Columns of ``path``: time since the step's start, slot, position from the central body, velocity.
-PATH_COLUMNS = 8
+# Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
+# velocity; number of the bodies that meet, whose rows follow one another.
+PATH_COLUMNS = 9
 PATH_ROWS = 4096  # further points are not noted
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
@@ -14,7 +15,7 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
 from kickdrift.integrators.trace_path import points_inside
-from kickdrift.integrators.trace_state import COUNTS, PATH_COLUMNS, PATH_ROWS, POINTS, READY, TWICE, Hybrid, Meeting
+from kickdrift.integrators.trace_state import COUNTS, PAIRS, PASSAGES, PATH_COLUMNS, PATH_ROWS, POINTS, READY, TWICE, Hybrid, Meeting
 from kickdrift.integrators.wisdom_holman import LEAPFROG
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
@@ -75,6 +76,11 @@ class TraceStepper(WisdomHolmanStepper):
         self._wide = [int(self._bodies.order[slot]) for slot in np.flatnonzero(far >= 1.0)]
 
     @property
+    def flags(self) -> tuple[int, int]:
+        """Numbers of near pairs and of pericentre passages at the step point, once steps are done."""
+        return int(self._hybrid.counts[PAIRS]), int(self._hybrid.counts[PASSAGES])
+
+    @property
     def _twice(self) -> int:
         """Number of steps done once more with further pairs or passages."""
         return int(self._hybrid.counts[TWICE])
@@ -100,6 +106,14 @@ class TraceStepper(WisdomHolmanStepper):
     @property
     def compiled_steps(self) -> CompiledSteps:
         return trace_loop, self._others, self._given
+
+    @property
+    def noted(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Memory with the number of points of bodies that met inside the last step, the points (see ``trace_state``),
+        and the slot of each body, -1 for the central one."""
+        slots = self._slots.copy()
+        slots[self._bodies.central] = -1
+        return self._hybrid.counts[POINTS : POINTS + 1], self._hybrid.path, slots
 
     def inside(self, before: Floats) -> list[tuple[float, Floats]]:
         """Times and states inside the last step, which began at ``before``, at the points of the bodies that meet."""

@@ -7,7 +7,7 @@ is longer than the time scale of its Kepler motion,
     tau^2 = 2 a^2 / (a'^2 + a a''),
 
 with the moduli of the acceleration and its time derivatives (Pham, Rein & Spiegel 2024,
-doi:10.21105/astro.2401.02849). Both conditions are even in time (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982;
+doi:10.21105/astro.2401.02849). A body whose hand-over radius reaches the central body is always in passage. Both conditions are even in time (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982;
 Hernandez & Dehnen 2023, MNRAS 522, 4639).
 """
 
@@ -96,7 +96,7 @@ def find_flags(hybrid, dt):
     for b in range(0, n, WIDTH):
         x, v = load3(orbit, b, n), load3(orbit, 3 * n + b, n)
         if hybrid.way != NONE:
-            short = passage(x, v, bodies.gm, dt)
+            short = passage(x, v, bodies.gm, dt) | (load(hybrid.reach, b) >= 1.0)
             if any_lane(short):
                 note_passages(hybrid, b, mask_bits(short))
         own = load(hybrid.reach, b) * dot(x, x)

@@ -67,8 +67,8 @@ def met(system, steps, dt, **options):
     sim, pairs, passages = kd.Simulation(system, "trace", dt=dt, **options), 0, 0
     for _ in range(steps):
         sim.run(1)
-        counts = sim.integration.stepper._hybrid.counts
-        pairs, passages = pairs + (counts[1] > 0), passages + (counts[2] > 0)
+        near, passing = sim.integration.stepper.flags
+        pairs, passages = pairs + (near > 0), passages + (passing > 0)
     return sim, pairs, passages
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.event_checks import binding
@@ -91,6 +92,16 @@ class Approaches(Checkpointed):
                 self._passed[int(p)] = float(self._closest_of[int(p), 0])
                 self._closest_of[int(p)] = np.inf
 
+    @property
+    def under_way(self) -> bool:
+        """Whether a passage goes on."""
+        return bool(np.isfinite(self._closest_of[:, 0]).any())
+
+    @property
+    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Pairs, their limits, and the body whose distances these are fractions of; see `quiet.Limits`."""
+        return self._pairs, self._limits, np.full(len(self._limits), self._heaviest)
+
     def look(self, span: Span) -> list[tuple[float, Row]]:
         """Entries for passages that ended in the searched span."""
         for p, _, what in self._rows[: self._count].tolist():
@@ -149,6 +160,18 @@ class Contacts(Checkpointed):
                     rows[...] = (part.t0 - begin + rows * h) / length
                 break
         return self._count
+
+    @property
+    def touching(self) -> bool:
+        """Whether bodies touch."""
+        return bool(self._touching.any())
+
+    @property
+    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Pairs that can touch, and their distances at contact; see `quiet.Limits`."""
+        reaches = self.radii[self._pairs].sum(axis=0)
+        can = reaches > 0.0
+        return self._pairs[:, can], reaches[can], np.full(int(can.sum()), -1)
 
     def first(self, span: Span) -> Act | None:
         """First contact in the searched span."""
@@ -221,6 +244,12 @@ class Escapes(Checkpointed):
                 step_parts[-1].y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
             )  # fmt: skip
         return self._count
+
+    @property
+    def limit(self) -> tuple[float, int, Floats]:
+        """Distance, origin and shares of the masses; see `quiet.Limits`."""
+        far = self._distance if self._place >= -1 else np.inf
+        return far, max(self._place, -1), self._gm / self._gm.sum()
 
     def gone(self, span: Span) -> list[Act]:
         """Escapes at the end of the searched span."""

@@ -17,6 +17,7 @@ from kickdrift.run.watch.collisions import joined
 from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
 from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts
 from kickdrift.run.watch.trials import Trials, Watched
 
@@ -40,6 +41,7 @@ class Search:
         self.act: Act | None = None
         self.span: Span | None = None
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
+        self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
@@ -50,7 +52,7 @@ class Search:
     def begin(self) -> None:
         """Forget all that was found so far."""
         self.log.forget()
-        self.act = self.span = None
+        self.act = self.span = self._quiet = None
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -82,6 +84,7 @@ class Search:
     def follow(self, system: System) -> None:
         """Go on with the remaining bodies."""
         self.renew_trials()
+        self._quiet = None
         for watch in self._watches:
             watch.follow(system)
 
@@ -95,6 +98,17 @@ class Search:
                 escapes.know(act.bodies[0])
 
     # --- steps ---
+
+    def quiet_steps(self, inner: Stepper) -> QuietSteps | None:
+        """Steps until one may have an event; None if only the search can tell, as while a passage goes on."""
+        if len(self._crossings) or not hasattr(type(inner), "noted"):
+            return None
+        if any(each.touching for each in self._contacts) or any(each.under_way for each in self._approaches):
+            return None
+        if self._quiet is None or self._quiet[0] is not inner:
+            limits = limits_of(self._contacts, self._approaches, self._escapes)
+            self._quiet = inner, limits and QuietSteps(inner, limits)
+        return self._quiet[1]
 
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
@@ -163,6 +177,7 @@ class Search:
 
     def recall(self, memory: Memory, inner: Stepper) -> None:
         """Restore this state."""
+        self._quiet = None
         for watch, known in zip(self._watches, memory["watches"], strict=True):
             watch.recall(known)
         self.log.recall(memory["waiting"])

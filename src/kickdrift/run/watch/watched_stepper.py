@@ -132,7 +132,7 @@ class WatchedStepper:
             elif act is not None or self.steps_done >= last or self.time >= until:
                 break
             else:
-                status = self._step()
+                status = self._steps(last - self.steps_done)
         self._search.log.tell(self.horizon)
         return status
 
@@ -176,6 +176,17 @@ class WatchedStepper:
         self._spent, self._warned = Counts(**events["spent"]), events["warned"]
 
     # --- steps ---
+
+    def _steps(self, most: int) -> int:
+        """Take steps until one may have an event; one step, if only the search can tell."""
+        inner = self.inner
+        quiet = self._search.quiet_steps(inner)
+        if quiet is None:
+            return self._step()
+        status, before, begin, loud = quiet.take(most)
+        if loud:
+            self._search.scan(inner, before, begin, inner.y, inner.time)
+        return status
 
     def _step(self) -> int:
         inner = self.inner
