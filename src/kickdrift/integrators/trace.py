@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.option import HILL_RADII, INNER, PERICENTRE, Option
+from kickdrift.integrators.option import HILL_RADII, INNER, PERICENTRE
 from kickdrift.integrators.wisdom_holman import one_gravity
 
 if TYPE_CHECKING:

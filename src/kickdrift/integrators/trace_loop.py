@@ -18,7 +18,7 @@ from kickdrift.integrators.trace_groups import (
 )
 from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace_switch import clear_flags, find_flags
-from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, OTHERS, SOURCE
+from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
 from kickdrift.integrators.wisdom_holman_kicks import jump, kick_velocities, mutual_accelerations
 from kickdrift.integrators.wisdom_holman_loop import add_accelerations, fill_others

@@ -36,8 +36,8 @@ def points_inside(
         left, right = own[place], own[place + 1]
         length = (right[:, 0] - left[:, 0])[:, None]
         part = (times[:, None] - left[:, :1]) / length
-        ends = [np.array([each[:, 2:5], each[:, 5:8]]) for each in (left, right)]
-        x, v = cubics(part, *ends, length)
+        start, end = (np.array([each[:, 2:5], each[:, 5:8]]) for each in (left, right))
+        x, v = cubics(part, start, end, length)
         found[:, 0, :, body] = x + first + s[:, 0] * (last - first)
         found[:, 1, :, body] = v + (last - first) / h
     return [(begin + float(time), np.ascontiguousarray(y)) for time, y in zip(times, found, strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,17 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
 from kickdrift.integrators.trace_path import points_inside
-from kickdrift.integrators.trace_state import COUNTS, PAIRS, PASSAGES, PATH_COLUMNS, PATH_ROWS, POINTS, READY, TWICE, Hybrid, Meeting
+from kickdrift.integrators.trace_state import (
+    COUNTS,
+    PAIRS,
+    PASSAGES,
+    PATH_COLUMNS,
+    PATH_ROWS,
+    POINTS,
+    TWICE,
+    Hybrid,
+    Meeting,
+)
 from kickdrift.integrators.wisdom_holman import LEAPFROG
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
@@ -33,7 +43,7 @@ class TraceStepper(WisdomHolmanStepper):
     A checkpoint holds the orbits at the step point and the centre of mass. Pairs and passages follow from these.
     """
 
-    saved = ("_cursor", "_start", "_twice", "_wide", "_bodies.orbit", "_bodies.centre")
+    saved: ClassVar[tuple[str, ...]] = ("_cursor", "_start", "_twice", "_wide", "_bodies.orbit", "_bodies.centre")
 
     def __init__(self, flow: Flow, way: int, inner: int, options: Options) -> None:
         self._way, self._inner, self._hill_radii = way, inner, options.hill_radii
@@ -52,7 +62,9 @@ class TraceStepper(WisdomHolmanStepper):
             bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
             passes=np.zeros(slots, np.uint8), reach=self._reach, zone=np.zeros(massive),
             counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
-            middle=aligned((6, slots)), group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)), kept=aligned((6, slots)),
+            middle=aligned((6, slots)),
+            group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)),
+            kept=aligned((6, slots)),
             meeting=Meeting(
                 slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
                 size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),

@@ -7,8 +7,9 @@ is longer than the time scale of its Kepler motion,
     tau^2 = 2 a^2 / (a'^2 + a a''),
 
 with the moduli of the acceleration and its time derivatives (Pham, Rein & Spiegel 2024,
-doi:10.21105/astro.2401.02849). A body whose hand-over radius reaches the central body is always in passage. Both conditions are even in time (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982;
-Hernandez & Dehnen 2023, MNRAS 522, 4639).
+doi:10.21105/astro.2401.02849). A body whose hand-over radius reaches the central body is always in
+passage. Both conditions are even in time (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982; Hernandez & Dehnen
+2023, MNRAS 522, 4639).
 """
 
 from __future__ import annotations

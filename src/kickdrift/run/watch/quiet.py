@@ -39,18 +39,17 @@ class Limits(NamedTuple):
     shares: Floats  # (n,) masses over their sum
 
 
+_NOTHING: Any = np.zeros((2, 0), np.int64), np.zeros(0), np.zeros(0, np.int64)
+
+
 def limits_of(contacts: list[Contacts], approaches: list[Approaches], escapes: list[Escapes]) -> Limits | None:
     """Limits of these watches; None with two kinds of escapes."""
     if len(escapes) > 1:
         return None
-    rows = [each.limits for each in (*contacts, *approaches)]
-    pairs, reaches, about = (np.concatenate([row[k] for row in rows], axis=-1) for k in range(3)) if rows else _nothing()
+    rows = [_NOTHING, *(each.limits for each in (*contacts, *approaches))]
+    pairs, reaches, about = (np.concatenate([row[k] for row in rows], axis=-1) for k in range(3))
     far, origin, shares = escapes[0].limit if escapes else (np.inf, -1, np.ones(1))
     return Limits(np.ascontiguousarray(pairs), reaches, about, far, origin, shares)
-
-
-def _nothing() -> tuple[Any, ...]:
-    return np.zeros((2, 0), np.int64), np.zeros(0), np.zeros(0, np.int64)
 
 
 @jit
@@ -149,9 +148,7 @@ def all_inside(y, far, origin, shares):
 
 
 @driver
-def quiet_loop(
-    forces, steps_at, given, noted, before, y, dt, limits, first, most, cursor, seen
-):
+def quiet_loop(forces, steps_at, given, noted, before, y, dt, limits, first, most, cursor, seen):
     """Take up to ``most`` steps of the loop at an address, until one is not quiet. Return a status.
 
     ``before`` gets the state at the last step's start. ``noted`` has the points of bodies that met in a step.

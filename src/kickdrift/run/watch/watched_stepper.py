@@ -261,6 +261,7 @@ class WatchedStepper:
     def _change(self, act: Act, y: Floats, step: int) -> None:
         """Bounce, merge or remove bodies, and restart from y."""
         system, event = self._system, act.event
+        assert not isinstance(event, CloseApproach)  # which only ends runs
         row = entry(system, event.kind, act.time, step, act.bodies, act.distance, "")
         before = self._run.sample_at(y, act.time)
         left, y, row["done"], gone, survivor = changed(event, system, y, act.bodies)
