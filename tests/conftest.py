@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -16,6 +17,9 @@ from tests.folders import TOP
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Likewise numba's threads: threads that spin while waiting for a core make a force on two threads 30 times as slow.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+# Scanning numba's many lasting objects for garbage took an eighth of the time at Python's own thresholds.
+gc.set_threshold(50_000, 20, 20)
 
 own_methods.register()  # before tests are collected, so that the contract tests run on these methods too
 

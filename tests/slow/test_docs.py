@@ -18,8 +18,9 @@ from tests.folders import DOCS, TOP
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
-LONG = {  # pages that take more than ten seconds
-    "ensembles", "first-hour", "heat-baths", "odes", "safe-potential", "which-integrator", "your-own-force",
+LONG = {  # pages that take more than five seconds
+    "ensembles", "first-hour", "from-python", "heat-baths", "index", "lj-benchmark", "molecules", "observables", "odes",
+    "safe-potential", "solar-system", "solve", "which-integrator", "your-own-force",
 }  # fmt: skip
 APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
