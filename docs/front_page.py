@@ -22,9 +22,7 @@ LIGHT = np.array([-0.45, 0.55, 0.70])  # direction of the light, from the scene
 RADIUS = 0.5  # of a sphere, in sigma
 ASTEROIDS = 1000
 OBLIQUITY = np.radians(23.4392911)  # of the ecliptic to the equator, whose axes the system's file uses
-ECLIPTIC = np.array(
-    [[1, 0, 0], [0, np.cos(OBLIQUITY), np.sin(OBLIQUITY)], [0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)]]
-)
+ECLIPTIC = np.array([[1, 0, 0], [0, np.cos(OBLIQUITY), np.sin(OBLIQUITY)], [0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)]])
 
 
 def turned(x: np.ndarray) -> np.ndarray:

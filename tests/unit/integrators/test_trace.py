@@ -237,16 +237,18 @@ def test_refusals(system, options, message):
 # --- events ---
 
 
+def giants_that_meet(aside=0.1, **given) -> kd.System:
+    x = [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.3, 0.4, aside], [-9.0, 0.0, 0.0]]
+    v = [[0.0, 0.0, 0.0], [0.0, 0.45, 0.0], [-0.04, 0.4, 0.0], [0.0, -0.33, 0.0]]
+    return kd.System(x, v, masses=[1.0, 1e-3, 1e-3, 6e-4], forces=[kd.Gravity()], units="nbody", **given)
+
+
 @pytest.mark.parametrize("miss", [0.0, 0.1])
 def test_what_happens_inside_a_step_is_found(miss):
     """Two giants on their way to one another, within steps of a third of that time: contact and closest approach are
     where gauss-radau15 has them, to what the third giant does in a step."""
     found = {}
-    x = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.3, 0.4, miss], [-9.0, 0.0, 0.0]])
-    v = np.array([[0.0, 0.0, 0.0], [0.0, 0.45, 0.0], [-0.04, 0.45 - 0.05, 0.0], [0.0, -0.33, 0.0]])
-    system = kd.System(
-        x, v, masses=[1.0, 1e-3, 1e-3, 6e-4], forces=[kd.Gravity()], units="nbody", radii=[0.005, 3e-3, 3e-3, 1e-3]
-    )
+    system = giants_that_meet(miss, radii=[0.005, 3e-3, 3e-3, 1e-3])
     events = [kd.Collision(action="stop"), kd.CloseApproach(0.2)]
     for name, dt in (("gauss-radau15", None), ("trace", 2.0), ("trace", 0.7)):
         sim = kd.Simulation(system, name, dt=dt, events=events)
@@ -258,3 +260,28 @@ def test_what_happens_inside_a_step_is_found(miss):
         assert (stopped, kind) == exact[:2] == ((miss == 0.0), "close-approach" if miss else "collision")
         assert time == pytest.approx(exact[2], abs=1e-4)
         assert distance == pytest.approx(exact[3], rel=1e-4)
+
+
+@pytest.mark.parametrize(("distance", "step"), [(0.2, 6), (0.02, 7), (0.01, None)])
+def test_a_close_approach_may_end_a_run(distance, step):
+    """With the step in which the passage begins; a run that goes on does not stop again in the same passage."""
+    sim = kd.Simulation(giants_that_meet(), "trace", dt=0.7, events=[kd.CloseApproach(distance, action="stop")])
+    report = sim.run(until=14.0)
+    assert (sim.steps_done == step, "meet at t" in report.stopped) == (step is not None,) * 2
+    assert sim.run(until=28.0).stopped == ""
+    assert sum(row["done"] == "stopped" for row in sim.events) == (step is not None)
+
+
+def test_steps_without_events_change_no_event(monkeypatch):
+    """Steps in compiled code until an event, and each step searched in Python, have the same log and the same bits."""
+    events = [kd.Collision(action="bounce"), kd.Escape(8.0), kd.CloseApproach(1.5)]
+    found = []
+    for _ in range(2):
+        system = giants_that_meet(0.0, radii=[0.005, 3e-3, 3e-3, 1e-3])
+        sim = kd.Simulation(system, "trace", dt=0.7, events=events)
+        sim.run(300)
+        found.append((sim.events, sim.state.positions))
+        monkeypatch.setattr("kickdrift.run.watch.search.Search.quiet_steps", lambda self, inner: None)
+    assert found[0][0] == found[1][0]
+    assert len(found[0][0]) > 2
+    np.testing.assert_array_equal(found[0][1], found[1][1])

@@ -46,7 +46,7 @@ def limits_of(contacts: list[Contacts], approaches: list[Approaches], escapes: l
     """Limits of these watches; None with two kinds of escapes."""
     if len(escapes) > 1:
         return None
-    rows = [_NOTHING, *(each.limits for each in (*contacts, *approaches))]
+    rows: list[Any] = [_NOTHING, *(each.limits for each in contacts), *(each.limits for each in approaches)]
     pairs, reaches, about = (np.concatenate([row[k] for row in rows], axis=-1) for k in range(3))
     far, origin, shares = escapes[0].limit if escapes else (np.inf, -1, np.ones(1))
     return Limits(np.ascontiguousarray(pairs), reaches, about, far, origin, shares)
