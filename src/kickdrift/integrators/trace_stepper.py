@@ -78,7 +78,8 @@ class TraceStepper(WisdomHolmanStepper):
         self._start = time - steps * self.dt
         self._cursor = np.zeros(SLOTS, np.int64)
         self._others.forget()
-        self._hybrid.counts[:] = 0
+        for flags in (self._hybrid.counts, self._hybrid.near, self._hybrid.meets, self._hybrid.passes):
+            flags[...] = 0
         self._enter(y)
         self._look_at_start()
 

@@ -204,6 +204,18 @@ def test_a_run_in_pieces_and_from_a_file_has_the_same_bits(tmp_path):
     assert again.options["hill_radii"] == 3.0
 
 
+def test_another_start_in_an_encounter_has_the_bits_of_a_new_simulation():
+    """The pairs that were near before are forgotten."""
+    sim, pairs, _ = met(giants(), 180, 5 * DT)
+    assert pairs > 0
+    assert sim.integration.stepper.flags[0] > 0
+    sim.state = giants().state
+    sim.run(200)
+    again = kd.Simulation(giants(), "trace", dt=5 * DT)
+    again.run(200)
+    np.testing.assert_array_equal(sim.state.positions, again.state.positions)
+
+
 def test_other_forces_join_the_kicks():
     system = giants(forces=[kd.Oblateness(j2=0.01, radius=0.1)])
     sim = kd.Simulation(system, "trace", dt=DT)
