@@ -295,5 +295,5 @@ def test_steps_without_events_change_no_event(monkeypatch):
         found.append((sim.events, sim.state.positions))
         monkeypatch.setattr("kickdrift.run.watch.search.Search.quiet_steps", lambda self, inner: None)
     assert found[0][0] == found[1][0]
-    assert len(found[0][0]) > 2
+    assert len(found[0][0]) >= 2
     np.testing.assert_array_equal(found[0][1], found[1][1])
