@@ -139,8 +139,14 @@ PYTHON = [
     ('kd.resume("none.h5md")', "none.h5md: no such file"),
     (
         'kd.export("none.h5md", "x.gro")',
-        "x.gro: the name of an export must end in .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, .traj, not '.gro'",
+        "x.gro: the name of an export must end in .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, .traj, .bin, not '.gro'",
     ),
+    ('kd.load("lj-1000", snapshot=1)', "snapshot: is for archives of rebound, and …"),
+    (
+        "kd.frequencies([1.0] * 20, [k * k for k in range(20)])",
+        "times: not evenly spaced; the largest departure, at sample 9, is 5 of the spacing",
+    ),
+    ('kd.analysis.orbit_report("none.h5md", order=0)', "order must be a whole number, one or more, got 0"),
     ('kd.Ensemble("lj-1000", {"temprature": [1, 2]}, steps=10)', "lj-1000: temprature: unknown key…"),
     (
         "kd.analysis.radial_distribution([[0, 0, 1], [1, 0, 1], [0, 1, 1]], (4, 4, 4))",
@@ -154,6 +160,11 @@ PYTHON = [
 
 # (arguments, line)
 COMMANDS = [
+    ("analyze none.h5md", "kickdrift: none.h5md: no such file"),
+    (
+        "analyze none.h5md --frame sun",
+        "kickdrift: --frame: expected one of 'jacobi', 'heliocentric', 'barycentric', got 'sun'…",
+    ),
     ("run", "kickdrift: Missing argument 'SYSTEM'…"),
     ("runn", "kickdrift: No such command 'runn'. Did you mean 'run'?…"),
     (

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
     from kickdrift.forces.body_law import body_law
-    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law, improper_law
     from kickdrift.forces.field_law import field_law
     from kickdrift.forces.pair_law import pair_law
     from kickdrift.forces.registration import register_force
@@ -44,9 +44,11 @@ if TYPE_CHECKING:
     from kickdrift.looks.observers import Energies
     from kickdrift.model.bodies import Body
     from kickdrift.model.box import Box
-    from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape
+    from kickdrift.model.collision import Collision
+    from kickdrift.model.events import CloseApproach, Crossing, Escape
     from kickdrift.model.orbit_table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
+    from kickdrift.model.sphere import Sphere
     from kickdrift.model.state import State
     from kickdrift.model.system import System
     from kickdrift.model.topology import Topology
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
+    from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
@@ -72,7 +75,7 @@ _HOMES = {
     "Box": "model.box",
     "ChaosReport": "analysis.chaos_report",
     "CloseApproach": "model.events",
-    "Collision": "model.events",
+    "Collision": "model.collision",
     "Column": "looks.columns",
     "Comparison": "analysis.comparison",
     "Crossing": "model.events",
@@ -93,6 +96,7 @@ _HOMES = {
     "RunError": "errors",
     "Simulation": "run.simulation",
     "Solution": "run.solve",
+    "Sphere": "model.sphere",
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
@@ -102,6 +106,7 @@ _HOMES = {
     "doctor": "analysis.doctor",
     "export": "trajectory.export",
     "field_law": "forces.field_law",
+    "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
@@ -110,6 +115,7 @@ _HOMES = {
     "angle_law": "forces.bonded_law",
     "bond_law": "forces.bonded_law",
     "dihedral_law": "forces.bonded_law",
+    "improper_law": "forces.bonded_law",
     "pair_law": "forces.pair_law",
     "register_force": "forces.registration",
     "register_splitting": "integrators.registration",
@@ -140,10 +146,13 @@ __all__ = [
     "Fene",
     "FileOptions",
     "Gravity",
+    "GravitySheet",
     "GravityTree",
     "HarmonicAngle",
     "HarmonicBond",
+    "HarmonicImproper",
     "HarmonicTrap",
+    "Hill",
     "InputError",
     "Installation",
     "KickdriftError",
@@ -158,6 +167,7 @@ __all__ = [
     "Orbit",
     "OrbitTable",
     "PeriodicDihedral",
+    "PeriodicImproper",
     "PostNewtonian",
     "Problem",
     "PythonForce",
@@ -166,6 +176,7 @@ __all__ = [
     "RyckaertBellemans",
     "Simulation",
     "Solution",
+    "Sphere",
     "Springs",
     "State",
     "StillingerWeber",
@@ -185,6 +196,8 @@ __all__ = [
     "engines",
     "export",
     "field_law",
+    "frequencies",
+    "improper_law",
     "integrator",
     "integrators",
     "listing",
@@ -263,6 +276,7 @@ ABOVE.update(
         "sampling figure": _loader("plots.compare", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
+        "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),

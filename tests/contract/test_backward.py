@@ -7,7 +7,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from tests.oracle.kepler import moved
-from tests.systems import liquid, needed
+from tests.systems import in_frame, liquid, needed
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 BACK = [name for name in METHODS if integrator(name).reversible or integrator(name).chooses_steps]
@@ -23,7 +23,7 @@ def planet(name, **options):
         forces=[kd.Gravity()],
         units="nbody",
     )
-    return kd.Simulation(system, name, 0.01 if integrator(name).needs_dt else None, **options)
+    return kd.Simulation(in_frame(name, system), name, 0.01 if integrator(name).needs_dt else None, **options)
 
 
 @pytest.mark.parametrize("name", BACK)

@@ -329,6 +329,7 @@ def cloud(n: int) -> kd.System:
         (planets(0), "gauss-radau15", {}, "one system at a time"),
         (planets(0), "leapfrog", {"compensated": True}, "compensated"),
         (planets(0), "wisdom-holman", {"corrector": 3}, "corrector"),
+        (planets(0), "wisdom-holman", {"kernel": "lazy"}, "the standard kernel only"),
         (
             planets(0, forces=[kd.Gravity(), kd.UniformField((0.0, 0.0, 1.0))]),
             "leapfrog",

@@ -390,9 +390,17 @@ def with_event() -> kd.System:
     return planets().watched([kd.CloseApproach(1.0)])
 
 
+def joined() -> kd.System:
+    """Two silicon atoms with a bond beside a many-body force."""
+    more = {"units": "metal", "species": ["Si", "Si"], "topology": kd.Topology([(0, 1)])}
+    forces = [kd.StillingerWeber(), kd.HarmonicBond(1.0, 2.4)]
+    return kd.System(2.4 * np.eye(2, 3), box=(20, 20, 20), forces=forces, **more)
+
+
 ALONE = "; only native can"
 REFUSED = [
-    ("ase", planets, MD, "force 'gravity': only lennard-jones is possible; native and openmm can"),
+    ("ase", planets, MD, "force 'gravity': ASE takes one force alone: .* or tersoff; native and openmm can"),
+    ("ase", joined, {}, "forces 'stillinger-weber' and 'harmonic-bond': ASE takes one .*; native and lammps can"),
     ("ase", cut, {}, "truncation 'cut': possible are 'shift'; native, lammps and openmm can"),
     ("ase", mixture, {}, "species: ASE's LennardJones has one .*, and A, B, C differ; native, lammps and openmm can"),
     ("ase", liquid, {"integrator": "rk4"}, f"integrator 'rk4': ase has velocity-verlet .*{ALONE}"),
@@ -405,8 +413,8 @@ REFUSED = [
     ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
     ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, f"truncation 'switch'.*{ALONE}"),
-    ("lammps", lambda: liquid(forces=[]), {}, f"has none{ALONE}"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones()]), {}, f"has 2{ALONE}"),
+    ("lammps", lambda: liquid(forces=[]), {}, f"has no force: LAMMPS takes one force of .*{ALONE}"),
+    ("lammps", lambda: liquid(forces=[kd.LennardJones()] * 2), {}, f"forces 'l.*s' and 'l.*s': LAMMPS .*{ALONE}"),
     ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types .*; native, ase and openmm can"),
     ("openmm", leaning, {}, "box: OpenMM: cannot use a leaning box, .*; native, ase and lammps can"),
     ("openmm", tube, {}, "box: OpenMM: needs .* only along z; native, ase and lammps can"),

@@ -17,7 +17,7 @@ from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
-from tests.systems import needed, pressed
+from tests.systems import in_frame, needed, pressed
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
 CASES = [(name, each.name) for name, method in METHODS.items() for each in method.options if each is not DT]
@@ -76,12 +76,13 @@ def toml(value: Any) -> str:
 def from_file(name: str, line: str) -> kd.System:
     system = loads((LIQUID if METHODS[name].bath else FILE).format(name=name, option=line))
     assert isinstance(system, kd.System)
-    return system
+    return in_frame(name, system)
 
 
-BATHS = (  # younger than 0.1.0
+YOUNGER = (  # than 0.1.0
     "temperature", "friction", "seed", "noise", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
     "pressure_every", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
+    "kernel",
 )  # fmt: skip
 
 
@@ -166,9 +167,9 @@ def test_controllers_are_the_choices():
 
 
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
-    assert list(known_options()) == [*OPTIONS, *BATHS]
+    assert list(known_options()) == [*OPTIONS, *YOUNGER]
     assert all(takers(name) for name in known_options())
-    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *BATHS]
+    assert run_keys() == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS, *YOUNGER]
     assert takers(PRECISION.name) == list(METHODS)
 
 

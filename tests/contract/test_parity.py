@@ -105,6 +105,14 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "analysis.EnsembleChecks.as_json",
         "--quiet": "analysis.engine_checks(progress)",
     },
+    "analyze": {
+        "run": "analysis.orbit_report(run)",
+        "--frame": "analysis.orbit_report(frame)",
+        "--plane": "analysis.orbit_report(plane)",
+        "--until": "analysis.orbit_report(until)",
+        "--plot": "analysis.OrbitReport.plot",
+        "--json": "analysis.OrbitReport.as_json",
+    },
     "ensemble": {
         "system": "Ensemble(system)",
         "--vary": "Ensemble(vary)",
@@ -155,7 +163,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 # has all its columns.
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
-    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"}, "analyze": {"--overwrite"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
@@ -175,15 +183,15 @@ ELSEWHERE = {
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
     "--load FILE.py": (
-        "accelerations", "angle_law", "body_law", "bond_law", "dihedral_law", "field_law", "pair_law", "register_force",
-        "register_splitting", "register_step", "register_tableau",
+        "accelerations", "angle_law", "body_law", "bond_law", "dihedral_law", "field_law", "improper_law", "pair_law",
+        "register_force", "register_splitting", "register_step", "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
     "doctor": ("doctor",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
-    "only in Python: values of a running Simulation, and orbits of the present": (
-        "Column", "Energies", "Orbit", "OrbitTable", "State",
+    "only in Python: values of a running Simulation, orbits of the present, and series of one's own": (
+        "Column", "Energies", "Orbit", "OrbitTable", "Sphere", "State", "frequencies",
     ),
 }  # fmt: skip
 

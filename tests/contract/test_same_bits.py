@@ -28,7 +28,7 @@ from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum
 from tests.processes import python
-from tests.systems import liquid, needed, pressed, tried_with
+from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # values of a record in which any two runs differ
@@ -69,7 +69,7 @@ def subjects(name: str, **options: Any) -> list[Callable[..., kd.Simulation]]:
             step = {"dt": dt} if method.needs_dt and "scheme" not in options else {}
             tolerance = {"rtol": 1e-6} if "rtol" in method.tunable else {}
             return kd.Simulation(
-                subject(), name, **(tolerance | step | needed(name) | pressed(options) | options | more)
+                in_frame(name, subject()), name, **(tolerance | step | needed(name) | pressed(options) | options | more)
             )
 
         try:
@@ -311,7 +311,7 @@ def test_events_go_on_from_a_checkpoint(name):
     options = {"rtol": 1e-6} if "rtol" in method.tunable else {"dt": 0.01} if method.needs_dt else {}
 
     def make() -> kd.Simulation:
-        return kd.Simulation(meeting(), name, events=EVENTS, **options)
+        return kd.Simulation(in_frame(name, meeting()), name, events=EVENTS, **options)
 
     def go(time: float) -> Callable[[kd.Simulation], Any]:
         def run(sim):

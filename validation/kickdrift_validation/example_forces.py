@@ -32,6 +32,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "stillinger-weber": {"entries": None, "file": None},
     "tersoff": {"entries": None, "file": None},
     "relativity-1pn": {"c": 100.0},
+    "gravity-sheet": {"omega": 1.0, "width": 40.0, "length": 60.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
@@ -41,6 +42,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "periodic-dihedral": {"barrier": 2.0, "multiplicity": 3.0, "phase": 30.0},
     "ryckaert-bellemans": {"c0": 0.3, "c1": 0.5, "c2": -0.4, "c3": 0.2, "c4": 0.6, "c5": -0.1},
     "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
+    "harmonic-improper": {"stiffness": 2.0, "rest": 20.0},
+    "periodic-improper": {"barrier": 2.0, "multiplicity": 2.0, "phase": 30.0},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
     "python": {"function": pull},
     "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
@@ -50,7 +53,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 
 def topology(force: Any) -> kd.Topology | None:
     """A chain of the first four particles for a bonded force; None for other forces."""
-    return kd.Topology([(0, 1), (1, 2), (2, 3)], True, True) if isinstance(force, BondedForce) else None
+    return kd.Topology([(0, 1), (1, 2), (2, 3)], True, True, [(1, 0, 2, 3)]) if isinstance(force, BondedForce) else None
 
 
 def example(cls: Any, **given: Any) -> Any:

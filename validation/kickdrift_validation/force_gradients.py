@@ -46,6 +46,7 @@ OPEN: dict[str, Callable[[], Any]] = {  # forces of open space that example_forc
 }
 NOT_GRADIENTS = {
     "linear-drag": "depends on velocity and has no energy",
+    "hill": "depends on velocity: kickdrift_validation.shearing_sheet",
     "ase": "its calculator is ASE's: kickdrift_validation.calculators",
     "eam": "the curvature of its tables jumps, which differences of h^6 do not bear: kickdrift_validation.many_body",
     "gravity-tree": "its energy and its forces are expansions, each to `accuracy`: kickdrift_validation.barnes_hut",

@@ -95,6 +95,18 @@ SCRIPTS = (
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("trace.py", "trace beside TRACE: steps, way back, scatterings, outcomes, speed", 60, peers=("rebound",)),
+    Script(
+        "wisdom_holman_kernels.py",
+        "kernels of wisdom-holman: powers of dt and of the masses; beside WHFast",
+        20,
+        peers=("rebound",),
+    ),
+    Script(
+        "shearing_sheet.py",
+        "sei in Hill's frame: epicycles, order, a satellite that passes; beside rebound's SEI",
+        15,
+        peers=("rebound", "mpmath"),
+    ),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),
@@ -104,7 +116,14 @@ SCRIPTS = (
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
+    Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script(
+        "secular_frequencies.py",
+        "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
+        20,
+        peers=("rebound",),
+    ),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
     # what textbooks and web guides say
     Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),

@@ -13,25 +13,34 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.force_certificate import ForceChecks
     from kickdrift.analysis.force_testing import force_checks
+    from kickdrift.analysis.librations import Resonance
     from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.orbits import orbital_elements
     from kickdrift.analysis.pressure import pressure_tensor
     from kickdrift.analysis.sampling import SamplingComparison, SamplingRow
+    from kickdrift.analysis.secular_report import OrbitReport, ProperOrbit
+    from kickdrift.analysis.secular_run import orbit_report
     from kickdrift.analysis.structure import radial_distribution, structure_factor
     from kickdrift.statistics.blocks import block_average
+    from kickdrift.statistics.quasi_periodic import Spectrum
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
     "Diffusion": "analysis.motion",
     "EnsembleChecks": "analysis.certificate",
     "ForceChecks": "analysis.force_certificate",
+    "OrbitReport": "analysis.secular_report",
+    "ProperOrbit": "analysis.secular_report",
+    "Resonance": "analysis.librations",
     "SamplingComparison": "analysis.sampling",
     "SamplingRow": "analysis.sampling",
+    "Spectrum": "statistics.quasi_periodic",
     "block_average": "statistics.blocks",
     "engine_checks": "analysis.certifying",
     "ensemble_checks": "analysis.certifying",
     "force_checks": "analysis.force_testing",
     "mean_squared_displacement": "analysis.motion",
+    "orbit_report": "analysis.secular_run",
     "orbital_elements": "analysis.orbits",
     "pressure_tensor": "analysis.pressure",
     "radial_distribution": "analysis.structure",
@@ -43,13 +52,18 @@ __all__ = [
     "Diffusion",
     "EnsembleChecks",
     "ForceChecks",
+    "OrbitReport",
+    "ProperOrbit",
+    "Resonance",
     "SamplingComparison",
     "SamplingRow",
+    "Spectrum",
     "block_average",
     "engine_checks",
     "ensemble_checks",
     "force_checks",
     "mean_squared_displacement",
+    "orbit_report",
     "orbital_elements",
     "pressure_tensor",
     "radial_distribution",

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.orbits import Orbits, Paths, central_row, orbits_of
 from kickdrift.model.starts.elements import Elements
-from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.merged import masses_held
 
 
 def orbits(
@@ -76,33 +76,20 @@ def paths(run: reader.Run | str | os.PathLike[str], most_frames: int | None = No
     kept = len(run) if most_frames is None else min(most_frames, len(run))
     chosen = np.unique(np.linspace(0, len(run) - 1, kept).round().astype(int))
     m = run.masses
-    x = np.array([run[int(k)].positions for k in chosen])
-    v = np.array([run[int(k)].velocities for k in chosen])
-    held = _held(x, v, m)
+    if kept == len(run):
+        x, v = (np.array(run.vectors(what, slice(None))) for what in ("positions", "velocities"))
+    else:
+        x = np.array([run[int(k)].positions for k in chosen])
+        v = np.array([run[int(k)].velocities for k in chosen])
+    names = run.names or tuple(f"particle {i}" for i in run.ids)
+    held = masses_held(run, chosen, x, v)
+    seen = np.any(np.isfinite(x[:, :, 0]), axis=0)  # collisions may have added fewer bodies than have rows
+    if not np.all(seen):
+        x, v, m, held = x[:, seen], v[:, seen], m[seen], held[:, seen]
+        names = tuple(name for name, ever in zip(names, np.atleast_1d(seen), strict=True) if ever)
     for y in (x, v):
         y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
-    names = run.names or tuple(f"particle {i}" for i in range(len(m)))
     return Paths(run.times[chosen], x, v, m, held, names, gravity, central_row(m))
-
-
-def _held(x: Floats, v: Floats, masses: Floats) -> Floats:
-    """Masses (k, n) at each frame. In a file, an absorbed body has its survivor's position; here x and v of absorbed
-    and removed bodies become nan."""
-    there = np.isfinite(x[:, :, 0])
-    held = np.where(there, masses, 0.0)
-    last = len(x) - 1 - np.argmax(there[::-1], axis=0)
-    phase = np.concatenate([x, v], axis=2)
-    _, which, sizes = np.unique(phase[last, np.arange(len(masses))], axis=0, return_inverse=True, return_counts=True)
-    for group in np.flatnonzero(sizes > 1):
-        members = np.flatnonzero(which.ravel() == group)
-        members = members[np.argsort(-masses[members], kind="stable")]
-        for rank, body in enumerate(members):
-            for heavier in members[:rank]:
-                absorbed = np.all(phase[:, body] == phase[:, heavier], axis=1) & (held[:, heavier] > 0)
-                held[absorbed, heavier] += held[absorbed, body]
-                held[absorbed, body] = 0.0
-                x[absorbed, body] = v[absorbed, body] = np.nan
-    return held
 
 
 def gravity_of(run: reader.Run) -> float | None:

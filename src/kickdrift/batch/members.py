@@ -14,7 +14,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.integrators.batch_stepping import Members, to_lanes
 from kickdrift.integrators.method import Method, checked_dt
-from kickdrift.integrators.option import MIXED
+from kickdrift.integrators.option import KERNEL, MIXED, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
@@ -35,6 +35,8 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
         return "a batch has no compensated sums"
     if options.corrector:
         return "a batch has no corrector"
+    if options.get(KERNEL.name) not in (None, STANDARD):
+        return "a batch has the standard kernel only"
     if options.precision == MIXED:
         return "mixed precision needs pair forces"
     if system.box.periodic:

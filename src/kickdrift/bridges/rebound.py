@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rebound
 from rebound.units import lengths_SI, masses_SI, times_SI
 
-from kickdrift.bridges.rebound_names import COORDINATES, LEAPFROGS, SABA, key_of
+from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, SABA, key_of
 from kickdrift.errors import InputError
-from kickdrift.forces import Gravity
+from kickdrift.forces import FORCES, Gravity, Hill
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.option import JACOBI
+from kickdrift.integrators.option import JACOBI, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -29,6 +30,7 @@ from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
 NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
+POINTERS = "reset function pointers"  # in rebound's warning about functions that no archive holds
 FUNCTIONS = ("additional_forces", "pre_timestep_modifications", "post_timestep_modifications")
 
 
@@ -110,6 +112,17 @@ def _check_test_particles(sim: Any, masses: Floats) -> None:
 
 
 def _forces(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
+    turns = str(sim.integrator) == "sei" and sim.OMEGA
+    frame = (FORCES["hill"](omega=sim.OMEGA, vertical=_vertical(sim)),) if turns else ()
+    return (*_gravities(sim, units), *frame)
+
+
+def _vertical(sim: Any) -> float:
+    """Frequency along z over that of the frame; rebound's is the same unless OMEGAZ is set."""
+    return abs(sim.OMEGAZ / sim.OMEGA) if sim.OMEGAZ > 0 else 1.0
+
+
+def _gravities(sim: Any, units: UnitSystem) -> tuple[Any, ...]:
     if sim.gravity == "none":
         return ()
     if sim.gravity not in NEWTON:
@@ -129,10 +142,14 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
     if method == "ias15" and own.epsilon > 0 and str(own.adaptive_mode) == "PRS23":
         untaken = ["ias15's min_dt"] if own.min_dt else []
         return run.changed(integrator="gauss-radau15", rtol=own.epsilon), untaken
-    plain = method == "whfast" and str(own.kernel) == "DEFAULT" and not own.corrector2
-    if plain and central and str(own.coordinates) in COORDINATES:
-        coordinates = COORDINATES[str(own.coordinates)]
-        return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+    if method == "whfast" and not own.corrector2 and central and str(own.coordinates) in COORDINATES:
+        coordinates, kernel = COORDINATES[str(own.coordinates)], KERNELS[str(own.kernel)]
+        if kernel == STANDARD:
+            return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
+        if coordinates == JACOBI:
+            return run.changed(integrator="wisdom-holman", corrector=own.corrector, kernel=kernel), []
+    if method == "sei" and sim.OMEGA:
+        return run.changed(integrator="sei"), []
     if method == "saba" and central and str(own.type) in SABA:
         return run.changed(integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
     return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
@@ -143,12 +160,54 @@ def _tell(what: str, untaken: list[str]) -> None:
         warnings.warn(f"{what}: left out, without an equivalent in kickdrift: {'; '.join(untaken)}", stacklevel=4)
 
 
+# --- from an archive ---
+
+
+def archived_system(path: Path, snapshot: int | None = None) -> System:
+    """Return the System of a snapshot, by default the last, named after the file; see ``kickdrift.load``."""
+    snapshot = -1 if snapshot is None else snapshot
+    if isinstance(snapshot, bool) or not isinstance(snapshot, int | np.integer):
+        raise InputError(f"snapshot: expected a whole number, got {snapshot!r}")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        archive = archive_at(path)
+        count = len(archive)
+        if not -count <= snapshot < count:
+            raise InputError(f"{path}: has no snapshot {snapshot}; the archive holds {count}, from 0 to {count - 1}")
+        sim = archive[snapshot]
+        if not sim.is_synchronized:
+            sim.synchronize()
+    lost = [str(each.message) for each in said]
+    told = ["additional forces and other functions, which no archive holds"] if any(POINTERS in s for s in lost) else []
+    if any("corrupt" in each for each in lost):
+        warnings.warn(f"{path}: the end of the archive is damaged; its {count} whole snapshots are read", stacklevel=4)
+    if sim.collision != "none":
+        told.append(f"the action on collisions ({sim.collision!r}); give the run events=[kd.Collision(…)]")
+        sim.collision = "none"
+    try:
+        system = system_of(sim)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if told:
+        warnings.warn(f"{path}: left out: {'; '.join(told)}", stacklevel=4)
+    return system.remade(name=path.stem)
+
+
+def archive_at(path: Path) -> Any:
+    """A rebound.Simulationarchive. rebound takes names in ASCII alone; other files are read whole."""
+    try:
+        return rebound.Simulationarchive(str(path) if str(path).isascii() else path.read_bytes())
+    except RuntimeError as error:
+        raise InputError(f"{path}: rebound cannot read this archive: {' '.join(str(error).split())}") from None
+
+
 # --- to rebound ---
 
 
 def simulation_of(system: System) -> Any:
     """Return a rebound Simulation; see `System.to_rebound`."""
-    gravity = _gravity(system)
+    hill = [force for force in system.forces if isinstance(force, Hill)] if system.run.integrator == "sei" else []
+    gravity = _gravity(system, hill)
     if system.box.periodic:
         raise InputError("to_rebound: the box is periodic; rebound's boundaries differ from kickdrift's")
     if system.units.coherent_mass != 1.0:
@@ -175,13 +234,14 @@ def simulation_of(system: System) -> Any:
     return sim
 
 
-def _gravity(system: System) -> Gravity | None:
-    strange = [force.name for force in system.forces if not isinstance(force, Gravity)]
+def _gravity(system: System, frame: list[Any]) -> Gravity | None:
+    forces = [force for force in system.forces if force not in frame]
+    strange = [force.name for force in forces if not isinstance(force, Gravity)]
     if strange:
         raise InputError(f"to_rebound: rebound has no force {strange[0]!r}; expected only gravity")
-    if len(system.forces) > 1:
+    if len(forces) > 1:
         raise InputError("to_rebound: expected one gravity force, got two")
-    return system.forces[0] if system.forces else None
+    return forces[0] if forces else None
 
 
 def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
@@ -205,6 +265,10 @@ def _set_method(sim: Any, system: System) -> list[str]:
         if run.options.get("rtol") is not None:
             sim.integrator.epsilon = run.options["rtol"]
         return []
+    if run.integrator == "sei":
+        (hill,) = (force for force in system.forces if isinstance(force, Hill))
+        sim.integrator, sim.OMEGA, sim.OMEGAZ = "sei", hill.omega, hill.vertical * abs(hill.omega)
+        return []
     for order, name in LEAPFROGS.items():
         if run.integrator == name:
             sim.integrator = "leapfrog"
@@ -214,6 +278,7 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator = "whfast"
         sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
         sim.integrator.corrector = run.options.get("corrector", 0)
+        sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
         return []
     order_there = key_of(SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from kickdrift.integrators.option import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.option import COMPOSITION, HELIOCENTRIC, JACOBI, LAZY, MODIFIED_KICK, STANDARD
 
 COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
+KERNELS = {"DEFAULT": STANDARD, "LAZY": LAZY, "COMPOSITION": COMPOSITION, "MODIFIEDKICK": MODIFIED_KICK}
 SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
 LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 

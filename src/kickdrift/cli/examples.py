@@ -39,6 +39,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift certify cu.xyz --calculator ase.calculators.emt.EMT", "An ASE calculator on a structure's atoms."),
         ("kickdrift certify cold.h5md hot.h5md", "Does a heat bath sample the canonical ensemble?"),
     ),
+    "analyze": (
+        ("kickdrift analyze run.h5md", "Proper frequencies, secular periods and resonances of a run's orbits."),
+        ("kickdrift analyze run.h5md --plot modes.png --json modes.json", "Also as a figure, and as one JSON object."),
+    ),
     "plot": (
         ("kickdrift plot run.h5md", "Orbits under gravity, else energies."),
         ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),

@@ -176,7 +176,9 @@ def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
     output: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj."),
+        typer.Argument(
+            metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin."
+        ),
     ],
     unwrapped: Annotated[
         bool,
@@ -218,7 +220,13 @@ def info(
     if _is_problem(Path(file)):
         _info_of_problem(file, all_, json_file, overwrite)
         return
-    of_run = os.path.lexists(file) and Path(file).suffix.lower() not in (*TABLES, ".toml") and not is_shipped(file)
+    archive = Path(file).suffix.lower() == ".bin"
+    of_run = (
+        not archive
+        and os.path.lexists(file)
+        and Path(file).suffix.lower() not in (*TABLES, ".toml")
+        and not is_shipped(file)
+    )
     if (all_ or json_file is not None) and not of_run:
         raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
     if Path(file).suffix.lower() in TABLES:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from kickdrift.cli.analyzing import analyze
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
 from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, out, say, stopped_at
@@ -30,7 +31,8 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, certify, plot, export, info, show, cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, certify, analyze, plot, export, info, show, cite, validate,
+    doctor,
 )  # fmt: skip
 
 app = typer.Typer(

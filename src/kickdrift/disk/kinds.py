@@ -12,10 +12,12 @@ from kickdrift.errors import InputError
 
 HEAD = TAIL = 256 * 1024  # bytes at each end of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
+REBOUND = b"REBOUND Binary File. Version:"  # at the beginning of a Simulationarchive
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
 _SYSTEM = re.compile(rb'(title = "[^\n]*"\n)?units = "[a-z]+"\n(dimensions = 2\n)?\n\[particles\]\n')
+LAMMPS_HEADING = "LAMMPS data file by kickdrift"
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
     ".xtc": lambda head: int.from_bytes(head[:4], "big") in (1995, 2023),
@@ -23,7 +25,9 @@ _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".xyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
     ".extxyz": lambda head: head.split(b"\n", 1)[0].strip().isdigit(),
     ".pdb": lambda head: bool(_PDB.match(head)),
+    ".data": lambda head: head.startswith(LAMMPS_HEADING.encode()),
     ".traj": lambda head: head.startswith(b"- of Ulm"),
+    ".bin": lambda head: head.startswith(REBOUND),
 }
 
 
@@ -106,6 +110,16 @@ def export(suffix: str, suffixes: tuple[str, ...]) -> Kind:
     """Kind of an export with that suffix."""
     written = _EXPORTS.get(suffix.lower(), lambda head: False)
     return Kind("an export", suffixes, lambda head, tail: written(head))
+
+
+def is_archive(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a regular file is a Simulationarchive of rebound. Raises InputError for another file that ends in
+    .bin."""
+    with opened(path) as file:
+        found = file.read(len(REBOUND)) == REBOUND
+    if not found and os.path.splitext(path)[1].lower() == ".bin":
+        raise InputError(f"{os.fspath(path)}: is no Simulationarchive of rebound")
+    return found
 
 
 def is_ours(path: str | os.PathLike[str], kind: Kind) -> bool:

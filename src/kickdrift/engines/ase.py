@@ -22,13 +22,15 @@ from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
+TAKES = "ASE takes one force alone: lennard-jones, eam or tersoff"
+
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
     if many_body(system):
         return _no_calculator(system)
-    if reason := only_lennard_jones(system, ("shift",)) or small_units(system):
+    if reason := only_lennard_jones(system, ("shift",), TAKES) or small_units(system):
         return reason
     if job.method.bath and system.dimensions == 2:
         return "two dimensions: ASE's heat baths act along z too"

@@ -11,9 +11,11 @@ from kickdrift.forces.bonded import (
     Fene,
     HarmonicAngle,
     HarmonicBond,
+    HarmonicImproper,
     MorseBond,
     OplsDihedral,
     PeriodicDihedral,
+    PeriodicImproper,
     RyckaertBellemans,
 )
 from kickdrift.forces.bonded_law import BondedForce
@@ -34,6 +36,11 @@ def _periodic(p: Any) -> tuple[float | int, ...] | None:
     return (1, p.barrier, int(p.multiplicity), p.phase) if whole else None
 
 
+def _cvff(p: Any) -> tuple[float | int, ...] | None:
+    sign = {0.0: 1, 180.0: -1}.get(p.phase)
+    return (p.barrier, sign, int(p.multiplicity)) if sign and p.multiplicity in range(7) else None
+
+
 def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) = -cos(angle - pi)
     return (p.c0, -p.c1, p.c2, -p.c3, p.c4) if p.c5 == 0.0 else None
 
@@ -43,9 +50,10 @@ LAWS: dict[type, Terms] = {
         "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
         lambda p: {"k": p.stiffness, "l": p.length},
     ),
-    Fene: Terms(  # the repulsion of LAMMPS' own fene is off: the pair force has it
-        "fene", lambda p: (p.stiffness, p.length, 0.0, 1.0), "-0.5*k*l^2*log(1-(r/l)^2)",
-        lambda p: {"k": p.stiffness, "l": p.length},
+    Fene: Terms(
+        "fene", lambda p: (p.stiffness, p.length, p.epsilon, p.sigma),
+        "-0.5*k*l^2*log(1-(r/l)^2)+step(2^(1/6)*d-r)*(4*e*((d/r)^12-(d/r)^6)+e)",
+        lambda p: {"k": p.stiffness, "l": p.length, "e": p.epsilon, "d": p.sigma},
     ),
     MorseBond: Terms(
         "morse", lambda p: (p.depth, p.width, p.length), "d*(1-exp(-w*(r-l)))^2",
@@ -68,7 +76,12 @@ LAWS: dict[type, Terms] = {
         "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
         lambda p: p._asdict(),
     ),
+    HarmonicImproper: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(abs(theta)-rest)^2",
+        lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
+    ),
 }  # fmt: skip
+LAWS[PeriodicImproper] = LAWS[PeriodicDihedral]._replace(style="cvff", coefficients=_cvff)
 
 
 def split(system: System) -> tuple[list[Any], list[BondedForce]]:

@@ -25,6 +25,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound import Measured
 from kickdrift.model.state import Floats
 
+TAKES = "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it"
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -34,7 +35,7 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system)
+        reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True) or small_units(system)
     ):
         return reason
     if reason := bonded_refusal(system):

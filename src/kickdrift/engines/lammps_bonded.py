@@ -1,4 +1,4 @@
-"""Bonds, angles and dihedrals in LAMMPS' terms: styles, coefficients and the lists of a data file."""
+"""Bonds, angles, dihedrals and impropers in LAMMPS' terms: styles, coefficients and the lists of a data file."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.bonded import LAWS, split, strange
 from kickdrift.model.internal import measured
 from kickdrift.model.state import Floats
@@ -98,23 +99,13 @@ def _listed(every: NDArray[np.int64], rows: Sequence[NDArray[np.int64]]) -> NDAr
 
 def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: Floats) -> None:
     """Make the box, the particles and their lists in LAMMPS, through a data file in a temporary folder."""
-    bonded, box, n = model.bonded, model.box, len(x)
-    text = ["kickdrift", "", f"{n} atoms", f"{len(model.masses)} atom types"]
-    for kind, rows in bonded.lists.items():
-        text += [f"{len(rows)} {kind}", f"{bonded.types[kind]} {kind[:-1]} types"]
-    low, high = edges[0::2], edges[1::2]
-    text += [f"{a!r} {b!r} {k}lo {k}hi" for a, b, k in zip(low, high, "xyz", strict=True)]
-    if box.tilts:
-        text.append(" ".join(map(repr, box.tilts)) + " xy xz yz")
-    text += ["", "Masses", "", *(f"{kind} {mass!r}" for kind, mass in enumerate(model.masses, 1))]
-    rows = zip(model.types.tolist(), x.tolist(), strict=True)
-    atoms = (f"{i} 1 {kind} {a!r} {b!r} {c!r}" for i, (kind, (a, b, c)) in enumerate(rows, 1))
-    text += ["", "Atoms # molecular", "", *atoms]
-    text += ["", "Velocities", "", *(f"{i} {a!r} {b!r} {c!r}" for i, (a, b, c) in enumerate(v.tolist(), 1))]
-    for kind, items in bonded.lists.items():
-        lines = (f"{i} {' '.join(map(str, row))}" for i, row in enumerate(items.tolist(), 1))
-        text += ["", kind.capitalize(), "", *lines]
+    bonded = model.bonded
+    data = DataFile(
+        "kickdrift", np.reshape(edges, (3, 2)), model.box.tilts, model.masses, (), np.arange(1, len(x) + 1),
+        model.types, np.ones(len(x), np.int64), x, v, bonded.lists, bonded.types, {},
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "start.data"
-        path.write_text("\n".join(text) + "\n", encoding="ascii")
+        with path.open("w", encoding="ascii") as file:
+            file.writelines(data.lines())
         lmp.command(f"read_data {path}")

@@ -9,18 +9,18 @@ from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.model.system import System
 
 
-def only_lennard_jones(system: System, truncations: Collection[str], molecules: bool = False) -> str | None:
+def only_lennard_jones(system: System, truncations: Collection[str], takes: str, molecules: bool = False) -> str | None:
     """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
 
-    With ``molecules``, bonded forces and exclusions may come beside it."""
+    ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
+    pair force."""
     if not molecules and system.topology is not None and len(system.topology.scaled.pairs):
         return "topology: pairs that are left out or scaled are not possible"
     forces = split(system)[0] if molecules else system.forces
-    strange = [force.name for force in forces if type(force) is not LennardJones]
-    if strange:
-        return f"force {strange[0]!r}: only lennard-jones is possible"
-    if len(forces) != 1:
-        return f"exactly one force lennard-jones is possible, and {system.name!r} has {len(forces) or 'none'}"
+    if [type(force) for force in forces] != [LennardJones]:
+        names = " and ".join(repr(force.name) for force in system.forces)
+        given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
+        return f"{given}: {takes}"
     truncation = forces[0].truncation
     if truncation not in truncations:
         return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"

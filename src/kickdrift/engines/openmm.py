@@ -27,6 +27,7 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
+TAKES = "OpenMM takes lennard-jones, with bonded forces beside it, or gravity alone"
 LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
 SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"
 MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
@@ -47,7 +48,7 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    if reason := only_lennard_jones(system, ("cut", "shift"), molecules=True) or small_units(system):
+    if reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True) or small_units(system):
         return reason
     if reason := strange(system, "OpenMM"):
         return reason

@@ -1,4 +1,4 @@
-"""Bonds, angles, dihedrals and scaled pairs as OpenMM's custom forces, with the scale s of the virial.
+"""Bonds, angles, dihedrals, impropers and scaled pairs as OpenMM's custom forces, with the scale s of the virial.
 
 OpenMM's nearest images are those of kickdrift. Only bonds change with the size of a system, so only their energies
 depend on s.
@@ -35,7 +35,7 @@ def _bonded(system: System, force: Any) -> Any:
     terms, kind = LAWS[type(force)], force.kind
     items, laws, which = force.items(system)
     parameters = [terms.keys(law) for law in laws]
-    energy, add = terms.energy, {"bonds": "addBond", "angles": "addAngle", "dihedrals": "addTorsion"}[kind]
+    energy, add = terms.energy, {"bonds": "addBond", "angles": "addAngle"}.get(kind, "addTorsion")
     if kind == "bonds":
         made = openmm.CustomBondForce(energy.replace("exp(", "EXP(").replace("r", "(s*r)").replace("EXP(", "exp("))
         made.addGlobalParameter("s", 1.0)

@@ -69,7 +69,7 @@ class ReboundSession(Session):
             job.system,
             RunDefaults(
                 job.method.name, options.dt, rtol=options.rtol, coordinates=options.coordinates,
-                corrector=options.corrector, order=options.order,
+                corrector=options.corrector, order=options.order, kernel=options.get("kernel"),
             ),
         )  # fmt: skip
         self._probe: Any = None

@@ -101,7 +101,7 @@ class Ensemble:
         one = self._a_system()
         check_run(one.run)
         self._units = one.units.name if isinstance(one, System) else ""
-        self._recipe = self._recipe.knowing(self._registered(one))
+        self._recipe = self._recipe.knowing(self._registered(one), one)
 
     @property
     def name(self) -> str:

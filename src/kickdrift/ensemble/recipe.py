@@ -104,6 +104,7 @@ class Recipe:
     methods : integrators outside kickdrift, which are sent by value
     files : Python files that register others, or functions that the system names as forces
     modules : modules of calculators that the system names, and this program has loaded
+    in_turns : whether members of a task ask a Python function or a calculator together
     """
 
     subject: SystemText | SystemMaker
@@ -113,6 +114,7 @@ class Recipe:
     methods: tuple[Method, ...] = ()
     files: tuple[Path, ...] = ()
     modules: tuple[str, ...] = ()
+    in_turns: bool = False
 
     def system(self, member: Member) -> System | Problem:
         """System of a member."""
@@ -169,9 +171,9 @@ class Recipe:
         """The measure in one word."""
         return self.measure if isinstance(self.measure, str) else getattr(self.measure, "__name__", "measure")
 
-    def knowing(self, methods: Iterable[Method]) -> Recipe:
-        """Copy for members that name these integrators. Coefficients, and a step in the user's script, are sent by
-        value; a step in a file is loaded from the file."""
+    def knowing(self, methods: Iterable[Method], system: System | Problem) -> Recipe:
+        """Copy for members that name these integrators, and whose systems have the forces of this one. Coefficients,
+        and a step in the user's script, are sent by value; a step in a file is loaded from the file."""
         found, files = [], set()
         for method in methods:
             step = getattr(method, "function", None)
@@ -183,7 +185,12 @@ class Recipe:
         homes = [home_of(force.get(key)) for force in forces for key in ("function", "calculator")]
         files |= {home for home in homes if isinstance(home, Path)}
         modules = sorted({home for home in homes if isinstance(home, str)})
-        return replace(self, methods=tuple(found), files=tuple(sorted(files)), modules=tuple(modules))
+        together = self.measure != MEGNO and any(
+            getattr(force, "batch", False) for force in getattr(system, "forces", ())
+        )
+        return replace(
+            self, methods=tuple(found), files=tuple(sorted(files)), modules=tuple(modules), in_turns=together
+        )
 
     def writing(self, trajectories: str | os.PathLike[str]) -> Recipe:
         """Copy with a file for each member in that folder, which is made if needed."""

@@ -161,6 +161,10 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     suspects: deque[Member] = deque()
     together, number = 1, count()
     room, looked = 0, -REFRESH
+    if recipe.in_turns:  # as many in one call as there are for each thread
+        numbers = list(todo)
+        together = min(MOST, -(-len(numbers) // max(1, sum(client.nthreads().values()))))
+        left = iter(numbers)
 
     def send(batch: list[Member]) -> None:
         key = f"{name}-{batch[0].number}-{next(number)}"
@@ -186,7 +190,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
             if future.status == "finished":
                 found, seconds, least = future.result()
                 wanted = int(TASK_SECONDS * len(batch) / seconds)
-                together = min(max(least, wanted - wanted % least), MOST)
+                together = together if recipe.in_turns else min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
                 raise RunError(f"ensemble: lost the scheduler, with {counted(len(sent) + 1, 'task')} running")

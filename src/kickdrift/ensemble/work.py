@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -69,8 +70,12 @@ def _tell(purpose: str, kept: bool) -> None:
 def _rows(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], int]:
     """Return a row for each member, and the number of members for one task."""
     from kickdrift.ensemble.together import TOGETHER, side_by_side  # loads the compiler
+    from kickdrift.forces.external_turns import in_turns
 
     systems = {member.number: system for member in members if (system := _built(recipe, member)) is not None}
+    if recipe.in_turns:
+        works = [partial(run_member, recipe, each, systems.get(each.number)) for each in members]
+        return in_turns(works), len(works)
     found = side_by_side(recipe, [(member, systems[member.number]) for member in members if member.number in systems])
     rows = [found.get(each.number) or run_member(recipe, each, systems.get(each.number)) for each in members]
     return rows, TOGETHER if found else 1

@@ -9,16 +9,19 @@ from kickdrift.forces.bonded import (
     Fene,
     HarmonicAngle,
     HarmonicBond,
+    HarmonicImproper,
     MorseBond,
     OplsDihedral,
     PeriodicDihedral,
+    PeriodicImproper,
     RyckaertBellemans,
 )
 from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
+from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.gravity_sheet import GravitySheet
 from kickdrift.forces.lennard_jones import LennardJones
 from kickdrift.forces.oblateness import Oblateness
 from kickdrift.forces.registration import FORCES, registered
@@ -31,6 +34,7 @@ _ALL: tuple[Any, ...] = (
     LennardJones,
     Gravity,
     GravityTree,
+    GravitySheet,
     EmbeddedAtom,
     StillingerWeber,
     Tersoff,
@@ -45,7 +49,10 @@ _ALL: tuple[Any, ...] = (
     PeriodicDihedral,
     RyckaertBellemans,
     OplsDihedral,
+    HarmonicImproper,
+    PeriodicImproper,
     HarmonicTrap,
+    Hill,
     UniformField,
     DrivenField,
     LinearDrag,

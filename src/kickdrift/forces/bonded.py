@@ -1,13 +1,14 @@
-"""Laws of bonds, angles and dihedrals that ship, written as any user would write one."""
+"""Laws of bonds, angles, dihedrals and impropers that ship, written as any user would write one."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law
+from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law, improper_law
 
 DEGREE = math.pi / 180.0
+CORE = 2.0 ** (1.0 / 6.0)  # minimum of Lennard-Jones over sigma, where the core of Weeks, Chandler & Andersen 1971 ends
 
 
 @bond_law
@@ -26,21 +27,31 @@ class HarmonicBond(NamedTuple):
 
 @bond_law
 class Fene(NamedTuple):
-    """U(r) = -k l^2 ln(1 - (r / l)^2) / 2 with the longest length l, beyond which there is no value.
+    """U(r) = -k l^2 ln(1 - (r / l)^2) / 2, and 4 epsilon ((sigma/r)^12 - (sigma/r)^6) + epsilon below 2^(1/6) sigma.
 
-    The attractive part of the bond of Kremer & Grest 1990, doi:10.1063/1.458541. Their bond also repels at short
-    distance: that part is the pair force, from which bonded particles must not be excluded.
+    Both terms are the bond of Kremer & Grest 1990, doi:10.1063/1.458541, and LAMMPS' ``fene``. Beyond the longest
+    length l there is no value. With an epsilon, the pair force must leave bonded particles out (``factors = [0, 1, 1]``
+    in the topology). With epsilon = 0, the default, the bond only attracts, and the pair force repels.
     """
 
     stiffness: float = 30.0
     length: float = 1.5
+    epsilon: float = 0.0
+    sigma: float = 1.0
 
-    dimensions = {"stiffness": "stiffness", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+    dimensions = {  # type: ignore[misc]  # noqa: RUF012
+        "stiffness": "stiffness", "length": "length", "epsilon": "energy", "sigma": "length"
+    }  # fmt: skip
 
     def law(p, r):
         left = 1.0 - (r / p.length) ** 2
         left = left if left > 0.0 else math.nan
-        return -0.5 * p.stiffness * p.length**2 * math.log(left), p.stiffness * r / left
+        energy, slope = -0.5 * p.stiffness * p.length**2 * math.log(left), p.stiffness * r / left
+        if p.epsilon != 0.0 and r < CORE * p.sigma:
+            s6 = (p.sigma / r) ** 6
+            energy += 4.0 * p.epsilon * (s6 * s6 - s6) + p.epsilon
+            slope -= 24.0 * p.epsilon * (2.0 * s6 * s6 - s6) / r
+        return energy, slope
 
 
 @bond_law
@@ -139,3 +150,37 @@ class OplsDihedral(NamedTuple):
         odd = p.v1 * math.sin(angle) + 3.0 * p.v3 * math.sin(3 * angle)
         even = 2.0 * p.v2 * math.sin(2 * angle) + 4.0 * p.v4 * math.sin(4 * angle)
         return 0.5 * energy, 0.5 * (even - odd)
+
+
+@improper_law
+class HarmonicImproper(NamedTuple):
+    """U = k (|angle| - rest)^2 / 2, where rest is in degrees and k an energy per square radian.
+
+    LAMMPS' ``improper_style harmonic``, whose K is stiffness / 2. With rest = 0 it keeps four particles in a plane, as
+    CHARMM's impropers do. The sign of the angle does not count, so a rest above 0 does not tell mirror images apart.
+    """
+
+    stiffness: float
+    rest: float = 0.0
+
+    dimensions = {"stiffness": "energy", "rest": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    def law(p, angle):
+        bend = abs(angle) - p.rest * DEGREE
+        return 0.5 * p.stiffness * bend * bend, p.stiffness * (bend if angle >= 0.0 else -bend)
+
+
+@improper_law
+class PeriodicImproper(NamedTuple):
+    """U = k (1 + cos(n angle - phase)), AMBER's improper dihedral, which lists the central particle third.
+
+    The phase is in degrees. LAMMPS' ``improper_style cvff`` has the phases 0 and 180.
+    """
+
+    barrier: float
+    multiplicity: float = 2.0
+    phase: float = 180.0
+
+    dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    law = PeriodicDihedral.Parameters.law  # type: ignore[attr-defined, misc]

@@ -1,4 +1,4 @@
-"""Compiled sums over listed bonds, angles and dihedrals, of any law. Their cost is linear in the length of the list.
+"""Compiled sums over listed bonds, angles, dihedrals and impropers, of any law. Their cost is linear in the list.
 
 They run on one thread, so every sum has a fixed order. Items go in blocks: separations and laws of a whole block first,
 in loops that LLVM turns into SIMD where the law has no functions beside square roots, then the forces one by one.
@@ -52,19 +52,20 @@ class AngleKernel(Listed):
 
 
 class DihedralKernel(Listed):
-    """A law of dihedrals."""
+    """A law of dihedrals, or of impropers: both are the angle between two planes."""
 
     __slots__ = ()
 
 
-KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel}
-ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16}  # numbers of an item
+KERNELS = {"bonds": BondKernel, "angles": AngleKernel, "dihedrals": DihedralKernel, "impropers": DihedralKernel}
+ROOM = {"bonds": 5, "angles": 11, "dihedrals": 16, "impropers": 16}  # numbers of an item
 
 
 class BondedPotential(Protocol):
-    """A bonded force as its compiled code needs it; see ``BondedForce``."""
+    """A bonded force as its compiled code needs it; see ``BondedForce`` and ``Springs``."""
 
     kind: ClassVar[str]
+    limited: ClassVar[bool]  # whether a bond has no value where its nearest image is uncertain
     Parameters: ClassVar[Any]
 
     def items(self, system: Subject) -> tuple[NDArray[np.int64], list[Any], NDArray[np.int64]]:
@@ -85,7 +86,7 @@ def bind(force: BondedPotential, system: Subject) -> Any:
         which=which,
         items=np.ascontiguousarray(items).copy(),
         cell=cell_of(system.box),
-        longest2=(LONGEST * system.box.narrowest[1]) ** 2,
+        longest2=(LONGEST * system.box.narrowest[1]) ** 2 if force.limited else np.inf,
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )

@@ -1,4 +1,4 @@
-"""Forces between listed particles from one formula: ``@bond_law``, ``@angle_law`` and ``@dihedral_law``.
+"""Forces between listed particles from one formula: ``@bond_law``, ``@angle_law``, ``@dihedral_law`` and so on.
 
 This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
@@ -34,7 +34,7 @@ class BondedForce(Grouped):
     Attributes
     ----------
     types : {name: {parameter: value}}, optional
-        The types of bonds (angles, dihedrals) on which the force acts, with the parameters that differ from the
+        The types of bonds (or angles and so on) on which the force acts, with the parameters that differ from the
         force's own. Default: all types, with the force's own parameters.
     """
 
@@ -42,7 +42,8 @@ class BondedForce(Grouped):
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
     name: ClassVar[str]
-    kind: ClassVar[str]  # "bonds", "angles" or "dihedrals"
+    kind: ClassVar[str]  # a key of MEASURED
+    limited: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
     may_overlap: ClassVar[bool] = True
     external: ClassVar[bool] = False
@@ -138,7 +139,7 @@ class BondedForce(Grouped):
             energy, slope = value_of(laws[law], value)
             if not (math.isfinite(energy) and math.isfinite(slope)):
                 where = f"{value:.6g}" if self.kind == "bonds" else f"{value / TURN:.6g} degrees"
-                word = {"bonds": "length", "angles": "angle", "dihedrals": "angle"}[self.kind]
+                word = "length" if self.kind == "bonds" else "angle"
                 at = ", ".join(f"{key} = {number:g}" for key, number in laws[law]._asdict().items())
                 return (
                     f"{self.kind[:-1]} {k} of particles {_and(items[k])} has the {word} {where}, where the law has no "
@@ -201,3 +202,12 @@ def dihedral_law(cls: type) -> Any:
     sides (trans); IUPAC's sign. All else is as for `bond_law`.
     """
     return _force(cls, "dihedrals")
+
+
+def improper_law(cls: type) -> Any:
+    """Make a force on impropers of a NamedTuple class whose ``law(p, angle)`` returns U and dU/d(angle).
+
+    The angle is in radians, from -pi to pi, between the plane of the first three particles and the plane of the last
+    three, as for `dihedral_law`: 0 or pi for four particles in a plane. All else is as for `bond_law`.
+    """
+    return _force(cls, "impropers")

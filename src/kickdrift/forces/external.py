@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive
 from kickdrift.forces.external_code import found, named
+from kickdrift.forces.external_turns import Question, asked
 from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments, misfit
 from kickdrift.text import shown
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 LOAD = "FILE.py"  # a file that makes the force
 SHAPE = "expected (forces, energy) or (forces, energy, virial)"
+MIXED = 1e-3  # relative difference of one replica's forces in two calls; single precision has 1e-6
 LATER = 0.37  # time of a trial, to see whether a function depends on time
 
 
@@ -50,6 +52,9 @@ class PythonForce(Field):
         A force that depends on either without saying so is refused.
     works : whether the force does work that its energy does not count, such as friction
     external : whether the force changes the total momentum; default true
+    batch : whether the function takes several replicas of the system at once: positions and velocities (r, n, 3),
+        times (r,) and a list of r boxes. It returns forces (r, n, 3) and energies (r,), and virials (r,) if it has
+        them. An `Ensemble` asks such a function for all members of a task in one call; elsewhere r is 1
 
     Raises
     ------
@@ -62,6 +67,7 @@ class PythonForce(Field):
     time_dependent: bool = False
     works: bool = False
     external: bool = True  # type: ignore[misc]
+    batch: bool = False
 
     name: ClassVar[str] = "python"
     dimensions: ClassVar[dict[str, str]] = {}
@@ -73,7 +79,7 @@ class PythonForce(Field):
             raise InputError(f"{self.name}: function: expected a function, got {shown(self.function)}")
         if signature := misfit(self.function, None, None, None, None):
             raise InputError(f"{self.name}: function must take (positions, velocities, time, box), not {signature}")
-        for key in ("velocity_dependent", "time_dependent", "works", "external"):
+        for key in ("velocity_dependent", "time_dependent", "works", "external", "batch"):
             if not isinstance(getattr(self, key), bool):
                 raise InputError(f"{self.name}: {key} must be True or False, got {shown(getattr(self, key))}")
         named(self.function)
@@ -119,6 +125,8 @@ class PythonForce(Field):
             raise InputError(f"{self.name}: {self.label} raised {what} at the system's positions") from error
 
     def _check(self, system: Subject, x: Floats, v: Floats, time: float) -> None:
+        if self.batch:
+            self._check_batch((x, v, time, system.box))
         forces, _, virial = answer_of(self.asked(x, v, time, system.box), len(system), self.works)
         object.__setattr__(self, "virial", not np.isnan(virial))
         trials = {
@@ -135,9 +143,44 @@ class PythonForce(Field):
             if not np.array_equal(forces, other, equal_nan=True):
                 raise InputError(f"depends on {key.split('_')[0]}, or on chance; say so: {key}=True")
 
+    def _check_batch(self, given: tuple[Floats, Floats, float, Box]) -> None:
+        """Refuse a function whose replicas depend on one another: the same replica alone and beside another."""
+        x, v, time, box = given
+        alone = self._together([given])[0]
+        try:
+            beside = self._together([given, (x[::-1], v[::-1], time, box)])[0]
+        except InputError:
+            raise
+        except Exception:  # the function need not be defined for this trial
+            beside = self._together([given, given])[0]
+        for key, one, other in zip(("forces", "energy", "virial"), alone, beside, strict=False):
+            if one is not None and not np.allclose(one, other, rtol=MIXED, atol=MIXED * np.abs(one).max()):
+                raise InputError(f"batch: another replica beside a replica changes its {key}")
+
     def asked(self, x: Floats, v: Floats, time: float, box: Box) -> Any:
         """What the function returns for this motion, or for its mirror image."""
-        return self.function(x, -v, -time, box) if self._backward else self.function(x, v, time, box)
+        given = (x, -v, -time, box) if self._backward else (x, v, time, box)
+        if not self.batch:
+            return self.function(*given)
+        return asked(Question((id(self.function), len(x)), self._together, given))
+
+    def _together(self, given: list[tuple[Floats, Floats, float, Box]]) -> list[tuple[Any, ...]]:
+        """What a function of several replicas returns, for each of them."""
+        x, v, times, boxes = zip(*given, strict=True)
+        value = self.function(np.stack(x), np.stack(v), np.array(times), list(boxes))
+        if not isinstance(value, tuple | list) or len(value) not in (2, 3):
+            raise InputError(f"returned {shown(value)}, {SHAPE}")
+        forces, *numbers = value
+        shape = (len(x), len(x[0]), 3)
+        if np.shape(forces) != shape:
+            raise InputError(f"returned forces of shape {np.shape(forces)}, expected {shape} for {len(x)} replicas")
+        for key, each in zip(("energies", "virials"), numbers, strict=False):
+            if each is not None and np.shape(each) != (len(x),):
+                raise InputError(
+                    f"returned {key} of shape {np.shape(each)}, expected ({len(x)},): one for each replica"
+                )
+        columns = [[None] * len(x) if each is None else list(np.asarray(each)) for each in numbers]
+        return list(zip(np.asarray(forces, dtype=float), *columns, strict=True))
 
     def bind(self, system: Subject, threads: int = 1) -> ExternalKernel:
         """See Field."""

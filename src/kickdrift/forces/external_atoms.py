@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,13 @@ from ase import Atoms
 from ase.calculators.calculator import all_changes
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import takes_batches
 from kickdrift.forces.external_host import Host
+from kickdrift.forces.external_turns import Question, asked
 from kickdrift.model.ase_units import Scale
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import Subject
+from kickdrift.text import shown
 
 MOVED = ["positions"]
 _BEGUN: weakref.WeakKeyDictionary[Any, Begun] = weakref.WeakKeyDictionary()  # by calculator
@@ -72,6 +76,7 @@ class CalculatorHost(Host):
         self._calculate(anew=False)
 
     def _calculate(self, anew: bool) -> None:
+        """Let the calculator begin anew or go on, at the present positions."""
         calculator, atoms = self._calculator, self._atoms
         if anew:
             reset = getattr(calculator, "reset", None)
@@ -80,7 +85,10 @@ class CalculatorHost(Host):
         calculator.results = {}
         calculator.atoms = atoms  # as ASE's own get_property sets it, without a copy
         calculator.calculate(atoms, self._properties, all_changes if anew else MOVED)
-        results = calculator.results
+        self._store(calculator.results)
+
+    def _store(self, results: Any) -> None:
+        """Store a calculator's results."""
         for wanted in self._properties:
             if wanted not in results:
                 raise InputError(f"returned no {wanted}")
@@ -91,6 +99,25 @@ class CalculatorHost(Host):
             trace = stress[0] + stress[1] + stress[2] if np.shape(stress) == (6,) else np.trace(stress)
             virial = -float(trace) * self._volume * self._scale.energy
         self.put(results["forces"], float(energy) * self._scale.energy, virial)
+
+
+class BatchHost(CalculatorHost):
+    """Atoms of a calculator that takes several Atoms at once, and keeps no memory between calls."""
+
+    def answer(self, time: float, aside: bool) -> None:
+        """See Host."""
+        key = (id(self._calculator), tuple(self._properties))
+        self._store(asked(Question(key, self._together, self._atoms)))
+
+    def _together(self, atoms: list[Any]) -> list[Any]:
+        """Results of all Atoms in one call."""
+        results = self._calculator.calculate_batch(atoms, self._properties)
+        if not isinstance(results, list | tuple) or len(results) != len(atoms):
+            what = f"{len(results)} results" if isinstance(results, list | tuple) else shown(results)
+            raise InputError(f"calculate_batch returned {what} for {len(atoms)} Atoms, expected a list of as many")
+        if wrong := next((each for each in results if not isinstance(each, Mapping)), None):
+            raise InputError(f"calculate_batch returned a list of {shown(wrong)}, expected tables of results")
+        return list(results)
 
 
 def calculator_host(
@@ -114,7 +141,8 @@ def calculator_host(
     )
     volume: float = system.volume / scale.length**3 if stress else np.nan
     factors: Floats = scale.force / system.coherent_masses
-    return CalculatorHost(
+    together = takes_batches(calculator)  # such a calculator has no memory, and so no reference
+    return (BatchHost if together else CalculatorHost)(
         calculator, atoms, volume, scale, label, factors,
-        scale=1.0 / scale.length, reach=reach, sees_velocities=False, pairs=np.nan,
+        scale=1.0 / scale.length, reach=np.inf if together else reach, sees_velocities=False, pairs=np.nan,
     )  # fmt: skip

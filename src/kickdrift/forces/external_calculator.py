@@ -6,12 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive
-from kickdrift.forces.external_code import found, named, path_of
+from kickdrift.forces.external_code import found, named, path_of, takes_batches
 from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.ase_units import Scale
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 RENEWAL = 0.25  # angstrom; ASE's neighbour lists serve moves of up to 0.3
 NO_ELEMENT = "X"  # ASE's symbol for no element
+_SHARED: WeakValueDictionary[tuple[Any, str], Any] = WeakValueDictionary()  # by class and arguments
 OBJECT = "an object of the program"  # arguments of a calculator that was given ready-made
 
 
@@ -46,6 +48,10 @@ class CalculatorForce(Field):
     rounding. So kickdrift makes it begin anew (``calculator.reset()``, all changes) when an atom has moved by
     ``renewal`` since it last did so, and stores that place in checkpoints. A resumed run has the same bits if the
     memory lasts at least as long as that: ASE's own lists do. With ``renewal=0`` each evaluation begins anew.
+
+    A calculator may offer ``calculate_batch(list_of_atoms, properties)``, which returns a list with a table of results
+    for each Atoms, and must keep no memory between calls. An `Ensemble` asks such a calculator for all members of a
+    task in one call. A process makes such a calculator once for the same class and arguments.
 
     Parameters
     ----------
@@ -97,7 +103,7 @@ class CalculatorForce(Field):
             raise InputError(f"{self.name}: arguments belong to a class of calculators, and this one is ready-made")
         if not ready and not callable(code):
             raise InputError(f"{self.name}: calculator: expected one of ASE's calculators, got {shown(code)}")
-        made = code if ready else _made(self.name, code, dict(arguments or {}))
+        made = code if ready else _shared(self.name, code, dict(arguments or {}))
         _check(self.name, made)
         put(self, "calculator", path_of(type(made)) if ready else named(code))
         put(self, "arguments", OBJECT if ready or not _storable(arguments) else dict(arguments or {}))
@@ -112,6 +118,11 @@ class CalculatorForce(Field):
         """Name of the calculator's class."""
         made: Any = vars(self)["made"]
         return type(made).__name__
+
+    @property
+    def batch(self) -> bool:
+        """Whether the calculator takes several replicas at once."""
+        return takes_batches(vars(self)["made"])
 
     @property
     def unwritable(self) -> str:
@@ -166,6 +177,15 @@ class CalculatorForce(Field):
         reach = RENEWAL if self.renewal is None else self.renewal / scale.length
         stress = not self.no_pressure(system) and bool(np.isfinite(system.volume))
         return calculator_host(vars(self)["made"], self.label, self.elements(system), system, reach, stress).parts
+
+
+def _shared(name: str, code: Any, arguments: dict[str, Any]) -> Any:
+    """The calculator that a class or function makes; the same one for all forces if it takes batches."""
+    key = (code, json.dumps(arguments, sort_keys=True) if _storable(arguments) else "")
+    made = _SHARED.get(key) or _made(name, code, arguments)
+    if key[1] and takes_batches(made):
+        _SHARED[key] = made
+    return made
 
 
 def _made(name: str, code: Any, arguments: dict[str, Any]) -> Any:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from kickdrift.errors import InputError
@@ -50,6 +51,13 @@ def load_module(name: str) -> None:
     _MODULES.add(name)
 
 
+def name_all(module: ModuleType) -> None:
+    """Let files name the functions and classes that a loaded Python file defines."""
+    for key, value in list(vars(module).items()):
+        if callable(value) and path_of(value) == f"{module.__name__}.{key}":
+            named(value)
+
+
 def home_of(path: Any) -> str | Path | None:
     """What another process loads before a file may name this code: a Python file, or the name of a module. None for
     code that this program has not named."""
@@ -61,6 +69,11 @@ def home_of(path: Any) -> str | Path | None:
     code = _NAMED.get(path)
     source = None if code is None else getattr(sys.modules.get(code.__module__), "__file__", None)
     return Path(source).resolve() if source else None
+
+
+def takes_batches(calculator: Any) -> bool:
+    """Whether a calculator takes several Atoms at once."""
+    return callable(getattr(calculator, "calculate_batch", None))
 
 
 def installation(module: str) -> str:

@@ -1,5 +1,7 @@
 """Fields that act on single particles (trap, uniform and driven field, drag), and springs between given pairs.
 
+A spring is a harmonic bond. Springs list their own pairs, each with its parameters; bonds belong to the topology.
+
 This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
 """
 
@@ -22,6 +24,7 @@ from kickdrift.forces.arguments import (
     items,
     number,
 )
+from kickdrift.forces.bonded import HarmonicBond
 from kickdrift.forces.field_law import field_law
 from kickdrift.forces.group import Grouped
 from kickdrift.model.arguments import checked_arguments
@@ -165,6 +168,52 @@ class DrivenField(NamedTuple):
 
 
 @field_law
+class Hill(NamedTuple):
+    """Coriolis and tidal forces in Hill's frame, which circles a far central body with the angular frequency omega.
+
+    x points away from the central body, y along the orbit, and z along the axis. The accelerations are
+    (2 omega v_y + 3 omega^2 x, -2 omega v_x, -(vertical omega)^2 z), for any mass. The tidal potential is
+    m (-3/2 omega^2 x^2 + (vertical omega)^2 z^2 / 2), and Coriolis forces do no work. Source: Hill 1878,
+    doi:10.2307/2369430. The integrator ``sei`` solves this motion exactly.
+
+    Attributes
+    ----------
+    omega : float
+        Angular frequency of the frame, in radians per unit of time; not zero.
+    vertical : float
+        Frequency of the oscillation along z, over omega; positive, default 1.
+    """
+
+    omega: float
+    vertical: float = 1.0
+
+    dimensions = {"omega": "rate"}  # type: ignore[misc]  # noqa: RUF012
+    varies = ()  # type: ignore[misc]
+    per_mass = velocity_dependent = True  # type: ignore[misc]
+
+    def law(p, x, v, m, t):
+        tide, upright = p.omega**2, (p.vertical * p.omega) ** 2
+        energy = 0.5 * upright * x[2] ** 2 - 1.5 * tide * x[0] ** 2
+        turn = 2.0 * p.omega
+        return energy, (turn * v[1] + 3.0 * tide * x[0], -turn * v[0], -upright * x[2])
+
+    def check(p):
+        if p.omega == 0:
+            raise InputError("omega must not be zero")
+        if p.vertical <= 0:
+            raise InputError(f"vertical must be positive, got {shown(p.vertical)}")
+
+    def check_system(p, system):
+        """Refuse a box that is periodic across the shear."""
+        if system.box.periodic_axes[0] or system.box.periodic_axes[2]:
+            raise InputError("Hill's frame is periodic along y at most, but the box is periodic along x or z")
+
+    def reversed(p):
+        """Hill's frame of the motion backwards in time, which turns the other way."""
+        return p._replace(omega=-p.omega)
+
+
+@field_law
 class LinearDrag(NamedTuple):
     """The acceleration -rate v for any mass (Stokes' drag with rate = friction / mass).
 
@@ -226,6 +275,9 @@ class Springs(Field):
     length: float | Sequence[float] = 0.0
 
     name: ClassVar[str] = "springs"
+    kind: ClassVar[str] = "bonds"
+    Parameters: ClassVar[Any] = HarmonicBond.Parameters  # type: ignore[attr-defined]
+    limited: ClassVar[bool] = False  # a spring may stretch over more than half the box
     external: ClassVar[bool] = False
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
@@ -283,16 +335,18 @@ class Springs(Field):
                 f"of length {lengths[k]:.6g} has no direction"
             )
 
+    def items(self, system: Subject) -> tuple[np.ndarray, list[Any], np.ndarray]:
+        """The pairs (m, 2), the different laws, and the law of each pair (m,)."""
+        pairs = np.array(self.pairs, dtype=np.int64)
+        values = np.column_stack([np.broadcast_to(v, len(pairs)) for v in (self.stiffness, self.length)])
+        laws, which = np.unique(values, axis=0, return_inverse=True)
+        return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
-        from kickdrift.forces.fields_kernel import SpringsKernel
-        from kickdrift.model.cell import cell_of
+        from kickdrift.forces.bonded_kernel import bind
 
-        pairs = np.array(self.pairs, dtype=np.int64)
-        stiffness, length = (np.broadcast_to(np.array(v), len(pairs)).copy() for v in (self.stiffness, self.length))
-        masses = system.coherent_masses
-        inverse_masses = np.divide(1.0, masses, where=masses > 0, out=0.0 * masses)
-        return SpringsKernel(pairs, stiffness, length, cell_of(system.box), inverse_masses)
+        return bind(self, system)
 
 
 def _pair(number: int, values: Any) -> tuple[int, int]:

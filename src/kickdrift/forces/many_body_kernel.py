@@ -6,28 +6,26 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, types
+from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.clusters import (
-    BUILT,
     LANES,
     N_CLUSTERS,
     STRIDE,
     ClusterList,
-    copy,
     load_vector,
     store_vector,
     unsigned,
 )
-from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE
-from kickdrift.forces.list_code import prune, refresh
+from kickdrift.forces.kernel import OK
+from kickdrift.forces.list_code import refresh
 from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, renew, with_room
-from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.forces.pair_kernel import PairKernel, compute_for
 from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.gathering import place_at
-from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import lowest_bit
@@ -70,7 +68,7 @@ class ManyBodyKernel(PairKernel):
         return ManyBodyKernel(self.parts._replace(rows=rows, law=law))
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        return compute_for(kind)
+        return compute_for(kind, add_forces, renew_rows)
 
 
 def law_body(cls: type) -> Callable[[Callable[..., Any]], Any]:
@@ -96,30 +94,10 @@ def _run_law(law, force, chunks):
     return LAWS[(law.kind if isinstance(law, Handle) else law).instance_class]
 
 
-def compute_for(kind: types.Type) -> Callable[..., int]:
-    """All tasks for this type of ManyBodyWork, as a function to compile for its address."""
-    restore = handle_at(Handle(kind))
-
-    def compute(work, what, n, t, x, v, a, sums):
-        force = restore(work)
-        if what == REMAKE:
-            return remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
-        return add_forces(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
-
-    return compute
-
-
 @jit
-def remake(force, built_at, pruned_at):
-    """Make the list again from its last search and its last pruning; return a status."""
-    pairs = force.pairs
-    pairs.counts[BUILT] = 0
-    status = refresh(pairs, built_at, force.chunks)
-    if status == OK:
-        copy(pruned_at, pairs.x)
-        prune(pairs, force.chunks)
-        status = renew(force.rows, pairs)
-    return status
+def renew_rows(force):
+    """Make the rows of neighbours of a new list; return a status."""
+    return renew(force.rows, force.pairs)
 
 
 @jit

@@ -78,7 +78,7 @@ class PairKernel(BoundForce):
         return made
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        return compute_for(kind)
+        return compute_for(kind, add_forces, fill_tables)
 
     @property
     def pairs(self) -> ClusterList:
@@ -115,21 +115,26 @@ def ask(address, work, what, x, a):
     return call_force(address, work, what, 0.0, x, x, a, None)
 
 
-def compute_for(kind: types.Type) -> Callable[..., int]:
-    """All tasks for this type of PairWork, as a function to compile for its address."""
+def compute_for(kind: types.Type, add: Callable[..., int], complete: Callable[..., int]) -> Callable[..., int]:
+    """All tasks for this type of ``parts`` with a list of pairs, as a function to compile for its address.
+
+    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it. Both
+    return a status."""
     restore = handle_at(Handle(kind))
 
     def compute(work, what, n, t, x, v, a, sums):
         force = restore(work)
         if what == REMAKE:
-            return remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
-        return add_forces(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
+            status = remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
+            return complete(force) if status == OK else status
+        return add(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
 
     return compute
 
 
 @jit
 def remake(force, built_at, pruned_at):
+    """Make the list again from its last search and its last pruning; return a status."""
     pairs = force.pairs
     pairs.counts[BUILT] = 0
     now, then = pairs.live.copy(), pairs.made_in.copy()
@@ -139,9 +144,15 @@ def remake(force, built_at, pruned_at):
         pairs.live[:] = then[PRUNED]
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
-        spread(force.tables, pairs)
     pairs.live[:] = now
     return status
+
+
+@jit
+def fill_tables(force):
+    """Write the parameters of each pair of species to the slots of a new list; return a status."""
+    spread(force.tables, force.pairs)
+    return OK
 
 
 @jit

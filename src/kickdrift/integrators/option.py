@@ -216,6 +216,11 @@ ITERATION = Option(
 JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
 COORDINATES = Option("coordinates", str, "Origins of positions and velocities.", JACOBI, (JACOBI, HELIOCENTRIC))
 CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
+STANDARD, LAZY, COMPOSITION, MODIFIED_KICK = "standard", "lazy", "composition", "modified-kick"
+KERNEL = Option(
+    "kernel", str, "Kick of a step, or what takes its place and has smaller errors.", STANDARD,
+    (STANDARD, LAZY, COMPOSITION, MODIFIED_KICK), written=False,
+)  # fmt: skip
 ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
 HILL_RADII = Option(
     "hill_radii", float, "Distance within which two bodies move together, in the hand-over radii of either.", 3.0,

@@ -50,8 +50,12 @@ class ParticleStates:
 
     def state(self, y: Floats, time: float, steps: int) -> State:
         """Copy of y as a State."""
+        return self.shared_state(y, time, steps).copy()
+
+    def shared_state(self, y: Floats, time: float, steps: int) -> State:
+        """y as a State that shares memory with y and with the System."""
         own = self.subject.state
-        return State(y.copy(), own.masses.copy(), own.ids.copy(), self.box, time, steps)
+        return State(y, own.masses, own.ids, self.box, time, steps)
 
     @property
     def box_varies(self) -> bool:

@@ -21,7 +21,7 @@ from kickdrift.integrators.trace_switch import clear_flags, find_flags
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
 from kickdrift.integrators.wisdom_holman_kicks import jump, kick_velocities, mutual_accelerations
-from kickdrift.integrators.wisdom_holman_loop import add_accelerations, fill_others
+from kickdrift.integrators.wisdom_holman_others import add_accelerations, fill_others
 from kickdrift.integrators.wisdom_holman_places import leave_democratic
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned

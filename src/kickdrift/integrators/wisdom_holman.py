@@ -10,7 +10,18 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.option import COMPENSATED, COORDINATES, CORRECTOR, ORDER, Option
+from kickdrift.integrators.option import (
+    COMPENSATED,
+    COMPOSITION,
+    COORDINATES,
+    CORRECTOR,
+    JACOBI,
+    KERNEL,
+    MODIFIED_KICK,
+    ORDER,
+    STANDARD,
+    Option,
+)
 from kickdrift.integrators.splitting import Splitting, in_turn, palindrome
 
 if TYPE_CHECKING:
@@ -25,7 +36,18 @@ DOMINANT = 0.2  # largest total mass of the others, relative to the central body
 
 _LASKAR = "Laskar & Robutel 2001, doi:10.1023/A:1012098603882"
 _MCLACHLAN = "McLachlan 1995, BIT 35, 258, doi:10.1007/BF01737165"
+_KERNELS = "Wisdom, Holman & Touma 1996; Rein, Tamayo & Brown 2019, doi:10.1093/mnras/stz2503"
 _BLANES = "Blanes et al. 2013, doi:10.1016/j.apnum.2013.01.003"
+
+
+# The kicks around the middle one are a commutator, which does what the correction of a modified kick does.
+COMPOSED = Splitting(
+    "wisdom-holman composition",
+    *in_turn(
+        "AB", (5 / 8, -1 / 4, 1 / 8, -1 / 8, 1 / 4, 3 / 8), (-1 / 6, 1 / 6, 1.0, -1 / 6, 1 / 6),
+    ),
+    2, _KERNELS,
+)  # fmt: skip
 
 
 # In these words A is the Kepler motion of each planet, and B its kick by the other planets.
@@ -129,11 +151,21 @@ class WisdomHolman(Method):
 
     @property
     def declared(self) -> tuple[Option, ...]:
-        return COORDINATES, CORRECTOR, COMPENSATED
+        return COORDINATES, CORRECTOR, KERNEL, COMPENSATED
 
     def table(self, options: Options) -> Splitting:
         """Row of weights."""
-        return LEAPFROG
+        return COMPOSED if options is not None and options.get(KERNEL.name) == COMPOSITION else LEAPFROG
+
+    def checked(self, given: Options, asked: Options) -> Options:
+        """See Method. Also refuse a kernel in coordinates for which it is not made."""
+        options = super().checked(given, asked)
+        kernel = options.get(KERNEL.name) or STANDARD
+        if kernel != STANDARD and options.coordinates != JACOBI:
+            raise InputError(
+                f"kernel: {kernel} needs coordinates = {JACOBI!r}, and coordinates is {options.coordinates!r}"
+            )
+        return options
 
     def check(self, system: System) -> None:
         """Raise InputError for a System without a central body, without gravity, or with softened gravity."""
@@ -157,6 +189,11 @@ class WisdomHolman(Method):
         if not isinstance(system, System):
             raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
         self.check(system)
+        others = [force.name for force in system.forces if force.name != "gravity"]
+        if others and options.get(KERNEL.name) == MODIFIED_KICK:
+            raise InputError(
+                f"kernel: {MODIFIED_KICK} needs the gradient of each force, and {others[0]!r} has none; lazy needs none"
+            )
         from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
 
         return WisdomHolmanStepper(flow, self.table(options), options)

@@ -6,7 +6,7 @@ multiple of eight with massless bodies on distant circles, which feel nothing.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ class Bodies(NamedTuple):
     shares: NDArray[np.float64]  # (n,) masses of all particles over their sum
     x: NDArray[np.float64]  # (2, 3, n) positions for forces other than gravity, and velocities, always 0
     a: NDArray[np.float64]  # (3, n) accelerations by these forces
+    kernel: Any = None  # what a kernel of higher order needs; see ``wisdom_holman_kernels``
 
 
 @inlined

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from math import factorial, sqrt
 
 import numpy as np
@@ -12,8 +13,8 @@ from kickdrift.model.state import Floats
 
 
 @cache
-def corrector(order: int) -> Floats:
-    """Drifts, and the kicks after each, of a symplectic corrector (2, 4 K + 1).
+def corrector(order: int, mirrored: bool = False) -> Floats:
+    """Drifts, and the kicks after each, of a symplectic corrector (2, 2 K + 1).
 
     They map a state to one for which leapfrog has an error of order dt^(order + 1) in the terms linear in the planets'
     masses. Backwards, with every sign changed, they undo this.
@@ -23,6 +24,10 @@ def corrector(order: int) -> Floats:
     of drifts by a, kicks by b and drifts by -a, each of them exp(b e^(a x) dt B), in pairs of (a, b) and (-a, -b). The
     pairs match the odd powers of x: K = (order - 1) / 2 of them by as many pairs with a = k sqrt(7 / 40) (Wisdom,
     Holman & Touma 1996; Wisdom 2006, doi:10.1086/500829).
+
+    The product of these exponentials also has a term quadratic in B. Its energy error of order dt^3 is below those of
+    the standard kernel, and above those of the other kernels. ``mirrored`` takes half of each kick, and all of them
+    again in reverse order: (2, 4 K). A palindrome has no quadratic term, since -B in place of B inverts it.
     """
     count = (order - 1) // 2
     # sinh(x / 2) / (x / 2), and its inverse, by powers of x^2.
@@ -37,14 +42,12 @@ def corrector(order: int) -> Floats:
         for m in range(1, count + 1)
     ]
     alpha = sqrt(7 / 40)
-    drifts, kicks, left = [], [], 0.0
-    for k, c in enumerate(_solved(rows), 1):
-        a, b = k * alpha, float(c) / alpha
-        for at, kick in ((a, b), (-a, -b)):
-            drifts.append(at - left)
-            kicks.append(kick)
-            left = at
-    return np.array([[*drifts, -left], [*kicks, 0.0]])
+    found = [(sign * k * alpha, sign * float(c) / alpha) for k, c in enumerate(_solved(rows), 1) for sign in (1, -1)]
+    if mirrored:
+        half = [(at, 0.5 * kick) for at, kick in found[:-1]]
+        found = [*half, found[-1], *reversed(half)]
+    places = [0.0, *(at for at, _ in found), 0.0]
+    return np.array([[after - before for before, after in pairwise(places)], [*(kick for _, kick in found), 0.0]])
 
 
 def _solved(rows: list[list[Fraction]]) -> list[Fraction]:

@@ -67,13 +67,13 @@ def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
 
 @driver
 def shown_steps(
-    forces, looks, loop, bodies, orbit, carry, centre, first_seen, step, end, back, aside, slots, listed, masses, dt,
-    start, y, first, steps, cursor,
+    forces, looks, loop, bodies, orbit, carry, centre, first_seen, kernel, step, end, back, aside, slots, listed,
+    masses, dt, start, y, first, steps, cursor,
 ):  # fmt: skip
     """Take steps of ``wisdom_holman_loop``, at the address ``loop``, and y <- the state at the step point. Return a
     status.
 
-    The run itself stays before the last drift, which is done on a copy: ``orbit`` to ``first_seen`` are its arrays.
+    The run itself stays before the last drift, which is done on a copy: ``orbit`` to ``kernel`` are its parts.
     ``end`` and ``back`` are the drift and the steps that undo the corrector.
     """
     cursor[STEP:] = 0
@@ -83,7 +83,7 @@ def shown_steps(
     orbit[...], carry[...], centre[...], first_seen[...] = bodies.orbit, bodies.carry, bodies.centre, bodies.first
     shown = Bodies(
         orbit, carry, centre, bodies.table, bodies.inside, first_seen, bodies.work, bodies.massive, bodies.jacobi,
-        bodies.order, bodies.central, bodies.gm, bodies.shares, bodies.x, bodies.a,
+        bodies.order, bodies.central, bodies.gm, bodies.shares, bodies.x, bodies.a, kernel,
     )  # fmt: skip
     aside[:] = 0
     status = status_at(loop, (looks, shown, end, dt, start, first + steps, 1, aside))

@@ -11,7 +11,7 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.option import JACOBI
+from kickdrift.integrators.option import JACOBI, KERNEL, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.integrators.stepping import CompiledSteps, Regular
@@ -31,6 +31,7 @@ from kickdrift.integrators.wisdom_holman_bodies import (
     Bodies,
 )
 from kickdrift.integrators.wisdom_holman_corrector import corrector, undone
+from kickdrift.integrators.wisdom_holman_kernels import CORRECTION, KICKS, kernel_of
 from kickdrift.integrators.wisdom_holman_limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman_loop import wisdom_holman_loop
 from kickdrift.integrators.wisdom_holman_places import leave, listed_masses, shown_steps
@@ -71,14 +72,17 @@ class WisdomHolmanStepper(Regular):
         self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of samples
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
-        begin = np.array([drift, kick, passed])
+        kernel = options.get(KERNEL.name) or STANDARD
+        self._kernel = kernel if kernel in KICKS else None
+        begin = np.array([drift, kick, passed, np.full(len(kick), CORRECTION)])
         self._begin, self._end = begin[:, :-1].copy(), begin[:, -1:].copy()
         self._step = self._begin.copy()
         self._step[0, 0] += drift[-1]  # the last drift of the step before
-        self._least = self.dt / len(table.kick)
-        row = corrector(options.corrector) if options.corrector else np.zeros((2, 0))
+        mirrored = kernel != STANDARD
+        self._least = self.dt / (1 if mirrored else len(table.kick))
+        row = corrector(options.corrector, mirrored) if options.corrector else np.zeros((2, 0))
         self._correct, self._decorrect = (
-            np.array([*part, np.zeros(part.shape[1])]) for part in (row, undone(row) if row.size else row)
+            np.array([*part, *np.zeros((2, part.shape[1]))]) for part in (row, undone(row) if row.size else row)
         )
         gravity = next(force for force in system.forces if isinstance(force, Gravity))
         self._G = gravitational_constant(gravity.name, gravity.G, system)
@@ -121,6 +125,10 @@ class WisdomHolmanStepper(Regular):
             orbit=aligned(own.orbit.shape), carry=aligned(own.carry.shape), centre=aligned(own.centre.shape),
             first=np.empty(own.first.shape),
         )  # fmt: skip
+        if self._kernel:
+            self._bodies, self._shown = (
+                each._replace(kernel=kernel_of(self._kernel, each)) for each in (own, self._shown)
+            )
         self._slots = np.zeros(len(masses), np.int64)
         self._slots[self._row[self._real]] = np.flatnonzero(self._real)
         self._masses = listed_masses(own.shares[self._listed])
@@ -210,9 +218,9 @@ class WisdomHolmanStepper(Regular):
             given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
             self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
-            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, self._step,
-            self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt, self._start,
-            self.y,
+            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, shown.kernel,
+            self._step, self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt,
+            self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.looks.columns import KNOWN, NUMBERS, OWN, TAKEN, VECTORS
+from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 
@@ -97,6 +97,38 @@ class Sample:
             columns={name: value for name, value in values.items() if name not in KNOWN},
             **rest,
         )
+
+
+def observables_of(row: Floats, taken: bool = False) -> dict[str, float | Floats]:
+    """Return ``Sample.observables`` of the row of a look; vectors are views."""
+    found: dict[str, float | Floats] = {}
+    if taken and not row[ENERGY_TAKEN:].any():
+        row = np.concatenate([row[:ENERGY_TAKEN], np.zeros(len(row) - ENERGY_TAKEN)])  # no zero has a sign
+    numbers: list[float] = row.tolist()
+    for own in OWN + TAKEN if taken else OWN:
+        number = numbers[own.place]
+        if own.shape:
+            vector = row[own.place : own.place + 3]
+            if number == number or not np.isnan(vector).all():
+                found[own.name] = vector
+        elif number == number or own.place in (KINETIC, POTENTIAL, TOTAL):
+            found[own.name] = number
+    if "momentum" not in found:
+        found.pop("pairs", None)
+    return found
+
+
+def columns_of(rows: Floats) -> dict[str, Floats]:
+    """Return ``Sample.observables`` of the rows of several looks, a row for each; empty if some looks lack a value
+    that others have."""
+    missing = np.isnan(rows)
+    if not len(rows) or (missing != missing[0]).any():
+        return {}
+    return {
+        name: rows[:, own.place : own.place + 3] if own.shape else rows[:, own.place]
+        for name in observables_of(rows[0])
+        for own in (KNOWN[name],)
+    }
 
 
 def kinetic_energy(masses: Floats, velocities: Floats) -> float:

@@ -39,18 +39,12 @@ def _pair_forces(force: object, system: System, x: Floats) -> Iterator[tuple[Flo
     """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
-    elif isinstance(force, BondedForce) and force.kind == "bonds":
+    elif isinstance(force, BondedForce | Springs) and force.kind == "bonds":
         items, laws, which = force.items(system)
         apart = system.box.minimum_image(x[items[:, 0]] - x[items[:, 1]])
         r = np.linalg.norm(apart, axis=1)
         slope = np.array([value_of(laws[law], each)[1] for law, each in zip(which.tolist(), r.tolist(), strict=True)])
         yield apart, -np.divide(slope, r, out=np.zeros_like(r), where=r > 0)
-    elif isinstance(force, Springs):
-        i, j = np.array(force.pairs).T
-        apart = system.box.minimum_image(x[i] - x[j])
-        r = np.linalg.norm(apart, axis=1)
-        stretch = np.array(force.stiffness) * (r - np.array(force.length))
-        yield apart, -np.divide(stretch, r, out=np.zeros_like(r), where=r > 0)
     elif not getattr(force, "external", False):
         name = getattr(force, "name", type(force).__name__)
         raise InputError(f"pressure: force {name!r} is not a sum over pairs")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks import columns as column
-from kickdrift.looks.observers import NOTHING, Energies, Sample, Taken
+from kickdrift.looks.observers import NOTHING, Energies, Sample, Taken, observables_of
 from kickdrift.model.capacity import check_room
 from kickdrift.model.state import Floats
 
@@ -147,6 +147,20 @@ class Looks:
             columns=self._columns.get(k, {}),
             **rest,
         )
+
+    @property
+    def total(self) -> float:
+        """Total energy at the last look."""
+        return float(self.rows[self.count - 1, column.TOTAL])
+
+    @property
+    def columns(self) -> Mapping[str, Any]:
+        """Values of the user's columns at the last look."""
+        return self._columns.get(self.count - 1, {})
+
+    def observables(self, index: int, taken: bool = False) -> dict[str, float | Floats]:
+        """Return ``Sample.observables`` of a look without making a Sample; vectors are views."""
+        return observables_of(self.rows[index], taken)
 
     def held(self) -> tuple[NDArray[np.int64], Floats]:
         """Return steps and rows of the looks so far; these arrays do not change later."""

@@ -9,6 +9,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.arguments import misfit
 from kickdrift.model.capacity import check_room
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.scaling import check_action
 from kickdrift.model.subject import Bodies, Subject, index_of
 from kickdrift.text import shown
 
@@ -27,7 +28,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         _check_kind(event)
         if system.box.periodic:
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
-        if isinstance(event, CloseApproach | Collision):
+        if isinstance(event, CloseApproach):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
         if isinstance(event, CloseApproach):
             bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]
@@ -35,6 +36,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
                 raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
         elif isinstance(event, Collision):
             event.radii_in(system)
+            check_action(event, system, binding(system))
         elif isinstance(event, Escape):
             if event.about is not None:
                 index_of(system, event.about, f"{event.kind}: about")
@@ -47,7 +49,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         elif isinstance(event, Crossing):
             _check_signature(event, ("t", "x", "v"))
         joins = [*system.acting("joins"), *(["bonds"] if system.topology is not None else [])]
-        if getattr(event, "action", "") in ("merge", "remove") and joins:
+        if getattr(event, "action", "") in ("merge", "remove", "fragment", "rule") and joins:
             names = ", ".join(dict.fromkeys(joins))
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by {names}")  # type: ignore[union-attr]
     return found

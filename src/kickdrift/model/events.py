@@ -6,24 +6,17 @@ A body is given by its name in the system or by its number, counted from 0.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
-
-import numpy as np
+from typing import Any, ClassVar
 
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
-from kickdrift.model.checks import is_number, number, positive
-from kickdrift.model.subject import Bodies, index_of
-from kickdrift.text import shown, suggestion
-
-if TYPE_CHECKING:
-    from kickdrift.model.state import Floats
+from kickdrift.model.checks import is_number, positive
+from kickdrift.model.collision import Collision, one_of
+from kickdrift.text import shown
 
 Body = str | int
-Radii = float | Sequence[float] | Mapping[str, float]
 NAME_BYTES = 64  # size of an event's name in a run's file
 
 
@@ -57,68 +50,9 @@ class CloseApproach:
 
     def __post_init__(self) -> None:
         _positive(self.kind, "distance", self.distance)
-        _one_of(self.kind, "action", self.action, self.actions)
+        one_of(self.kind, "action", self.action, self.actions)
         if self.bodies is not None:
             object.__setattr__(self, "bodies", _several(self.kind, self.bodies))
-
-
-@checked_arguments
-@dataclass(frozen=True)
-class Collision:
-    """Bodies that touch: their separation falls to the sum of their radii.
-
-    The moment of contact is found on the cubic through both ends of a step, then on the method's own solution. The
-    event acts at that moment. An adaptive method begins anew from there. A method of fixed steps completes the step
-    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other.
-
-    Attributes
-    ----------
-    radii : one for all, one for each, or {name: radius} with all other bodies as points; optional
-        Lengths, zero or more; default the system's radii.
-    action : str
-        "merge": the heavier body absorbs the lighter one, which leaves the run. Mass, momentum and centre of mass are
-        conserved, and volumes add up. "bounce": hard spheres exchange their velocities along the line of centres.
-        "stop": the run ends, at contact with an adaptive method, at the end of the step with fixed steps.
-    restitution : float
-        Ratio of the normal speeds after and before a bounce, from 0 to 1; 1 conserves energy.
-    """
-
-    radii: Radii | None = None
-    action: str = "merge"
-    restitution: float = 1.0
-
-    kind: ClassVar[str] = "collision"
-    actions: ClassVar[tuple[str, ...]] = ("merge", "bounce", "stop")
-
-    def __post_init__(self) -> None:
-        _one_of(self.kind, "action", self.action, self.actions)
-        if not (is_number(self.restitution) and 0 <= self.restitution <= 1):
-            raise InputError(f"{self.kind}: restitution must be a number from 0 to 1, got {shown(self.restitution)}")
-        if self.restitution != 1 and self.action != "bounce":
-            raise InputError(f"{self.kind}: restitution needs action 'bounce', not {self.action!r}")
-        values = self.radii.items() if isinstance(self.radii, Mapping) else enumerate(_listed(self.radii))
-        for key, radius in values:
-            if not (math.isfinite(number(radius)) and radius >= 0):
-                which = "" if is_number(self.radii) else f"[{key}]"
-                raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
-
-    def radii_in(self, system: Bodies) -> Floats:
-        """Radii (n,) of a system's bodies."""
-        n, given = len(system), self.radii
-        if given is None:
-            if system.radii is None:
-                raise InputError(f"{self.kind}: radii: required, since the bodies of {system.name!r} have no radii")
-            return np.array(system.radii)
-        if isinstance(given, Mapping):
-            radii = np.zeros(n)
-            for name, radius in given.items():
-                radii[index_of(system, name, f"{self.kind}: radii")] = radius
-            return radii
-        if is_number(given):
-            return np.full(n, float(given))  # type: ignore[arg-type]
-        if len(given) != n:  # type: ignore[arg-type]
-            raise InputError(f"{self.kind}: radii: expected one number or {n}, got {len(given)}")  # type: ignore[arg-type]
-        return np.array(given, dtype=float)
 
 
 @checked_arguments
@@ -148,7 +82,7 @@ class Escape:
 
     def __post_init__(self) -> None:
         _positive(self.kind, "distance", self.distance)
-        _one_of(self.kind, "action", self.action, self.actions)
+        one_of(self.kind, "action", self.action, self.actions)
 
 
 @dataclass(frozen=True)
@@ -163,7 +97,7 @@ class Between:
     about: Body
 
     def __post_init__(self) -> None:
-        _one_of("crossing", "quantity", self.quantity, ("approach", "height"))
+        one_of("crossing", "quantity", self.quantity, ("approach", "height"))
 
 
 @checked_arguments
@@ -228,19 +162,6 @@ class Crossing:
 Event = CloseApproach | Collision | Escape | Crossing
 
 
-def _listed(radii: Any) -> Sequence[Any]:
-    if radii is None:
-        return []
-    if is_number(radii):
-        return [radii]
-    if isinstance(radii, str):
-        raise InputError(f"collision: radii must be lengths, got {shown(radii)}")
-    try:
-        return list(radii)
-    except TypeError:
-        raise InputError(f"collision: radii must be lengths, got {shown(radii)}") from None
-
-
 def _several(kind: str, bodies: Any) -> tuple[Body, ...]:
     if isinstance(bodies, str | int):
         return (bodies,)
@@ -255,9 +176,3 @@ def _several(kind: str, bodies: Any) -> tuple[Body, ...]:
 
 def _positive(kind: str, key: str, value: Any) -> None:
     positive(f"{kind}: {key}", value)
-
-
-def _one_of(kind: str, key: str, value: Any, allowed: Sequence[str]) -> None:
-    if not (isinstance(value, str) and value in allowed):
-        hint = suggestion(value, allowed) if isinstance(value, str) else ""
-        raise InputError(f"{kind}: {key} must be one of {', '.join(allowed)}, got {shown(value)}{hint}")

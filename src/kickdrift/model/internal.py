@@ -1,4 +1,4 @@
-"""Distances, angles and dihedrals of listed particles, in NumPy."""
+"""Distances, angles, dihedrals and impropers of listed particles, in NumPy."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ MEASURED = {
     "bonds": Measure(2, ("p", "r")),
     "angles": Measure(3, ("p", "angle")),
     "dihedrals": Measure(4, ("p", "angle")),
+    "impropers": Measure(4, ("p", "angle")),
 }
 
 
 def measured(box: Box, x: Floats, items: NDArray[np.int64], kind: str) -> Floats:
-    """Distance, angle or dihedral (m,) of each item (m, 2 to 4) at positions x (3, n); angles in radians."""
+    """Distance, angle, dihedral or improper (m,) of each item (m, 2 to 4) at positions x (3, n); angles in radians."""
     steps = [box.minimum_image((x[:, items[:, k]] - x[:, items[:, k + 1]]).T) for k in range(items.shape[1] - 1)]
     with np.errstate(invalid="ignore"):
         if kind == "bonds":

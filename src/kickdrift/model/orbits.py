@@ -87,7 +87,7 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
 def invariable_axes(found: Paths) -> Floats:
     """Axes of the invariable plane as rows, (3, 3). The third is along the total angular momentum at the start, the
     first as near to x as possible. Without rotation, the axes are the file's own."""
-    own = found.masses[:, None] * np.cross(found.positions[0], found.velocities[0])
+    own = found.masses[:, None] * np.nan_to_num(np.cross(found.positions[0], found.velocities[0]))
     total = own.sum(axis=0)
     size = float(np.linalg.norm(total))
     if size <= FLAT * float(np.linalg.norm(own, axis=1).sum()):

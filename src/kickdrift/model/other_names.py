@@ -18,9 +18,7 @@ MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
     "of ASE's"
 )
-MOLECULES = (
-    "charges and force fields of molecules are not there yet; bonds, angles and dihedrals are: docs/molecules.md"
-)
+MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -30,11 +28,16 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
     "integrator": (
         ("ias15", "rebound's {word} is 'gauss-radau15' here"),
         ("whfast whfast512", "rebound's {word} is 'wisdom-holman' here"),
+        ("whc", "rebound's {word} is 'wisdom-holman' here, with corrector 17"),
+        ("whckl", "rebound's {word} is 'wisdom-holman' here, with the kernel lazy and corrector 17"),
+        ("whckm", "rebound's {word} is 'wisdom-holman' here, with the kernel modified-kick and corrector 17"),
+        ("whckc", "rebound's {word} is 'wisdom-holman' here, with the kernel composition and corrector 17"),
         ("wh wisdomholman mvs", "{word} is 'wisdom-holman' here"),
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
         ("mercurius hybrid symba mercury6-hybrid reb-trace", "{word} is 'trace' here"),
         ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
-        ("eos sei", "rebound's {word} is not there yet"),
+        ("eos", "rebound's {word} is not there yet"),
+        ("symplectic-epicycle epicycle shearing-sheet", "{word} is 'sei' here, with the force hill"),
         (
             "bs bulirsch-stoer gbs odex taylor heyoka",
             "{word} is not there; 'dop853' and 'gauss-radau15' have high order too",
@@ -99,7 +102,10 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         ("opls", "{word} is 'opls-dihedral' here"),
         ("rb rb-torsion multi/harmonic", "{word} is 'ryckaert-bellemans' here"),
-        ("improper charmm amber gaff martini tip3p spce", MOLECULES),
+        ("improper impropers improper-dihedral", "did you mean 'harmonic-improper' or 'periodic-improper'?"),
+        ("cvff improper-periodic", "LAMMPS' {word} is 'periodic-improper' here"),
+        ("improper-harmonic", "{word} is 'harmonic-improper' here"),
+        ("charmm amber gaff martini tip3p spce", MOLECULES),
         ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
@@ -107,6 +113,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
         ("gr gr-full gr-potential 1pn pn1 post-newtonian relativity schwarzschild", "{word} is 'relativity-1pn' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j4", "{word} is 'j2' here"),
+        ("coriolis tidal hills-equations shearing-box", "{word} is 'hill' here"),
+        ("ghost-boxes shear-periodic", "{word} is 'gravity-sheet' here, with the force hill"),
         ("spring", "{word} is 'springs' here"),
         ("bond bonds bond-harmonic harmonicbondforce", "{word} is 'harmonic-bond' here"),
         ("harmonicangleforce angle-harmonic", "{word} is 'harmonic-angle' here"),

@@ -80,3 +80,13 @@ def angles_of(bonds: Ids) -> Ids:
 def dihedrals_of(bonds: Ids) -> Ids:
     """All chains (d, 4) of three bonds."""
     return _paths(bonds, 4)
+
+
+def molecules_of(bonds: Ids, particles: int) -> Ids:
+    """Molecule of each particle (n,), numbered from 0 in the order of the first particles."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    joined = coo_array((np.ones(len(bonds), np.int8), (bonds[:, 0], bonds[:, 1])), shape=(particles, particles))
+    found: Ids = connected_components(joined, directed=False)[1].astype(np.int64)
+    return found

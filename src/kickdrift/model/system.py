@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
@@ -164,19 +164,6 @@ class System(Bridged, ShownSystem):
         if isinstance(i, str) or not -len(self) <= i < len(self):
             raise InputError(f"body: expected a row, 0 to {len(self) - 1}, got {shown(i)}; or system[{shown(i)}]")
         return self.names[i] if self.names else f"particle {self.state.ids[i]}"
-
-    def remaining(self, keep: NDArray[np.bool_], phase: Floats, masses: Floats, radii: Floats | None) -> System:
-        """Return the system with only the bodies that ``keep`` (n,) marks, under their ids, at ``phase`` (2, 3, n) with
-        these masses and radii."""
-        left, put = copy(self), object.__setattr__
-        phase = np.ascontiguousarray(phase[:, :, keep])
-        put(left, "state", State(phase, masses[keep], self.state.ids[keep], self.box))
-        put(left, "species_index", self.species_index[keep])
-        put(left, "names", tuple(name for name, kept in zip(self.names, keep, strict=False) if kept))
-        put(left, "radii", None if radii is None else radii[keep])
-        for force in left.forces:
-            force.check(left)
-        return left
 
     def at(self, phase: Floats, time: float, steps_done: int = 0, ids: Any = None, box: Box | None = None) -> System:
         """Return the system with its bodies at ``phase`` (2, 3, n) and ``time``, under other ids or in another box."""

@@ -1,4 +1,4 @@
-"""Topology of molecules: bonds, angles and dihedrals, and how strongly near relatives interact."""
+"""Topology of molecules: bonds, angles, dihedrals and impropers, and how strongly near relatives interact."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kickdrift.model.starts.molecules import from_atoms, from_universe, replaced
 from kickdrift.text import counted, shown
 
 Ids = NDArray[np.int64]
-SIZES = {"bonds": 2, "angles": 3, "dihedrals": 4}  # particles of each kind of item
+SIZES = {"bonds": 2, "angles": 3, "dihedrals": 4, "impropers": 4}  # particles of each kind of item
 DEFAULT_TYPE = "1"  # of an item without a type, as in LAMMPS
 APART = ("bonded", "two bonds apart", "three bonds apart")
 
@@ -30,7 +30,7 @@ class Scaled(NamedTuple):
 
 @checked_arguments
 class Topology:
-    """Bonds, angles and dihedrals of a System, and the pairs that its pair forces leave out or scale.
+    """Bonds, angles, dihedrals and impropers of a System, and the pairs that its pair forces leave out or scale.
 
     Forces such as ``kd.HarmonicBond`` act on these lists. A bond goes to the nearest image of its partner.
 
@@ -40,7 +40,9 @@ class Topology:
         Particles, counted from 0. No bond may occur twice.
     angles : ((i, j, k), …), with j in the middle; or True for all angles between two bonds
     dihedrals : ((i, j, k, l), …) along a chain of bonds; or True for all such chains of four
-    bond_types, angle_types, dihedral_types : a name for each, or one name for all; default "1"
+    impropers : ((i, j, k, l), …), whose angle is between the planes of i, j, k and of j, k, l
+        LAMMPS and CHARMM list the central particle first, AMBER third.
+    bond_types, angle_types, dihedral_types, improper_types : a name for each, or one name for all; default "1"
     factors : (bonded, two bonds apart, three bonds apart), optional
         Factors of pair forces between such particles, from 0 (left out) to 1. The shortest path of bonds counts.
         LAMMPS calls them ``special_bonds``. Default: all pairs interact.
@@ -59,19 +61,23 @@ class Topology:
         bonds: Iterable[Sequence[int]] = (),
         angles: Iterable[Sequence[int]] | bool = (),
         dihedrals: Iterable[Sequence[int]] | bool = (),
+        impropers: Iterable[Sequence[int]] = (),
         *,
         bond_types: str | Sequence[str] = DEFAULT_TYPE,
         angle_types: str | Sequence[str] = DEFAULT_TYPE,
         dihedral_types: str | Sequence[str] = DEFAULT_TYPE,
+        improper_types: str | Sequence[str] = DEFAULT_TYPE,
         factors: Sequence[float] | None = None,
         exclusions: Iterable[Sequence[int]] = (),
     ) -> None:
         self.bonds = _items("bonds", bonds)
         self.angles = angles_of(self.bonds) if angles is True else _items("angles", angles)
         self.dihedrals = dihedrals_of(self.bonds) if dihedrals is True else _items("dihedrals", dihedrals)
+        self.impropers = _items("impropers", impropers)
         self.bond_types = _types("bond_types", bond_types, len(self.bonds))
         self.angle_types = _types("angle_types", angle_types, len(self.angles))
         self.dihedral_types = _types("dihedral_types", dihedral_types, len(self.dihedrals))
+        self.improper_types = _types("improper_types", improper_types, len(self.impropers))
         self.factors = None if factors is None else _factors(factors)
         self.exclusions = _items("exclusions", exclusions, 2)
         self._check_exclusions()
@@ -97,15 +103,15 @@ class Topology:
 
     @classmethod
     def from_mdanalysis(cls, universe: Any, **more: Any) -> Topology:
-        """Topology of an ``MDAnalysis.Universe``: its bonds, angles and dihedrals with their types; ``more`` as for
-        `chains`."""
+        """Topology of an ``MDAnalysis.Universe``: its bonds, angles, dihedrals and impropers with their types; ``more``
+        as for `chains`."""
         return cls(**replaced(from_universe(universe), more))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Topology) and self.tables() == other.tables()
 
     def __hash__(self) -> int:
-        return hash((len(self.bonds), len(self.angles), len(self.dihedrals), self.factors))
+        return hash((*(len(getattr(self, kind)) for kind in SIZES), self.factors))
 
     def __str__(self) -> str:
         factors = [] if self.factors is None else [f"factors {', '.join(f'{each:g}' for each in self.factors)}"]
@@ -130,11 +136,11 @@ class Topology:
         return found
 
     def counts(self) -> dict[str, int]:
-        """Numbers of bonds, angles, dihedrals and exclusions, without those of which there are none."""
+        """Numbers of bonds, angles, dihedrals, impropers and exclusions, without those of which there are none."""
         return {kind: len(items) for kind in (*SIZES, "exclusions") if len(items := getattr(self, kind))}
 
     def types(self, kind: str) -> tuple[str, ...]:
-        """Type of each of the ``kind``: "bonds", "angles" or "dihedrals"."""
+        """Type of each of the ``kind``: "bonds", "angles", "dihedrals" or "impropers"."""
         found: tuple[str, ...] = getattr(self, f"{kind[:-1]}_types")
         return found
 

@@ -13,7 +13,7 @@ import numpy as np
 from kickdrift.disk.interrupt import interruptible
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
 from kickdrift.integrators.bath import freedom_of
@@ -337,7 +337,11 @@ class Integration:
         self.record.steps += stepper.steps_done - self.steps_done  # a step that was begun counts again
         before, counts = stepper.steps_done, stepper.counts
         self.moving.forget_errors()
-        status = stepper.advance(steps, until)
+        try:
+            status = stepper.advance(steps, until)
+        except RunError as error:
+            self._fall_back(error)
+            raise
         self.at, self._present, self.record.unfinished = None, None, 0.0
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
@@ -382,6 +386,14 @@ class Integration:
         stepper.reset(safe.y.copy(), safe.time, safe.step)
         self.at = None
         raise error from cause
+
+    def _fall_back(self, error: RunError) -> None:
+        """Go back to the last good state after an event that could not act, and note that state in the error."""
+        safe = self.safe
+        if self.events and error.state is None and safe.y.shape == self.stepper.y.shape:
+            self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
+            error.state, self.replaced, self.at = self.flow.state(safe.y, safe.time, safe.step), True, None
+            self.stepper.reset(safe.y.copy(), safe.time, safe.step)
 
     # --- for events ---
 

@@ -54,6 +54,12 @@ def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
         check_room("run", looks, "samples with their columns", SAMPLE_BYTES + 100 + 8 * numbers, "look less often")
 
 
+def with_body_columns(columns: Any, run: Integration) -> Any:
+    """The user's columns, and the masses and radii of bodies that collisions may change."""
+    own = run.events.roster.columns() if run.events else []
+    return [*columns, *own] if own and isinstance(columns, Iterable) else columns
+
+
 class ColumnWatcher(Watcher):
     """Evaluates the user's columns at each look.
 

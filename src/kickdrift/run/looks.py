@@ -19,12 +19,16 @@ from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
-from kickdrift.run.advance import Integration
+from kickdrift.model.state import Floats
+from kickdrift.run.advance import CHUNK_SECONDS, Integration
 from kickdrift.run.layer import layer_warning, pressure_warning
 from kickdrift.run.plan import Plan
+from kickdrift.run.watch.file import File
 from kickdrift.run.watch.stability import Stability
 
 MOST = 4096  # most looks in one series
+WAIT = -1  # status of a look, unlike those of forces: no other look before the file has got these
+BLOCK_BYTES = 2**20  # most memory of the looks that wait for a file
 
 
 class Sampler:
@@ -72,12 +76,7 @@ class Sampler:
         The number is 0 if a series is impossible or does not pay."""
         run = self._run
         stepper: Any = run.stepper
-        if (
-            run.at is not None
-            or run.record.taken is not NOTHING
-            or run.method.bath
-            or not getattr(stepper, "steady", False)
-        ):
+        if not self._plain:
             return 0
         if isinstance(stepper, Regular) and plan.every:
             done = stepper.steps_done
@@ -88,6 +87,24 @@ class Sampler:
         if not plan.interval or plan.exact or self._stability.limited or self._looking() is None:
             return 0
         return 0 if run.time + plan.interval >= plan.end_time else MOST
+
+    @property
+    def _plain(self) -> bool:
+        """Whether the next steps and looks are like all later ones."""
+        run = self._run
+        steady = getattr(run.stepper, "steady", False)
+        return run.at is None and run.record.taken is NOTHING and not run.method.bath and steady
+
+    def block(self, plan: Plan) -> int:
+        """Return how many looks of a run with fixed steps may follow one another before a file gets them.
+
+        The number is 0 if each look must be alone."""
+        run, stepper = self._run, self._run.stepper
+        if not (self._plain and isinstance(stepper, Regular) and plan.every) or run.foreign or run.box_varies:
+            return 0
+        if stepper.steps_done % plan.every or run.chunk < plan.every:
+            return 0
+        return min((plan.whole_steps_end - stepper.steps_done) // plan.every, BLOCK_BYTES // run.safe.y.nbytes)
 
     def _looking(self) -> Looking | None:
         """Return the Looking for looks that compiled code takes between steps; None if it cannot."""
@@ -131,6 +148,24 @@ class Sampler:
         apart = run.record.spent.get(LOOKS, 0.0) - looks_before  # of looks between calls of compiled code
         run.record.spend(BOTH if self._looking() else STEPPING, elapsed - apart)
 
+    def series_for(self, file: File, plan: Plan, count: int) -> None:
+        """Run through at most ``count`` looks, for as long as compiled code may run, and write them to a file."""
+        run, began = self._run, perf_counter()
+        looks, safe, looks_before = run.record.looks, run.safe, run.record.spent.get(LOOKS, 0.0)
+        stepper: Any = run.stepper
+        row, before, counts = looks.count, stepper.steps_done, stepper.counts
+        phases = np.empty((count, *safe.y.shape))
+        run.moving.forget_errors()
+        status, refused = self._one_by_one(stepper, count, plan.every, phases, began + file.patience(CHUNK_SECONDS))
+        run.record.steps += stepper.steps_done - before
+        run.record.count(stepper.counts - counts)
+        ended = perf_counter()
+        run.record.spend(STEPPING, ended - began - (run.record.spent.get(LOOKS, 0.0) - looks_before))
+        file.series(row, phases[: looks.count - row], whole=status == OK)
+        run.record.spend(file.part, perf_counter() - ended)
+        if status != OK:
+            run.fail(inside_step=not refused, stopped=status == STOPPED and not refused)
+
     def _taken(self, plan: Plan, count: int) -> tuple[int, bool]:
         """Take steps and looks until one fails; return a status and whether a look failed."""
         run, looking = self._run, self._looking()
@@ -166,21 +201,30 @@ class Sampler:
             safe.step, safe.time = int(steps[-1]), float(looks.rows[row + len(steps) - 1, TIME])
             looks.keep_next(steps)
 
-    def _one_by_one(self, stepper: Regular, count: int, every: int) -> tuple[int, bool]:
+    def _one_by_one(
+        self, stepper: Regular, count: int, every: int, phases: Floats | None = None, end: float = np.inf
+    ) -> tuple[int, bool]:
+        """Take looks until one fails or the clock passes ``end``. Return a status and whether a look failed. Looks
+        store their positions and velocities in ``phases``, if given."""
         flow, looks, safe, refused = self._run.flow, self._run.record.looks, self._run.safe, False
+        first = looks.count
 
         def look() -> int:
             nonlocal refused
             began, step, time = perf_counter(), stepper.steps_done, stepper.time
-            if (status := flow.look(looks, stepper.y, time, step, safe.y, stepper.fresh)) != OK:
+            last = safe.y if phases is None else phases[looks.count - first]
+            if (status := flow.look(looks, stepper.y, time, step, last, stepper.fresh)) != OK:
                 refused = True
                 return status
             safe.time, safe.step = time, step
             if self._stability.limited:
-                self._stability.keep(time, safe.y)
+                self._stability.keep(time, last)
             looks.keep_next([step])
-            self._run.record.spend(LOOKS, perf_counter() - began)
-            return OK
+            now = perf_counter()
+            self._run.record.spend(LOOKS, now - began)
+            return OK if now < end else WAIT
 
         status = stepper.series(count, every, look)
-        return status, refused
+        if phases is not None and looks.count > first:
+            safe.y[...] = phases[looks.count - first - 1]
+        return OK if status == WAIT else status, refused

@@ -18,6 +18,7 @@ from kickdrift.run.lengths import CLOSE
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
 from kickdrift.run.report import Report, seconds_of
+from kickdrift.run.watch.file import File
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.text import shown
 
@@ -81,6 +82,8 @@ def _go(
             _timed(run, watcher, watcher.look)
 
     look(again=False)
+    file = next((watcher for watcher in watchers[1:2] if isinstance(watcher, File) and watcher.takes_series), None)
+    file = file if len(watchers) == 2 else None
     began, spent_before = perf_counter(), run.record.wall_seconds
     looked = True
     while not (plan.over(run) or interrupted() or (run.events and run.events.stopped)):
@@ -92,6 +95,10 @@ def _go(
             sampler.series(plan, count)
             run.record.wall_seconds = spent_before + perf_counter() - began
             looked = run.at is None and run.record.looks.at(run.steps_done, run.time)
+        elif file and (count := sampler.block(plan)):
+            sampler.series_for(file, plan, count)
+            run.record.wall_seconds = spent_before + perf_counter() - began
+            looked = True
         else:
             stop, stop_time = plan.next_stop(run)
             stepped = perf_counter()

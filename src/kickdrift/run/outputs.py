@@ -131,7 +131,7 @@ class Outputs:
         if path in self._files and not overwrite and self._files[path].backward != plan.backward:
             way = "back" if self._files[path].backward else "forwards"
             raise InputError(f"{output}: the run in this file goes {way} in time; give another output")
-        system: Any = run.events.first if run.events else run.system  # including the bodies that have left
+        system: Any = run.events.roster.filed if run.events else run.system  # with bodies that left or may come
         if path in self._files and not overwrite and os.path.exists(path):
             kind = Writer if isinstance(system, System) else ProblemWriter
             return kind.append_to(

@@ -23,6 +23,7 @@ from kickdrift.run.watch.watcher import Watcher
 
 if TYPE_CHECKING:
     from kickdrift.looks.observers import Sample
+    from kickdrift.looks.table import Looks
     from kickdrift.run.advance import Integration
     from kickdrift.run.report import Report
     from kickdrift.trajectory.options import FileOptions
@@ -80,8 +81,10 @@ def slopes_of(run: Integration) -> list[Floats]:
 class ProblemFile(File):
     """Writes a Problem's looks and events to a file; see `File`."""
 
-    def _append(self, sample: Sample, columns: dict[str, Any]) -> None:
-        energy = sample.energies.total if self._run.system.energy is not None else None  # type: ignore[union-attr]
+    takes_series = False
+
+    def _append(self, looks: Looks, columns: dict[str, Any]) -> None:
+        energy = looks.total if self._run.system.energy is not None else None  # type: ignore[union-attr]
         self._writer.append_look(self._run.state, columns, energy)
 
 

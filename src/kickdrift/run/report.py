@@ -86,7 +86,9 @@ class Report(ShownReport):
     list.
 
     ``events`` holds `Simulation.events` and the close approaches that have not ended. ``energy_taken`` is the energy
-    that collisions and removed bodies took out, None without such events; the energy's error excludes it. ``stopped``
+    that collisions and removed bodies took out, None without such events; the energy's error excludes it.
+    ``angular_momentum_taken`` (3 numbers) is the angular momentum that went from orbits into spins, and that of removed
+    bodies. ``stopped``
     names the event that ended the run, "" if none did.
     """
 
@@ -122,6 +124,7 @@ class Report(ShownReport):
     y: list[float] | None
     events: list[dict[str, Any]]
     energy_taken: float | None
+    angular_momentum_taken: list[float] | None
     stopped: str
     heat: float | None
     work: float | None
@@ -287,6 +290,7 @@ def report(sim: Reported) -> Report:
         y=None if of_particles else sim.state.y.tolist(),
         events=[*sim.events, *sim.going_on()],
         energy_taken=None if bath or not told else record.taken.energy,
+        angular_momentum_taken=None if bath or not told else (record.taken.angular_momentum * np.ones(3)).tolist(),
         stopped=sim.stopped,
         heat=-record.taken.energy - record.work if bath and told else None,
         work=record.work if series.volumes is not None else None,

@@ -24,7 +24,7 @@ from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
-from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns
+from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns, with_body_columns
 from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.failed_atoms import keeping_failed_atoms
 from kickdrift.run.lengths import Exact, begin, goal_of, steps_to, time_of
@@ -247,6 +247,7 @@ class Simulation(Present):
         """
         check_asked(observe, progress, overwrite)
         goal, apart = goal_of(self, steps, until, time), time_of(self, interval, "interval")
+        columns = with_body_columns(columns, self.integration)
         written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan

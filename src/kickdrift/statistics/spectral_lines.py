@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.model.state import Floats
 from kickdrift.statistics.regression import inverse_of, least_squares, normal_equations, products
@@ -94,11 +95,15 @@ def folded(waves: Floats, amplitudes: Floats) -> float:
 
 
 def _waves(index: Floats, frequencies: Floats) -> Floats:
-    """Columns cos(w i), sin(w i), pair by pair, for an ``index`` that rises by one. Each is a product of two rotations:
-    by a whole number of strides and by the remainder. So few cosines and sines need to be computed."""
+    """Columns cos(w i), sin(w i), pair by pair, for an ``index`` that rises by one."""
+    return turns(index, frequencies).view(np.float64)
+
+
+def turns(index: Floats, frequencies: Floats) -> NDArray[np.complex128]:
+    """Columns exp(i w index), one for each frequency w, for an ``index`` that rises by one. Each is a product of two
+    rotations: by a whole number of strides and by the remainder. So few cosines and sines need to be computed."""
     stride = math.isqrt(len(index)) + 1
-    turns = np.exp(1j * np.multiply.outer(index[::stride], frequencies))[:, None] * np.exp(
+    found = np.exp(1j * np.multiply.outer(index[::stride], frequencies))[:, None] * np.exp(
         1j * np.multiply.outer(np.arange(stride), frequencies)
     )
-    turns = turns.reshape(-1, len(frequencies))[: len(index)]
-    return np.ascontiguousarray(turns).view(np.float64)
+    return np.ascontiguousarray(found.reshape(-1, len(frequencies))[: len(index)])

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
+from kickdrift.forces.external_code import found
+from kickdrift.model.collision import C_STAR, MU_BAR, NEW_BODIES
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.unit_systems import UnitSystem
@@ -43,14 +45,24 @@ class CloseApproachTable(Table):
 
 
 class CollisionTable(Table):
+    """Table of collisions. A rule is the import path of a function in a module that ``--load`` names."""
+
     type: str
     radii: Annotated[Any, BeforeValidator(_radii)] = None
-    action: Literal["merge", "bounce", "stop"] = "merge"
-    restitution: float = 1.0
+    action: Literal["merge", "bounce", "fragment", "rule", "stop"] = "merge"
+    restitution: Any = 1.0
+    fragment_mass: Annotated[float, BeforeValidator(In("mass", "positive"))] | None = None
+    c_star: float = C_STAR
+    mu_bar: float = MU_BAR
+    reference_density: Annotated[float, BeforeValidator(In("density", "positive"))] | None = None
+    new_bodies: int = NEW_BODIES
+    rule: str | None = None
+    loss: bool = False
 
     def event(self, units: UnitSystem) -> Event:
         """Make the event of this table."""
-        return Collision(self.radii, self.action, self.restitution)
+        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set - {"type", "rule"}}
+        return Collision(**given, rule=None if self.rule is None else found(f"{Collision.kind}: rule", self.rule))
 
 
 class EscapeTable(Table):
@@ -92,7 +104,7 @@ TABLES: dict[str, Any] = {
 
 def events_of(system: System, given: Sequence[dict[str, Any]]) -> list[Event]:
     """Events of a file's tables, checked for the system. Raises an InputError that names table and key."""
-    found: list[Event] = []
+    made: list[Event] = []
     for k, table in enumerate(given):
         path = f"event[{k}]"
         if "type" not in table:
@@ -103,7 +115,7 @@ def events_of(system: System, given: Sequence[dict[str, Any]]) -> list[Event]:
             raise InputError(f"{path}.type: expected one of {', '.join(TABLES)}, got {shown(name)}{hint}")
         model = checked(TABLES[name], table, system.units, path)
         try:
-            found += checked_events(system, [model.event(system.units)])
+            made += checked_events(system, [model.event(system.units)])
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-    return found
+    return made

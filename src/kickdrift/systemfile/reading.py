@@ -11,10 +11,12 @@ from warnings import warn
 
 import numpy as np
 
+from kickdrift.disk.kinds import is_archive
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box import Box
+from kickdrift.model.bridging import bridge
 from kickdrift.model.checks import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.other_names import other_name
@@ -54,11 +56,15 @@ _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
 
 
 def load(
-    name_or_path: str | os.PathLike[str] | Mapping[str, Any], seed: int | None = None, overlaps: bool = False
+    name_or_path: str | os.PathLike[str] | Mapping[str, Any],
+    seed: int | None = None,
+    overlaps: bool = False,
+    snapshot: int | None = None,
 ) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
+    Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``.
 
     Parameters
     ----------
@@ -66,6 +72,7 @@ def load(
         In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
     overlaps : whether particles may overlap, for ``Simulation.minimize``, which moves them apart
+    snapshot : of an archive of rebound, from 0; negative from the end; default the last one
 
     Raises
     ------
@@ -76,6 +83,13 @@ def load(
         with prefixed("system: "):
             return _subject(plain(name_or_path), Path("system.toml"), "", seed, overlaps)
     path = find(name_or_path)
+    if is_archive(path):
+        if seed is not None:
+            _note_unused_seed()
+        found: System = bridge("rebound", f"{path}: an archive of rebound").archived_system(path, snapshot)
+        return found
+    if snapshot is not None:
+        raise InputError(f"snapshot: is for archives of rebound, and {path} is none")
     if path.suffix.lower() in STRUCTURES:
         if seed is not None:
             _note_unused_seed()

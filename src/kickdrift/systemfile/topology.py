@@ -9,7 +9,7 @@ from pydantic import PositiveInt
 
 from kickdrift.errors import InputError
 from kickdrift.model.starts.molecules import from_file, replaced
-from kickdrift.model.topology import Topology
+from kickdrift.model.topology import SIZES, Topology
 from kickdrift.systemfile.schema_base import Table
 
 
@@ -24,9 +24,11 @@ class TopologyTable(Table):
     bonds: Any = None
     angles: Any = None
     dihedrals: Any = None
+    impropers: Any = None
     bond_types: Any = None
     angle_types: Any = None
     dihedral_types: Any = None
+    improper_types: Any = None
     factors: list[float] | None = None
     exclusions: Any = None
 
@@ -35,7 +37,8 @@ def topology_of(table: TopologyTable, folder: Path) -> Topology:
     """Topology of a checked table. Names of files are relative to ``folder``."""
     given = table.model_dump(exclude_none=True)
     sources = [key for key in ("chains", "file", "bonds") if key in given]
-    if len(sources) != 1:
+    listed = any(isinstance(given.get(kind), list) for kind in (*SIZES, "exclusions"))
+    if len(sources) > 1 or not (sources or listed):
         raise InputError(
             f"topology: expected exactly one of chains, file and bonds, got {' and '.join(sources) or 'none'}"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from inspect import Parameter, signature
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.external_code import path_of
+from kickdrift.forces.external_code import named, path_of
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.box import Box
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -110,6 +110,21 @@ def _force(system: System, force: Any) -> dict[str, Any]:
     return table
 
 
+def _collision(event: Collision) -> dict[str, Any]:
+    """Keys of a collision other than its radii."""
+    table: dict[str, Any] = {"action": event.action, "restitution": event.restitution}
+    for each in fields(event):
+        if each.name not in (*table, "radii") and (value := getattr(event, each.name)) != each.default:
+            table[each.name] = value
+    if event.rule is not None:
+        table["rule"] = named(event.rule)
+        if "<" in table["rule"]:
+            raise InputError(
+                f"to_toml: a system file cannot name the rule {table['rule']}; expected a module's function"
+            )
+    return table
+
+
 def _same(value: Any, default: Any) -> bool:
     return type(value) is type(default) and not hasattr(value, "__array__") and bool(value == default)
 
@@ -125,7 +140,7 @@ def _event(system: System, event: Event) -> dict[str, Any]:
         table |= {"distance": event.distance, "hill": event.hill, "action": event.action}
         return table if event.bodies is None else {**table, "bodies": [body(each) for each in event.bodies]}
     if isinstance(event, Collision):
-        table |= {"action": event.action, "restitution": event.restitution}
+        table |= _collision(event)
         return table if event.radii is None else {**table, "radii": event.radii}
     if isinstance(event, Escape):
         table |= {"distance": event.distance, "action": event.action}

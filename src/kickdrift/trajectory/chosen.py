@@ -41,6 +41,11 @@ class Chosen:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def last(self) -> Chosen:
+        """The last of these frames alone."""
+        number = self.first + (len(self) - 1) * self.every
+        return Chosen(self.run, number, number + 1, None, self.unwrapped)
+
     def __iter__(self) -> Iterator[Placed]:
         size = max(1, min(BLOCK_FRAMES // self.every, BLOCK_BYTES // (48 * len(self.run.ids))))
         for start in range(0, len(self), size):

@@ -34,3 +34,8 @@ def check_columns(run: Recorded, given: Mapping[str, Described]) -> None:
     raise InputError(
         f"{run.path}: column {name!r} was begun with shape {shape} and unit {unit!r}, got {other} and {label!r}"
     )
+
+
+def units_of(columns: Mapping[str, Described] | None) -> dict[str, str]:
+    """The unit of each column."""
+    return {name: unit for name, (_, unit) in (columns or {}).items()}

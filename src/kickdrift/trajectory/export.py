@@ -1,4 +1,4 @@
-"""Export of a run's file to formats of other programs, through the writers of MDAnalysis and ASE."""
+"""Export of a run's file to formats of other programs, through MDAnalysis, ASE, rebound and writers of our own."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
-from kickdrift.trajectory import reader, to_ase, to_mdanalysis
+from kickdrift.trajectory import reader, to_ase, to_lammps, to_mdanalysis, to_rebound
 from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
 
-_WRITERS = {"MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write}
+_WRITERS = {
+    "MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write, "rebound": to_rebound.write, ".data": to_lammps.write,
+}  # fmt: skip
 
 
 class Exported(NamedTuple):
@@ -38,11 +40,13 @@ def export(
     overwrite: bool = False,
     progress: bool | Callable[[int, int], Any] | None = None,
 ) -> Exported:
-    """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, …
+    """Write frames of a run's file in another format, which the suffix names: .dcd, .xtc, .trr, .xyz, .pdb, …, .data.
 
     Through MDAnalysis lengths are in angstrom and times in ps; if the file's units are nominal, numbers are the run's.
     Through ASE numbers are in ASE's units, as in `System.to_ase`, and times in the run's. An XTC file is read back to
-    check that no position is off by more than 1e-4 in nominal units, or 0.01 angstrom.
+    check that no position is off by more than 1e-4 in nominal units, or 0.01 angstrom. A data file of LAMMPS (.data)
+    holds the last of the chosen frames, with the run's numbers and its topology. A .bin file is an
+    archive of rebound with a snapshot for each frame, in the run's units.
 
     Parameters
     ----------
@@ -56,8 +60,8 @@ def export(
     Raises
     ------
     InputError
-        The format cannot hold the run (the error names the frame and the particle), MDAnalysis or ASE is missing, or a
-        name is wrong. Then no new file is left.
+        The format cannot hold the run (the error names the frame and the particle), MDAnalysis, ASE or rebound is
+        missing, or a name is wrong. Then no new file is left.
     """
     kind = kinds.export(Path(output).suffix, tuple(FORMATS))
     target = checked_target(output, kind, overwrite, [path])
@@ -68,7 +72,10 @@ def export(
         written_whole(target, kind, overwrite=overwrite) as part,
     ):
         frames = Chosen(run, start, stop, step, unwrapped)
-        notes = _WRITERS[format.package](frames, part, format, told or (lambda done, of: None))
+        if format.single:
+            frames = frames.last()
+        write = _WRITERS[format.suffix if format.suffix in _WRITERS else format.package]
+        notes = write(frames, part, format, told or (lambda done, of: None))
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         if unwrapped and run.box_varies:

@@ -18,11 +18,13 @@ class Format(NamedTuple):
     steps: str = ""
     masses: str = ""
     names: str = ""
+    bonds: str = ""
     nominal_positions: str = ""  # if different for nominal units
     removed: str = ""  # bodies that were removed during the run; an empty text refuses such a run
+    single: bool = False  # whether a file holds one frame
 
 
-KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names")
+KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names", "bonds")
 LOST_BY_ALL = "forces, observables, events and restarts"
 REMOVED_NAN = "as NaN"
 REMOVED_LEFT_OUT = "left out from then on"
@@ -78,6 +80,7 @@ FORMATS: dict[str, Format] = {
             positions="3 decimals",
             box="3 decimals",
             names="first 4 letters",
+            bonds="CONECT records",
         ),
         Format(
             ".extxyz",
@@ -103,6 +106,33 @@ FORMATS: dict[str, Format] = {
             steps="int64",
             masses="float64",
             names="in info",
+            removed=REMOVED_LEFT_OUT,
+        ),
+        Format(
+            ".data",
+            "LAMMPS, MDAnalysis, ASE, OVITO, kickdrift",
+            "kickdrift",
+            positions="float64, one frame",
+            velocities="float64",
+            box="float64",
+            times="in the first line",
+            steps="in the first line",
+            masses="float64",
+            names="species in comments",
+            bonds="all lists with types",
+            removed=REMOVED_LEFT_OUT,
+            single=True,
+        ),
+        Format(
+            ".bin",
+            "rebound, as a Simulationarchive",
+            "rebound",
+            positions="float64",
+            velocities="float64",
+            times="float64",
+            steps="int64",
+            masses="float64",
+            names="each body's",
             removed=REMOVED_LEFT_OUT,
         ),
     )

@@ -1,7 +1,8 @@
 """A run's file in H5MD 1.1, which MDAnalysis opens without topology or keyword and which survives a kill.
 
 ``docs/file-format.md`` describes its content. Every frame has n rows. After a merger, the rows of an absorbed body hold
-the position and velocity of the body that absorbed it. Rows of a removed body are NaN.
+the position and velocity of the body that absorbed it. Rows of a removed body are NaN, and so are the rows of a body
+before a collision has made it.
 """
 
 from __future__ import annotations
@@ -25,15 +26,17 @@ from kickdrift.model.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
-from kickdrift.trajectory.columns import Described, check_columns
+from kickdrift.trajectory.columns import Described, check_columns, units_of
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.header import Committed, Outline, outline_of
-from kickdrift.trajectory.layout import EVENT_WIDTH, header_image
+from kickdrift.trajectory.layout import KIND_BYTES, NEW_NAMES, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.order import in_order
 from kickdrift.trajectory.record import to_json
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.rows import EventRow, FrameRow, Rows, SampleRow, behind, same
+from kickdrift.trajectory.rows import Rows, behind, same
+from kickdrift.trajectory.waiting import EventRow
 
 if TYPE_CHECKING:
     import h5py
@@ -69,7 +72,8 @@ class Writer:
     last_sample, last_frame : (step, time) or None
         Steps of the last sample and of the last frame appended.
     absorbed : dict of id -> id
-        Bodies that states may lack: the id of the body that absorbed each, or a negative number for a removed body.
+        Bodies that states may lack: the id of the body that absorbed each, or a negative number for a body that was
+        removed or does not exist yet.
     """
 
     units: ClassVar[dict[str, str]] = {}  # of observables of kickdrift's own that no unit system knows
@@ -183,6 +187,7 @@ class Writer:
             self._out.close()
             raise
         self._seen: list[EventRow] = []
+        self._waiting = self._rows.waiting()
         self._clear()
 
     def _begin(self, keep: Committed | None, made: Outline | None) -> None:
@@ -234,79 +239,98 @@ class Writer:
         *,
         frame: bool = True,
         forces: Floats | None = None,
+        flush: bool = True,
     ) -> None:
         """Append a sample of the observables at the state's time and, if ``frame``, a frame.
 
         A frame holds positions and velocities, and the forces (n, 3) on the state's particles if the file has forces
         (`writes`). Observables are numbers or arrays in the system's units, with the same names each time. A step and
-        time at which the file already ends are not written twice. An earlier step raises InputError.
+        time at which the file already ends are not written twice. An earlier step raises InputError. Without ``flush``
+        the caller says `flush_if_full` later: a checkpoint is of the run's present state.
         """
         self._check_open()
-        step, values = state.steps_done, {name: np.array(v, "f8") for name, v in (observables or {}).items()}
+        step, time, waiting = state.steps_done, state.time, self._waiting
+        values = {name: v if type(v) is float else np.asarray(v, "f8") for name, v in (observables or {}).items()}
         last = self.last_sample
-        if last is not None and behind((step, state.time), last):
+        if last is not None and behind((step, time), last):
             raise InputError(f"{self.path}: ends at step {last[0]}; step {step} cannot follow it")
         values = self._rows.held(values)
         if wrong := self._rows.check(values):
             raise InputError(wrong)
         if not self._rows.complete:
             self.extend(self._rows.make_observables)
-        self._events += self._seen  # a resumed run would find again the events after the last sample
-        self._buffered += 8 * EVENT_WIDTH * len(self._seen)
-        self._seen = []
-        if frame and not same(self.last_frame, step, state.time):
-            vectors = [state.positions, state.velocities]
-            if "forces" in self.writes:
-                if forces is None:
-                    raise InputError(f"{self.path}: its frames hold forces, so each frame must have forces")
-                vectors.append(forces)
-            x, v, *f = self._in_order(state, vectors)
+            waiting.shape(self._rows.shapes)
+        row = waiting.row(values)
+        if self._seen:
+            waiting.add_events(self._seen)  # a resumed run would find again the events after the last sample
+            self._seen = []
+        if frame and not same(self.last_frame, step, time):
+            if "forces" in self.writes and forces is None:
+                raise InputError(f"{self.path}: its frames hold forces, so each frame must have forces")
+            vectors = self._in_order(state, forces)
             self._rows.check_box(state.box)
-            self._frames.append(FrameRow(step, state.time, x, v, state.box, values, *f))
-            self._buffered += sum(vector.nbytes for vector in (x, v, *f))
-            self.last_frame = step, state.time
-        if not same(last, step, state.time):
-            self._samples.append(SampleRow(step, state.time, values))
-            self._buffered += 16 + sum(value.nbytes for value in values.values())
-            self.last_sample = step, state.time
-        if self._buffered >= self.flush_bytes or self._waited:
+            waiting.add_frame(step, time, row, state.box, vectors)
+            self.last_frame = step, time
+        if not same(last, step, time):
+            waiting.add_sample(step, time, row)
+            self.last_sample = step, time
+        if flush:
+            self.flush_if_full()
+
+    def append_series(
+        self, steps: list[int], times: list[float], observables: Mapping[str, Floats], phases: Floats, like: State
+    ) -> bool:
+        """Append looks with frames, without a flush; or append nothing and return False. ``observables`` and ``phases``
+        (looks, 2, 3, n) have a row for each look; ``like`` has the ids and the box."""
+        self._check_open()
+        rows, last = self._rows, (steps[0], times[0])
+        names = {name: each[0] for name, each in observables.items()}
+        new = not any(at and (same(at, *last) or behind(last, at)) for at in (self.last_sample, self.last_frame))
+        plain = not (self._seen or self.writes) and np.array_equal(like.ids, rows.ids) and rows.complete
+        if not (new and plain) or rows.held(names) is not names or rows.check(names):
+            return False
+        rows.check_box(like.box)
+        values = np.concatenate([observables[name].reshape(len(steps), -1) for name in rows.shapes], axis=1)
+        self._waiting.add_series(steps, times, values, like.box, phases)
+        self.last_sample = self.last_frame = steps[-1], times[-1]
+        return True
+
+    def flush_if_full(self) -> None:
+        """Flush if much data wait, or data have waited for ``flush_seconds``."""
+        if self._waiting.bytes >= self.flush_bytes or self._waited:
             self.flush()
 
     def append_event(self, event: Mapping[str, Any]) -> None:
         """Add an entry of `Simulation.events`, which is written with the next sample."""
         self._seen.append(EventRow.of(event))
 
+    def name(self, number: int, names: Sequence[str]) -> None:
+        """Write the names of new bodies, from this number on, counted from 0."""
+        found = np.array([name.encode()[:KIND_BYTES] for name in names], f"S{KIND_BYTES}")
+
+        def write() -> None:
+            self._out.dataset(f"kickdrift/system/{NEW_NAMES}")[number : number + len(found)] = found
+            self._out.commit()
+
+        self._write(write)
+
     @property
     def writes(self) -> tuple[str, ...]:
         """Names among "forces" and "images" that the frames hold besides positions and velocities."""
         return self._rows.write
 
-    def _in_order(self, state: State, vectors: list[Floats]) -> list[Floats]:
-        """Vectors (n, 3) in the file's order of particles, with values for absorbed and removed bodies."""
-        ids = self._rows.ids
-        if np.array_equal(state.ids, ids):
-            return vectors
-        row_of = {int(each): row for row, each in enumerate(state.ids)}
-        order = np.array([row_of.get(self._survivor(int(each)), -1) for each in ids])
-        missing = order < 0
-        if len(state) > len(ids) or any(int(each) not in self.absorbed for each in ids[missing]):
-            raise InputError(f"{self.path}: holds {len(ids)} particles; this state has {len(state)}")
-        found = [vector[order] for vector in vectors]
-        for vector in found:
-            vector[missing] = np.nan
+    def _in_order(self, state: State, forces: Floats | None) -> Mapping[str, Floats]:
+        """Vectors (n, 3) of a frame in the file's order of particles."""
+        vectors: dict[str, Floats] = {"position": state.phase[0].T, "velocity": state.phase[1].T}
+        if forces is not None:
+            vectors["force"] = forces
+        found = in_order(vectors, state.ids, self._rows.ids, self.absorbed)
+        if found is None:
+            raise InputError(f"{self.path}: holds {len(self._rows.ids)} particles; this state has {len(state)}")
         return found
 
-    def _survivor(self, body: int) -> int:
-        """Return the id of the body that now contains this body."""
-        while body in self.absorbed:
-            body = self.absorbed[body]
-        return body
-
     def _clear(self) -> None:
-        self._samples: list[SampleRow] = []
-        self._frames: list[FrameRow] = []
-        self._events: list[EventRow] = []
-        self._buffered = 0
+        self._waiting.clear()
         self._flushed_at = time.monotonic()
 
     @property
@@ -315,7 +339,7 @@ class Writer:
 
     def flush_if_due(self) -> None:
         """Flush if data have waited for ``flush_seconds``, without a checkpoint: a run may call this between looks."""
-        if self._samples and self._waited:
+        if self._waiting.samples and self._waited:
             self._flush(lambda: None)
 
     def flush(self, *, final: bool = False, anew: bool = False) -> None:
@@ -330,16 +354,16 @@ class Writer:
         if self._out.failed:
             raise RunError(f"{self.path}: an earlier write failed; nothing more can be written")
         with interruptible() as interrupted:
-            self._cadence.written += self._buffered
+            self._cadence.written += self._waiting.bytes
             stored = checkpoint()
-            if self._samples or self._frames or self._events or stored:
+            if self._waiting or stored:
                 self._write(lambda: self._add(stored))
             self._clear()
         if interrupted():  # now Ctrl-C may interrupt
             signal.raise_signal(signal.SIGINT)
 
     def _add(self, stored: Stored | None) -> None:
-        self._rows.add(self._frames, self._samples, self._events)
+        self._rows.add(self._waiting)
         if stored:
             self._checkpoints.add(stored, self._out.commit)
 
@@ -386,8 +410,3 @@ class Writer:
         except RunError:
             if error is None:  # else report the first error
                 raise
-
-
-def units_of(columns: Mapping[str, Described] | None) -> dict[str, str]:
-    """The unit of each column."""
-    return {name: unit for name, (_, unit) in (columns or {}).items()}

@@ -23,6 +23,7 @@ from kickdrift.trajectory.layout import (
     DONE_BYTES,
     EVENTS,
     KIND_BYTES,
+    NEW_NAMES,
     PLAN_NUMBERS,
     SAMPLES,
     TRAJECTORY,
@@ -91,6 +92,7 @@ class Header(Outline):
     species: tuple[str, ...]
     species_index: NDArray[np.int32]
     masses: Floats
+    names: tuple[str, ...]
     source: str
     record: dict[str, Any]
     method: dict[str, Any]
@@ -145,6 +147,7 @@ def read(contents: Contents) -> Header:
         species=species,
         species_index=index,
         masses=masses,
+        names=_names(contents, record),
         ids=ids,
         source=contents.text(f"{own}/system/source"),
         record=record,
@@ -197,6 +200,17 @@ def _species(contents: Contents) -> tuple[tuple[str, ...], NDArray[np.int32]]:
     return species, index
 
 
+def _names(contents: Contents, record: dict[str, Any]) -> tuple[str, ...]:
+    """Names of the bodies, if any. Bodies that collisions have added have their names in a table of its own."""
+    names, room = list(record.get("names", ())), record.get("room", 0)
+    if not (names and room):
+        return tuple(names)
+    new = contents.array(f"kickdrift/system/{NEW_NAMES}", f"S{KIND_BYTES}", (room,)).tolist()
+    known = [name.decode(errors="ignore") for name in new]
+    first = len(names) - room
+    return (*names[:first], *(name or old for name, old in zip(known, names[first:], strict=True)))
+
+
 def _check_particles(
     contents: Contents, record: dict[str, Any], species: tuple[str, ...], index: NDArray, ids: NDArray
 ) -> None:
@@ -205,6 +219,8 @@ def _check_particles(
     for key, found in (("names", record.get("names") or ids), ("radii", record.get("radii") or ids)):
         if len(found) != n:
             raise contents.damaged(f"kickdrift/system/record: {len(found)} {key} for {n} particles")
+    if record.get("room", 0) >= n:
+        raise contents.damaged(f"kickdrift/system/record: room for {record['room']} of {n} particles")
     if record["particles"] != n:
         raise contents.damaged(f"kickdrift/system/record: {record['particles']} particles, but {n} have a species")
     if sorted(record["species"]) != sorted(species):

@@ -24,6 +24,7 @@ SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
 
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
+MOST_SHOWN = 12  # values of a list
 RANGES = 20  # most stretches of damaged rows that are listed
 _SHOWN_UNITS = ("length", "time", "energy")
 _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
@@ -40,7 +41,7 @@ def info_of(run: Run) -> dict[str, Any]:
     counts = {name: int((run.species_index == index).sum()) for index, name in enumerate(run.species)}
     return shared_content(run) | {
         "system": run.system_record.get("name"),
-        "particles": len(run.ids),
+        "particles": len(run.ids) - run.system_record.get("room", 0),
         "species": counts,
         **({} if (joined := topology_of(run)) is None else {"topology": joined.counts()}),
         "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),
@@ -268,9 +269,11 @@ def _flat(report: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def short(value: Any) -> str:
-    """A value as text, a list in brackets."""
+    """A value as text, a list in brackets; a long list is cut."""
     if isinstance(value, float):
         return f"{value:.8g}"
+    if isinstance(value, list) and len(value) > MOST_SHOWN:
+        return f"{short(value[:6])[:-1]}, … {len(value)} values)"
     if isinstance(value, list):
         return "(" + ", ".join(short(item) for item in value) + ")"
     return str(value)

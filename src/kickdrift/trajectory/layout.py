@@ -15,6 +15,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import KNOWN
+from kickdrift.model.changing import empty_rows
 from kickdrift.model.file_units import FileUnits
 from kickdrift.model.system import System
 from kickdrift.model.topology import SIZES
@@ -32,6 +33,7 @@ TRAJECTORY = "particles/trajectory"
 SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
 KIND_BYTES, DONE_BYTES = 64, 160  # fixed lengths of an event's texts, so that rows survive a kill; longer texts are cut
+NEW_NAMES = "new_names"  # dataset of the names of bodies that collisions have added
 PLAN_NUMBERS = 7  # fields of `run.plan.Plan`
 EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # length of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # size of a chunk of positions or velocities: a few dozen frames of some of the particles
@@ -267,6 +269,8 @@ def _system(group: h5py.Group, system: System) -> None:
     add_text(group, "source", system.source)
     add_text(group, "record", to_json(record_of(system)))
     group.create_dataset("phase", data=system.state.phase, track_times=False)
+    if room := empty_rows(system):
+        group.create_dataset(NEW_NAMES, data=np.zeros(room, f"S{KIND_BYTES}"), track_times=False)
     group.attrs["sha256"] = system_hash(group.file)
 
 

@@ -19,6 +19,7 @@ from pydantic.errors import PydanticUserError
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.forces import force_class
+from kickdrift.forces.external_code import found as code_named
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -62,6 +63,7 @@ class Record(Known):
     radii: list[FiniteFloat] | None = None
     dimensions: int = 3
     topology: dict[str, Any] | None = None
+    room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
 
@@ -141,7 +143,10 @@ def event_of(given: Named) -> Event:
         if not isinstance(function, Mapping):
             raise InputError(f"event {name!r} has a function of the user; give the events again")
         function = Between(**_checked(Between, dict(function), f"event {name}.function"))
+    rule = parameters.pop("rule", None)
     found = _checked(cls, parameters, f"event {name}")
+    if rule is not None:
+        found["rule"] = code_named(f"event {name}: rule", rule)
     return cls(**found) if cls is not Crossing else cls(function=function, **found)
 
 
@@ -207,12 +212,12 @@ def _fields(cls: type) -> dict[str, Any]:
 
 @cache
 def _table(cls: type) -> type[Table]:
-    """Table for the arguments of a dataclass. An event's function is found elsewhere."""
+    """Table for the arguments of a dataclass. An event's functions are found elsewhere."""
     hints = get_type_hints(cls)
     own: dict[str, Any] = {
         key: (hints[key], ... if each.default is MISSING else each.default)
         for key, each in _fields(cls).items()
-        if key != "function"
+        if key not in ("function", "rule")
     }
     return create_model(cls.__name__, __base__=Lenient, **own)
 

@@ -79,7 +79,7 @@ class Run(Recorded, Frames, ShownRun):
         self.species, self.species_index = found.species, found.species_index
         self.masses, self.ids = found.masses, found.ids
         self.system_source, self.system_record = found.source, found.record
-        self.names: tuple[str, ...] = tuple(found.record.get("names", ()))
+        self.names: tuple[str, ...] = found.names
         self.method, self.versions = found.method, found.versions
         self.options, self.packed = found.options, found.packed
         self.report, self.half_written = found.report, found.half_written

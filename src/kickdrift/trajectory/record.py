@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.external_code import path_of
 from kickdrift.integrators.option import OPTIONS
+from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events import Event
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
@@ -63,6 +64,7 @@ def record_of(system: System) -> dict[str, Any]:
         "box": recorded(system.box),
         **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
+        **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
         "names": system.names,
         "radii": system.radii,
@@ -129,30 +131,31 @@ def system_of(
     left. ``forces`` and ``events`` replace those of the file.
     """
     record = checked_record(run)
-    start = run.initial_phase
+    start = run.initial_phase[:, :, : len(run.ids) - record.room]
+    n = start.shape[2]
     with about(run.path):
         system = System(
             start[0].T,
             start[1].T,
-            run.masses,
+            run.masses[:n],
             run.box if frame is None else run[frame].box,
             [force_of(given) for given in record.forces] if forces is None else forces,
             run.units,
-            [run.species[k] for k in run.species_index],
+            [run.species[k] for k in run.species_index[:n]],
             record.name,
             run_of(record.run),
             equilibration_of(record.equilibration) if record.equilibration else None,
             record.invariants,
             run.system_source,
             record.seed,
-            run.names,
-            record.radii,
+            run.names[:n],
+            None if record.radii is None else record.radii[:n],
             [event_of(given) for given in record.events] if events is None else events,
             record.dimensions,
             None if record.topology is None else Topology(**record.topology),
         )
     if frame is None:
-        return system.at(start, record.time, record.steps_done, run.ids)
+        return system.at(start, record.time, record.steps_done, run.ids[:n])
     shown = run[frame]
     gone = [event for event in run.events if event["time"] <= shown.time and _changed(event)]
     if gone:
@@ -160,11 +163,11 @@ def system_of(
             f"{run.path}: frame {shown.index}: {gone[0]['kind']} of {' and '.join(gone[0]['bodies'])} at t = "
             f"{gone[0]['time']:g} has changed the bodies before it; resume the run from there instead"
         )
-    return system.at(np.array([shown.positions.T, shown.velocities.T]), shown.time, 0, run.ids)
+    return system.at(np.array([shown.positions[:n].T, shown.velocities[:n].T]), shown.time, 0, run.ids[:n])
 
 
 def _changed(event: Mapping[str, Any]) -> bool:
-    return any(word in event["done"] for word in ("merged into", "removed"))
+    return any(word in event["done"] for word in ("merged into", "removed", "; momentum error"))
 
 
 def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
@@ -174,7 +177,7 @@ def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
 
 def differences(system: System, run: RunRecord) -> list[str]:
     """Differences between a System and the System that a run began with; empty if they are the same."""
-    checked_record(run)
+    system = with_empty_rows(system, checked_record(run).room)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # keys that do not change what the forces do
     for record in (here, there):
@@ -188,5 +191,10 @@ def differences(system: System, run: RunRecord) -> list[str]:
         "ids": (state.ids, run.ids),
         "species of particles": ([system.species[k] for k in system.species_index], species),
     }
-    found += [key for key, (one, other) in arrays.items() if not np.array_equal(one, other)]
+    found += [key for key, (one, other) in arrays.items() if not _same(one, other)]
     return found if system.units == run.units else [*found, "constants of the units"]
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two arrays, or two lists of names, are equal; a body that does not exist yet has nan in both."""
+    return np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")

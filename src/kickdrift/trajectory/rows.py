@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import OWN
 from kickdrift.model.box import Box
-from kickdrift.model.state import Floats
 from kickdrift.trajectory import checksums, header
 from kickdrift.trajectory.checksums import CHECKSUMS
 from kickdrift.trajectory.contents import Contents
@@ -28,48 +27,11 @@ from kickdrift.trajectory.layout import (
 )
 from kickdrift.trajectory.openfile import OpenFile
 from kickdrift.trajectory.problems import header as problem_header
+from kickdrift.trajectory.waiting import EventRow, Looks, Waiting
 
+FACTORS = {"position": "length", "velocity": "velocity", "force": "force"}  # of vectors, to the file's units
+Columns = Mapping[str, Sequence[Any] | NDArray]
 VECTORS_NDIM = 3  # dimensions of vectors (frames, n, 3)
-Observables = dict[str, NDArray[np.float64]]
-
-
-class SampleRow(NamedTuple):
-    """Observables at one time, in the system's units."""
-
-    step: int
-    time: float
-    observables: Observables
-
-
-class FrameRow(NamedTuple):
-    """Positions, velocities and forces (n, 3) and observables at one time, in the system's units."""
-
-    step: int
-    time: float
-    positions: Floats
-    velocities: Floats
-    box: Box
-    observables: Observables
-    forces: Floats | None = None
-
-
-class EventRow(NamedTuple):
-    """An event, in the system's units. A missing id is -1, a missing number nan."""
-
-    time: float
-    step: int
-    ids: tuple[int, int]
-    distance: float
-    energy: float
-    kind: str
-    done: str
-
-    @classmethod
-    def of(cls, event: Mapping[str, Any]) -> EventRow:
-        """Row of an entry of `Simulation.events`."""
-        ids = (*event["ids"], -1, -1)[:2]
-        distance, energy = (np.nan if event[key] is None else float(event[key]) for key in ("distance", "energy"))
-        return cls(event["time"], event["step"], ids, distance, energy, event["kind"], event["done"])
 
 
 class Rows:
@@ -158,74 +120,59 @@ class Rows:
         group = self._file[name]
         return int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor
 
-    def add(self, frames: Sequence[FrameRow], samples: Sequence[SampleRow], events: Sequence[EventRow] = ()) -> None:
+    def waiting(self) -> Waiting:
+        """Room in memory for rows of this file."""
+        factors = {name: getattr(self._factors, key) for name, key in FACTORS.items()}
+        kinds = {name: self._file[place(name)].dtype for name in self._vectors}
+        made = Waiting(kinds, factors | {"image": 1}, len(self.ids))
+        made.shape(self.shapes)
+        return made
+
+    def add(self, waiting: Waiting) -> None:
         """Write the rows to the disk. A second call after an interrupt does no harm."""
-        factors = self._factors
+        factors, frames, samples = self._factors, waiting.frames, waiting.samples
         self._put_all(self._checked("sample", self._sample_columns(samples)), self.samples)
-        self._put_all(self._checked("event", self._event_columns(events)), self.events)
-        observables = self._columns(
-            {f"observables/{name}/value": [row.observables[name] for row in frames] for name in self.shapes}
-        )
+        self._put_all(self._checked("event", self._event_columns(waiting.events)), self.events)
+        named = {f"observables/{name}/value": values for name, values in frames.observables().items()}
+        observables = self._columns(named)
         edges: dict[str, Sequence[ArrayLike]] = {}
         if self._box.periodic:
-            boxes = {id(row.box): row.box for row in frames}  # most frames share one
+            boxes = {id(box): box for box in waiting.boxes}  # most frames share one
             made = {key: stored(box) * factors.length for key, box in boxes.items()}
-            edges[EDGES] = [made[id(row.box)] for row in frames]
+            edges[EDGES] = [made[id(box)] for box in waiting.boxes]
         step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
-        steps, times = [row.step for row in frames], [row.time * factors.time for row in frames]
-        clock = self._columns({step: steps, time: times, **edges})
-        vectors = self._vector_columns(frames) if frames else {}
+        clock = self._columns({step: frames.steps, time: [time * factors.time for time in frames.times], **edges})
+        vectors = {place(name): values for name, values in waiting.vectors().items() if len(frames)}
         columns = observables | clock | vectors
-        if self._block and frames:
+        if self._block and len(frames):
             columns[f"{CHECKSUMS}/frame"] = self._frame_sums(clock, observables, vectors)
-        last = {name: columns.pop(name) for name in (step, f"{TRAJECTORY}/position/value") if name in columns}
+        last = {name: columns.pop(name) for name in (step, place("position")) if name in columns}
         self._put_all(columns, self.frames)
         self._out.commit()
         # Positions and their steps grow last and in one write: MDAnalysis counts frames by the positions and ends a
         # loop by the steps. So after a kill MDAnalysis finds everything else in place.
         self._put_all(last, self.frames)
         self._out.commit()
-        total = self.frames + len(frames), self.samples + len(samples), self.events + len(events)
+        total = self.frames + len(frames), self.samples + len(samples), self.events + len(waiting.events)
         self._out.dataset("kickdrift/committed")[...] = total  # one page holds all three, so they change together
         self._out.commit()
         self.frames, self.samples, self.events = total
 
-    def _sample_columns(self, samples: Sequence[SampleRow]) -> dict[str, Sequence[ArrayLike]]:
-        columns: dict[str, Sequence[ArrayLike]] = {
-            f"{SAMPLES}/step": [row.step for row in samples],
-            f"{SAMPLES}/time": [row.time for row in samples],
-        }
-        return columns | {f"{SAMPLES}/{name}": [row.observables[name] for row in samples] for name in self.shapes}
+    def _sample_columns(self, samples: Looks) -> Columns:
+        columns = {f"{SAMPLES}/{name}": values for name, values in samples.observables().items()}
+        return {f"{SAMPLES}/step": samples.steps, f"{SAMPLES}/time": samples.times, **columns}
 
-    def _event_columns(self, events: Sequence[EventRow]) -> dict[str, Sequence[ArrayLike]]:
+    def _event_columns(self, events: Sequence[EventRow]) -> Columns:
         columns: dict[str, Sequence[Any]] = {name: [getattr(row, name) for row in events] for name in EventRow._fields}
         texts = {name: [text.encode() for text in columns[name]] for name in ("kind", "done")}
         return {f"{EVENTS}/{name}": column for name, column in (columns | texts).items()}
 
-    def _vector_columns(self, frames: Sequence[FrameRow]) -> dict[str, NDArray]:
-        """Stored form of the frames' vectors, by the names of their datasets."""
-        factors = self._factors
-        columns: dict[str, tuple[Sequence[NDArray], float]] = {
-            "velocity": ([row.velocities for row in frames], factors.velocity),
-        }
-        if "forces" in self.write:
-            columns["force"] = [row.forces for row in frames if row.forces is not None], factors.force
-        positions = [row.positions for row in frames]
-        if "images" in self.write:
-            inside = [row.box.wrap(row.positions) for row in frames]
-            pairs = zip(frames, inside, strict=True)
-            columns["image"] = [images_of(row.positions, within, row.box) for row, within in pairs], 1
-            positions = inside
-        columns["position"] = positions, factors.length
-        named = {f"{TRAJECTORY}/{name}/value": column for name, column in columns.items()}
-        return {name: _times(*column, self._file[name].dtype) for name, column in named.items()}
-
-    def _columns(self, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
+    def _columns(self, given: Columns) -> dict[str, NDArray]:
         """Stored form of columns."""
         with np.errstate(over="ignore"):  # overflow of float32
             return {name: np.asarray(rows, self._out.dataset(name).dtype) for name, rows in given.items() if len(rows)}
 
-    def _checked(self, table: str, given: Mapping[str, Sequence[ArrayLike]]) -> dict[str, NDArray]:
+    def _checked(self, table: str, given: Columns) -> dict[str, NDArray]:
         """Stored form of columns, with the column of their checksums."""
         columns = self._columns(given)
         if self._block and columns:
@@ -239,25 +186,26 @@ class Rows:
         tables = [list(clock.values()), list(observables.values())]
         frames = len(tables[0][0])
         found = [checksums.sums_of_columns(t)[:, None] if t else np.zeros((frames, 1), "u8") for t in tables]
-        values = (vectors[f"{TRAJECTORY}/{name}/value"] for name in self._vectors)
+        values = (vectors[place(name)] for name in self._vectors)
         return np.concatenate([*found, *(checksums.sums_of_vectors(each, self._block) for each in values)], axis=1)
 
-    def held(self, observables: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+    def held(self, observables: dict[str, Any]) -> dict[str, Any]:
         """Observables without those of kickdrift's own that the file's first version did not write."""
         newer = {own.name for own in OWN} - self.shapes.keys() if self._begun else set()
-        return {name: value for name, value in observables.items() if name not in newer}
+        return {name: value for name, value in observables.items() if name not in newer} if newer else observables
 
-    def check(self, observables: Mapping[str, NDArray[np.float64]]) -> str | None:
-        """Say what is wrong with these observables; None if nothing is. The first observables set the names and
-        shapes."""
-        shapes = {name: value.shape for name, value in observables.items()}
+    def check(self, observables: Mapping[str, Any]) -> str | None:
+        """Say what is wrong with these observables, floats or arrays; None if nothing is. The first observables set
+        the names and shapes."""
+        shapes = {name: () if type(value) is float else value.shape for name, value in observables.items()}
+        if shapes == self.shapes and self._shapes_known:
+            return None
         if clash := shapes.keys() & {"step", "time"}:
             return f"observables: {min(clash)!r} is a reserved name"
-        if not self._shapes_known:
-            self.shapes, self._shapes_known = shapes, True
-            self.complete = not shapes
-        if shapes != self.shapes:
+        if self._shapes_known:
             return f"observables: expected {self.shapes} as before, got {shapes}"
+        self.shapes, self._shapes_known = shapes, True
+        self.complete = not shapes
         return None
 
     def check_box(self, box: Box) -> None:
@@ -306,18 +254,9 @@ def outline_of(contents: Contents) -> header.Outline:
     return header.read(contents)
 
 
-def _times(vectors: Sequence[NDArray], factor: float, dtype: np.dtype) -> NDArray:
-    """Vectors (n, 3) times a number as one array (frames, n, 3), without intermediate copies."""
-    found = np.empty((len(vectors), *vectors[0].shape), dtype)
-    with np.errstate(over="ignore"):  # overflow of float32
-        for row, each in zip(found, vectors, strict=True):
-            np.multiply(each, factor, out=row, casting="same_kind")
-    return found
-
-
-def images_of(positions: Floats, within: Floats, box: Box) -> NDArray[np.int32]:
-    """Numbers of box edges between positions (n, 3) and the same positions inside the box; 0 for removed bodies."""
-    return np.nan_to_num(np.rint(box.fractional(positions - within))).astype(np.int32)
+def place(vector: str) -> str:
+    """Dataset of a vector of the frames."""
+    return f"{TRAJECTORY}/{vector}/value"
 
 
 ROUNDING = 1e-12  # relative, for times that were converted between units

@@ -83,6 +83,7 @@ class RecordText(Stored):
     equilibration: EquilibrationText | None = None
     invariants: dict[str, Any] = {}
     seed: Whole | None = None
+    room: Whole = 0
     time: float
     steps_done: Whole
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
+from kickdrift.bridges.rebound_names import KERNELS
 from kickdrift.model.bridging import bridge
 from kickdrift.model.run_defaults import RunDefaults
 
@@ -149,6 +150,11 @@ METHODS = [
         {"coordinates": "DEMOCRATICHELIOCENTRIC"},
         RunDefaults("wisdom-holman", coordinates="democratic-heliocentric", corrector=0),
     ),
+    *(
+        ("whfast", {"kernel": theirs}, RunDefaults("wisdom-holman", corrector=0, kernel=ours))
+        for theirs, ours in KERNELS.items()
+        if theirs != "DEFAULT"
+    ),
     ("ias15", {"epsilon": 1e-8}, RunDefaults("gauss-radau15", rtol=1e-8)),
     *(("saba", {"type": kind}, RunDefaults("saba", coordinates="jacobi", order=order)) for kind, order in SABA.items()),
 ]
@@ -177,6 +183,30 @@ def test_a_run_goes_on_as_rebounds(integrator, fields, run):
     np.testing.assert_allclose(mine.state.positions, positions, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("vertical", [None, 3.6])
+def test_a_patch_in_hills_frame_comes_and_goes(vertical):
+    sim = rebound.Simulation()
+    sim.integrator, sim.OMEGA, sim.dt, sim.softening = "sei", 0.5, 0.02, 0.05
+    if vertical:
+        sim.OMEGAZ = 0.5 * vertical
+    sim.add(m=1e-3, x=0.1, vy=-0.05)
+    sim.add(x=-0.3, y=0.4, z=0.1, vy=0.2)
+    ours = kd.System.from_rebound(sim)
+    assert ours.run == RunDefaults("sei", dt=0.02)
+    assert ours.forces == (kd.Gravity(softening=0.05), kd.Hill(0.5, vertical=vertical or 1.0))
+    mine, back = kd.Simulation(ours), ours.to_rebound()
+    mine.run(100, every=100)
+    for there in (sim, back):
+        there.steps(100)
+        np.testing.assert_allclose(mine.state.positions, [p.xyz for p in there.particles], atol=1e-13)
+
+
+def test_hills_frame_needs_sei():
+    system = kd.System([[1.0, 0.0, 0.0]], masses=[1.0], forces=[kd.Hill(1.0)], units="nbody")
+    with pytest.raises(kd.InputError, match="rebound has no force 'hill'; expected only gravity"):
+        system.to_rebound()
+
+
 def test_a_corrector_is_taken():
     """Ours differs from rebound's corrector by the second power of the planets' masses."""
     sim = planets()
@@ -192,7 +222,8 @@ def test_a_corrector_is_taken():
         ("mercurius", {}, "integrator 'mercurius' with its settings and its step"),
         ("bs", {}, "integrator 'bs'"),
         ("leapfrog", {"order": 8}, "integrator 'leapfrog' with its settings"),
-        ("whfast", {"kernel": "LAZY"}, "integrator 'whfast'"),
+        ("whfast", {"corrector2": 1}, "integrator 'whfast'"),
+        ("whfast", {"coordinates": "DEMOCRATICHELIOCENTRIC", "kernel": "LAZY"}, "integrator 'whfast'"),
         ("whfast", {"coordinates": "WHDS"}, "integrator 'whfast'"),
         ("saba", {"type": "CM_2"}, "integrator 'saba'"),
         ("ias15", {"adaptive_mode": "GLOBAL"}, "integrator 'ias15'"),

@@ -1,4 +1,4 @@
-"""Forces on bonds, angles and dihedrals, and pair forces that leave out or scale pairs, against plain NumPy."""
+"""Forces on listed particles, and pair forces that leave out or scale pairs, against plain NumPy."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from kickdrift.forces import pair_binding
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.row_lanes import Narrow, NarrowSingle, WideSingle
 from kickdrift.trajectory.info import describe, info
+from kickdrift_validation.own_laws import OwnCosine, OwnFene
 
 CUTOFF = 2.5
 BOX = kd.Box([[7.3, 0.0, 0.0], [1.1, 7.2, 0.0], [-0.8, 1.7, 7.4]])
 FACTORS = (0.0, 0.3, 0.75)
+IMPROPERS = [(10 * k + 4, 10 * k + 3, 10 * k + 5, 10 * k + 7) for k in range(30)]
 
 
 def snake(chains: int, length: int, seed: int = 3) -> np.ndarray:
@@ -33,7 +35,8 @@ def snake(chains: int, length: int, seed: int = 3) -> np.ndarray:
 
 def melt(forces=(), box=BOX, factors=FACTORS, chains=30, length=10, mixture=False, **more) -> kd.System:
     """Chains with a Lennard-Jones force and others."""
-    topology = kd.Topology.chains(chains, length, angles=True, dihedrals=True, factors=factors, exclusions=[(0, 77)])
+    lists = {"angles": True, "dihedrals": True, "impropers": IMPROPERS, "exclusions": [(0, 77)]}
+    topology = kd.Topology.chains(chains, length, factors=factors, **lists)
     sizes = {"species": {"A": {}, "B": {"sigma": 0.9, "epsilon": 0.6}}} if mixture else {}
     species = ["A", "B"] * (chains * length // 2) if mixture else None
     pair = kd.LennardJones(cutoff=CUTOFF, **sizes)
@@ -116,12 +119,14 @@ def test_excluded_particles_may_overlap():
         loads(text.format(1))
 
 
-# --- bonds, angles, dihedrals ---
+# --- bonds, angles, dihedrals, impropers ---
 
 FORCES = [
     kd.HarmonicBond(100.0, 1.0),
     kd.HarmonicAngle(10.0, 109.5),
     kd.PeriodicDihedral(2.0, 3.0, 30.0),
+    kd.HarmonicImproper(4.0, 35.0),
+    kd.PeriodicImproper(1.5, 2.0, 180.0),
 ]
 
 
@@ -131,7 +136,7 @@ def test_energies_are_the_laws_at_the_values_of_mdanalysis():
 
     system = melt().with_forces(*FORCES)
     x, topology = system.state.positions, system.topology
-    for force, calculate in zip(FORCES, (calc_bonds, calc_angles, calc_dihedrals), strict=True):
+    for force, calculate in zip(FORCES, (calc_bonds, calc_angles, *[calc_dihedrals] * 3), strict=True):
         items = getattr(topology, force.kind)
         values = calculate(*(x[items[:, k]] for k in range(items.shape[1])))  # chains are whole here
         energy = sum(force.law.law(float(value))[0] for value in values)
@@ -157,6 +162,20 @@ def test_bonded_forces_go_to_nearest_images():
     assert np.abs(np.cross(free.state.positions, forces).sum(axis=0)).max() < 1e-12 * gross
 
 
+def test_an_improper_is_the_height_of_its_first_particle_over_the_plane_of_the_others():
+    """Four particles, the first in the middle of a triangle and lifted: the angle by trigonometry, for both signs."""
+    force = kd.HarmonicImproper(3.0, 10.0)
+    for height in (0.4, -0.4):
+        corners = [[math.cos(a), math.sin(a), 0.0] for a in (0.0, 2 * math.pi / 3, 4 * math.pi / 3)]
+        topology = kd.Topology(impropers=[(0, 1, 2, 3)])
+        system = kd.System([[0.0, 0.0, height], *corners], forces=[force], topology=topology)
+        bend = math.atan2(abs(height), 0.5) - math.radians(10.0)  # the side of the triangle is 1/2 from its centre
+        sim = kd.Simulation(system, dt=0.01)
+        assert sim.energy().potential == pytest.approx(1.5 * bend**2, rel=1e-12)
+        lifts = -3.0 * bend * 0.5 / (height**2 + 0.25) * math.copysign(1.0, height)  # -U' d(angle)/d(height)
+        assert sim.forces()[0, 2] == pytest.approx(lifts, rel=1e-12)
+
+
 def test_types_have_parameters_of_their_own():
     x = snake(1, 6)
     topology = kd.Topology.chains(1, 6, bond_types=["a", "b", "a", "c", "a"])
@@ -167,32 +186,9 @@ def test_types_have_parameters_of_their_own():
     assert kd.Simulation(system, dt=0.01).energy().potential == pytest.approx(wanted, rel=1e-13)
 
 
-@kd.bond_law
-class OwnBond(NamedTuple):
-    """The formula of Fene, as a user would write it."""
-
-    k: float = 30.0
-    longest: float = 1.5
-
-    def law(p, r):
-        rest = 1.0 - (r / p.longest) ** 2
-        rest = rest if rest > 0.0 else math.nan
-        return -0.5 * p.k * p.longest**2 * math.log(rest), p.k * r / rest
-
-
-@kd.angle_law
-class OwnAngle(NamedTuple):
-    """The formula of CosineAngle."""
-
-    k: float
-
-    def law(p, angle):
-        return p.k * (1.0 + math.cos(angle)), -p.k * math.sin(angle)
-
-
 def test_a_users_law_has_the_bits_of_ours_and_comes_back_from_a_file(tmp_path):
     phases = []
-    for forces in ([kd.Fene(), kd.CosineAngle(1.5)], [OwnBond(), OwnAngle(1.5)]):
+    for forces in ([kd.Fene(), kd.CosineAngle(1.5)], [OwnFene(), OwnCosine(1.5)]):
         system = melt(forces, factors=(0.0, 1.0, 1.0))
         sim = kd.Simulation(system, dt=0.002)
         path = tmp_path / f"{len(phases)}.h5md"
@@ -205,12 +201,24 @@ def test_a_users_law_has_the_bits_of_ours_and_comes_back_from_a_file(tmp_path):
         phases.append(sim.state.phase)
     np.testing.assert_array_equal(*phases)
     run = kd.open(tmp_path / "0.h5md")
-    assert "270 bonds, 240 angles, 210 dihedrals, 1 exclusion" in describe(info(tmp_path / "0.h5md"))
+    assert "270 bonds, 240 angles, 210 dihedrals, 30 impropers, 1 exclusion" in describe(info(tmp_path / "0.h5md"))
     np.testing.assert_array_equal(run.universe().bonds.indices, system.topology.bonds)
     import h5py
 
     with h5py.File(tmp_path / "0.h5md") as file:
         np.testing.assert_array_equal(file["connectivity/dihedrals"][()], system.topology.dihedrals)
+
+
+def test_fene_with_its_core_is_fene_and_the_repulsion_of_the_pair():
+    """The two forms of Kremer and Grest's bond: the core in the bond, or in a pair force that leaves nothing out."""
+    pair = kd.LennardJones(1.2, 0.9, cutoff=0.9 * 2 ** (1 / 6), truncation="shift")
+    whole = kd.System(snake(1, 2), topology=kd.Topology([(0, 1)]), forces=[kd.Fene(epsilon=1.2, sigma=0.9)])
+    apart = whole.remade(forces=[kd.Fene(), pair])
+    for length in (0.8, 0.95, 1.0, 1.02, 1.3):  # the core ends at 1.0102
+        x = [[0.0, 0.0, 0.0], [0.0, length, 0.0]]
+        first, second = (kd.Simulation(each.remade(positions=x), dt=0.01) for each in (whole, apart))
+        np.testing.assert_allclose(first.forces(), second.forces(), rtol=1e-12, atol=1e-12)
+        assert first.energy().potential == pytest.approx(second.energy().potential, rel=1e-12)
 
 
 def test_the_pressure_tensor_has_bonds_and_factors():

@@ -76,6 +76,9 @@ def test_chains():
         ({"bonds": "ab"}, "bonds: expected a list, got 'ab'"),
         ({"bonds": [(0, 1)], "angles": 3}, "angles: expected a list, got 3"),
         ({"bonds": [], "angles": [(0, 1, 0)]}, r"angles\[0\] = \[0, 1, 0\] names a particle twice"),
+        ({"impropers": True}, "impropers: expected a list, got True"),
+        ({"impropers": [(0, 1, 2, 3), (3, 2, 1, 0)]}, r"impropers\[1\] = \[3, 2, 1, 0\] is given twice"),
+        ({"impropers": [(0, 1, 2)]}, r"impropers\[0\]: expected the numbers of 4 particles"),
         ({"bonds": [(0, 1)], "bond_types": ["a", "b"]}, "bond_types: expected one name or 1, got 2"),
         ({"bonds": [(0, 1)], "factors": (0, 0)}, "factors: expected three numbers from 0 to 1"),
         ({"bonds": [(0, 1)], "factors": (0, 2, 1)}, "factors: expected three numbers from 0 to 1"),
@@ -121,6 +124,10 @@ dt = 0.001
     [
         ("bonds = [[0, 1], [1, 2]]\nangles = true", kd.Topology([(0, 1), (1, 2)], True)),
         ("chains = {count = 2, length = 2}\nfactors = [0, 1, 1]", kd.Topology.chains(2, 2, factors=(0, 1, 1))),
+        (
+            'bonds = [[0, 1]]\nimpropers = [[1, 0, 2, 3]]\nimproper_types = "flat"',
+            kd.Topology([(0, 1)], impropers=[(1, 0, 2, 3)], improper_types="flat"),
+        ),
         ('bonds = [[0, 3]]\nbond_types = "long"', kd.Topology([(0, 3)], bond_types="long")),
     ],
 )
@@ -131,9 +138,16 @@ def test_a_topology_in_a_system_file(table, expected):
     assert str(expected) in str(system)
 
 
+def test_a_topology_without_bonds_comes_back():
+    topology = kd.Topology(impropers=[(1, 0, 2, 3)], exclusions=[(0, 3)])
+    system = kd.System([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], topology=topology)
+    assert loads(system.to_toml()).topology == topology
+
+
 @pytest.mark.parametrize(
     ("table", "message"),
     [
+        ("angles = true", "topology: expected exactly one of chains, file and bonds, got none"),
         ("", "topology: expected exactly one of chains, file and bonds, got none"),
         ("bonds = []\nchains = {count = 1, length = 2}", "expected exactly one of chains, file and bonds"),
         ("chains = {count = 2, length = 3}", r"there is no particle 4; particles are 0 to 3"),
@@ -155,6 +169,8 @@ DATA = """LAMMPS data file
 2 bond types
 1 angles
 1 angle types
+1 impropers
+3 improper types
 
 0 10 xlo xhi
 0 10 ylo yhi
@@ -188,6 +204,10 @@ Bonds
 Angles
 
 1 1 2 1 3
+
+Impropers
+
+1 3 1 2 3 4
 """
 
 
@@ -203,8 +223,7 @@ def test_a_universe_of_mdanalysis():
     assert found.types("bonds") == ("C-C", "C-H", "C-H", "C-C")
     assert found.angles.tolist() == [[0, 1, 2], [1, 2, 3], [2, 3, 4]]
     universe.add_TopologyAttr("impropers", [(0, 1, 2, 3)])
-    with pytest.warns(UserWarning, match="left out 1 improper dihedral: there is no force"):
-        kd.Topology.from_mdanalysis(universe)
+    assert kd.Topology.from_mdanalysis(universe).impropers.tolist() == [[0, 1, 2, 3]]
 
 
 def test_a_data_file_of_lammps(tmp_path):
@@ -217,6 +236,8 @@ def test_a_data_file_of_lammps(tmp_path):
     types = dict(zip(map(frozenset, system.topology.bonds.tolist()), system.topology.bond_types, strict=True))
     assert types == {frozenset((0, 1)): "1", frozenset((0, 3)): "2", frozenset((0, 2)): "1"}
     assert system.topology.angles.tolist() in ([[1, 0, 2]], [[2, 0, 1]])
+    assert system.topology.impropers.tolist() in ([[0, 1, 2, 3]], [[3, 2, 1, 0]])
+    assert system.topology.improper_types == ("3",)
     assert system.topology.factors == (0.0, 0.0, 1.0)
     np.testing.assert_allclose(system.state.masses, [1.5, 2.5, 1.5, 1.5], rtol=1e-15)
     np.testing.assert_allclose(system.state.positions[2], [-0.5, 1.0, 1.0], rtol=1e-14)  # the image is in the file

@@ -728,7 +728,10 @@ def test_lengths_in_files_have_units():
         (lambda: kd.Collision([0.1, -2.0]), "collision: radii[1] must be a length, zero or more, got -2.0"),
         (lambda: kd.Collision({"A": "big"}), "collision: radii[A] must be a length, zero or more, got 'big'"),
         (lambda: kd.Collision("big"), "collision: radii must be lengths, got 'big'"),
-        (lambda: kd.Collision(1.0, "melt"), "collision: action must be one of merge, bounce, stop, got 'melt'"),
+        (
+            lambda: kd.Collision(1.0, "melt"),
+            "collision: action must be one of merge, bounce, fragment, rule, stop, got 'melt'",
+        ),
         (lambda: kd.Collision(1.0, "bounce", 1.5), "collision: restitution must be a number from 0 to 1, got 1.5"),
         (lambda: kd.Collision(1.0, "merge", 0.5), "collision: restitution needs action 'bounce', not 'merge'"),
         (lambda: kd.Escape(-1.0), "escape: distance must be a positive number, got -1.0"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.model.changing import remaining
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import loads
 from tests.refusals import assert_refused
@@ -146,7 +147,7 @@ def test_an_orbit_read_off_a_body_makes_another():
 def test_a_body_gets_an_id_of_its_own_and_a_time_counts():
     system = planets()
     keep = np.array([True, False, True, True])
-    left = system.remaining(keep, system.state.phase, system.state.masses, system.radii).at(
+    left = remaining(system, keep, system.state.phase, system.state.masses, system.radii).at(
         system.state.phase[:, :, keep], 2.0, ids=system.state.ids[keep]
     )
     more = left.with_body(mass=0.0, a=1.0, e=0.5, T=2.0)

@@ -355,7 +355,7 @@ for suffix in FORMATS:
 @pytest.mark.parametrize(
     ("output", "options", "message"),
     [
-        ("out.foo", {}, r"the name of an export must end in \.dcd, \.xtc"),
+        ("out.foo", {}, r"the name of an export must end in \.dcd, \.xtc.*\.data"),
         ("out", {}, "must end in"),
         ("out.h5md", {}, "must end in"),
         ("nowhere/out.xyz", {}, "there is no folder"),
@@ -373,7 +373,12 @@ def test_bad_input(path, output, options, message):
 
 @pytest.mark.parametrize(
     ("package", "suffix", "extra"),
-    [("MDAnalysis", ".dcd", "mdanalysis"), ("ase", ".traj", "ase"), ("ase", ".extxyz", "ase")],
+    [
+        ("MDAnalysis", ".dcd", "mdanalysis"),
+        ("ase", ".traj", "ase"),
+        ("ase", ".extxyz", "ase"),
+        ("rebound", ".bin", "rebound"),
+    ],
 )
 def test_a_missing_package_is_named(path, monkeypatch, package, suffix, extra):
     write(path, make_system("lj"))
@@ -397,7 +402,8 @@ def test_the_command_says_once_what_is_lost(path, suffix, monkeypatch, capsys):
 
     assert run("--step", "2") == 0
     told = capsys.readouterr()
-    assert told.out == f"out{suffix}: 3 frames of 12 particles\n"
+    count = "1 frame" if formats.FORMATS[suffix].single else "3 frames"
+    assert told.out == f"out{suffix}: {count} of 12 particles\n"
     (line,) = told.err.splitlines()
     assert line.startswith(formats.losses(formats.FORMATS[suffix], nominal=True))
     units = {

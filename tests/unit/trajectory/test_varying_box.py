@@ -83,7 +83,7 @@ def test_mdanalysis_reads_each_box_without_a_topology_or_keyword(tmp_path, shape
 
 
 @pytest.mark.parametrize("unwrapped", [False, True])
-@pytest.mark.parametrize("suffix", [name for name, format in FORMATS.items() if format.box])
+@pytest.mark.parametrize("suffix", [name for name, format in FORMATS.items() if format.box and not format.single])
 def test_every_export_has_each_box(tmp_path, shape, suffix, unwrapped):
     path, system = tmp_path / "run.h5md", shape("metal")
     written = write(path, system, breathing(states(system)))

@@ -132,6 +132,20 @@ def kepler(coordinates: str, *theirs: Contestant) -> Group:
     )  # fmt: skip
 
 
+def kernel(name: str, there: str) -> Group:
+    """Wisdom-Holman maps with a kernel of higher order."""
+    return Group(
+        f"wisdom-holman-{name}",
+        f"Sun and 8 planets, a twentieth of Mercury's period a step: Wisdom-Holman, kernel {name}, corrector 17",
+        partial(bodies.planets, dt=MERCURY / 20), "steps", 20_000,
+        (
+            moved_by("wisdom-holman", kernel=name, corrector=17),
+            rebounds("whfast", safe_mode=0, coordinates="jacobi", kernel=there, corrector=17),
+        ),
+        (Goal("rebound whfast", 4.0, error=True),), usual=False,
+    )  # fmt: skip
+
+
 def threads_gain(count: int) -> Group:
     """A second thread for stars."""
     return Group(
@@ -218,6 +232,9 @@ ENTRIES: tuple[Group | Command, ...] = (
     kepler(
         "democratic-heliocentric", rebounds("whfast", safe_mode=0, coordinates="democraticheliocentric")
     ),
+    kernel("lazy", "lazy"),
+    kernel("composition", "composition"),
+    kernel("modified-kick", "modifiedkick"),
     Group(
         "planets", "Sun and 8 planets, as accurate as float64 allows: methods that choose their steps",
         bodies.planets, "years", 100.0,

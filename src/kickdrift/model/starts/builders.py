@@ -159,7 +159,8 @@ def read_structure(
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
 
     ASE's units are angstrom, u and eV, so ``units`` must be metal; for LAMMPS' data files also lj or si, with the
-    numbers of the file, and species by the number of the type. The cell may have any shape. Where the cell has not
+    numbers of the file. There, species are the comments beside the masses of all types; without these the elements of
+    the masses in metal units, else the numbers of the types. The cell may have any shape. Where the cell has not
     the form of a `Box`, positions and velocities are turned with the cell.
 
     Parameters
@@ -203,12 +204,30 @@ def read_structure(
     elif atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
         velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
     positions, symbols = atoms.positions, atoms.get_chemical_symbols()
-    if lammps and units.name != "metal":
-        symbols = [str(each) for each in atoms.arrays["type"]]  # masses say nothing of elements
+    if lammps:
+        types, names = atoms.arrays["type"].tolist(), _names_of_types(path)
+        if all(each in names for each in types):
+            symbols = [names[each] for each in types]
+        elif units.name != "metal":
+            symbols = [str(each) for each in types]  # masses say nothing of elements
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
     return Structure(positions, masses, symbols, edges, along if len(set(along)) > 1 else along[0], velocities)
+
+
+def _names_of_types(path: Path) -> dict[int, str]:
+    """Names of the types of a data file of LAMMPS: the comments beside their masses, as other programs write them."""
+    found, within = {}, False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            words, _, name = line.partition("#")
+            if within and words.strip() and not words.split()[0].isdigit():
+                break
+            if within and name.strip():
+                found[int(words.split()[0])] = " ".join(name.split())
+            within = within or words.strip() == "Masses"
+    return found
 
 
 def _edges(cell: Floats, axes: NDArray[np.bool_], boxed: bool, path: Path) -> tuple[Any, Floats | None]:

@@ -1,4 +1,4 @@
-"""Bonds, angles and dihedrals from the objects and files of other programs, as arguments of a Topology."""
+"""Bonds, angles, dihedrals and impropers from the objects and files of other programs, as arguments of a Topology."""
 
 from __future__ import annotations
 
@@ -9,19 +9,15 @@ from typing import Any
 
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
-from kickdrift.text import counted, shown
+from kickdrift.text import shown
 
-KINDS = ("bonds", "angles", "dihedrals")
+KINDS = ("bonds", "angles", "dihedrals", "impropers")
 _ASE = re.compile(r"(\d+(?:-\d+)*)\((\w+)\)")  # such as "3(1),4(2)" for bonds, "2-4(1)" for angles
 
 
 def from_universe(universe: Any) -> dict[str, Any]:
-    """Arguments of a Topology from an MDAnalysis Universe: its bonds, angles and dihedrals, with their types."""
+    """Arguments of a Topology from an MDAnalysis Universe: its lists of bonds and so on, with their types."""
     found: dict[str, Any] = {}
-    if impropers := len(getattr(universe, "impropers", ())):
-        warnings.warn(
-            f"left out {counted(impropers, 'improper dihedral')}: there is no force for them yet", stacklevel=4
-        )
     for kind in KINDS:
         items = getattr(universe, kind, None)  # MDAnalysis raises an AttributeError of its own for a missing list
         if items is None or not len(items):
@@ -80,5 +76,5 @@ def from_file(path: Path) -> dict[str, Any]:
         raise InputError(f"MDAnalysis cannot read a topology from {path}: {shown(text)}") from None
     found = from_universe(universe)
     if not found:
-        raise InputError(f"{path} holds no bonds, angles or dihedrals")
+        raise InputError(f"{path} holds no bonds, angles, dihedrals or impropers")
     return found

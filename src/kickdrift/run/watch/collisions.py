@@ -1,51 +1,149 @@
-"""Changes of a system by collisions and escapes: bodies merge, bounce or leave."""
+"""Changes of a system by collisions and escapes: bodies merge, bounce, break up, come or leave."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.errors import InputError
-from kickdrift.model.events import Collision, Escape
+from kickdrift.errors import InputError, RunError
+from kickdrift.model.changing import holding, remaining
+from kickdrift.model.collision import Collision
+from kickdrift.model.events import Escape
 from kickdrift.model.memory import Memory
+from kickdrift.model.scaling import restitution_of
+from kickdrift.model.sphere import Sphere
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.run.watch.outcomes import Outcome, outcome, sphere_of, told
 
 
-class Change(NamedTuple):
-    """Result of an event that acts on bodies."""
+class New(NamedTuple):
+    """The next new body: its id, and its number in the run, from 1."""
 
-    system: System  # the remaining bodies
+    id: int
+    number: int
+
+
+@dataclass(frozen=True)
+class Change:
+    """Result of an event that acts on bodies.
+
+    Attributes
+    ----------
+    system, y : the bodies now
+    done : text for the log
+    gone : rows of the bodies that left
+    survivor : row of the body that absorbed them, or None
+    sizes : new radii by row; None if the survivor takes the volumes of the others
+    born : radii of the new bodies, which are the last rows now
+    """
+
+    system: System
     y: Floats
-    done: str  # text for the log
-    gone: int | None = None  # row of a body that left
-    survivor: int | None = None  # row of the body that absorbed it
+    done: str
+    gone: tuple[int, ...] = ()
+    survivor: int | None = None
+    sizes: dict[int, float] | None = None
+    born: list[float] = field(default_factory=list)
+
+    @property
+    def other_bodies(self) -> bool:
+        """Whether the system has other bodies, or other masses, than before."""
+        return bool(self.gone or self.born or self.sizes)
+
+    def radii(self, radii: Floats) -> Floats:
+        """Radii of the bodies now, from those (n,) before."""
+        if self.sizes is None and self.survivor is not None:
+            for each in self.gone:
+                radii = joined(radii, self.survivor, each)
+        elif self.sizes:
+            radii = radii.copy()
+            radii[list(self.sizes)] = list(self.sizes.values())
+        return np.concatenate([np.delete(radii, list(self.gone)), self.born])
 
 
-def changed(event: Collision | Escape, system: System, y: Floats, bodies: tuple[int, ...]) -> Change:
-    """Bounce or merge two bodies, or remove one."""
-    if isinstance(event, Collision):
-        i, j = bodies
-        if event.action == "bounce":
-            return Change(system, bounced(system.state.masses, y, i, j, event.restitution), "bounced")
-        survivor, gone = (i, j) if system.state.masses[i] >= system.state.masses[j] else (j, i)
+def changed(
+    event: Collision | Escape, system: System, y: Floats, bodies: tuple[int, ...], radii: Floats, new: New
+) -> Change:
+    """Act on the bodies at y. ``radii`` (n,) are the event's, and ``new`` says which new body comes next.
+
+    Raises RunError for a rule that fails."""
+    if isinstance(event, Escape):
+        (gone,) = bodies
+        return Change(*without(system, y, gone), "removed", (gone,))
+    i, j = bodies
+    masses = system.state.masses
+    if event.action == "bounce":
+        restitution = restitution_of(event, system, approach_speed(y, i, j))
+        return Change(system, bounced(masses, y, i, j, restitution), "bounced")
+    pair = (i, j) if masses[i] >= masses[j] else (j, i)
+    if event.action == "merge":
+        survivor, gone = pair
         done = f"{system.body(gone)} merged into {system.body(survivor)}"
-        return Change(*merged(system, y, survivor, gone), done, gone, survivor)
-    (gone,) = bodies
-    return Change(*without(system, y, gone), "removed", gone)
+        return Change(*merged(system, y, survivor, gone), done, (gone,), survivor)
+    before = [sphere_of(system, y, k, radii) for k in pair]
+    found = outcome(event, system, y, pair, radii)
+    return replaced(system, y, pair, found, told(found, before), new)
 
 
 def without(system: System, y: Floats, gone: int) -> tuple[System, Floats]:
     """Return the system and y (2, 3, n) without one body."""
-    left = system.remaining(np.arange(len(system)) != gone, y, system.state.masses, system.radii)
+    left = remaining(system, np.arange(len(system)) != gone, y, system.state.masses, system.radii)
     return left, left.state.phase.copy()
+
+
+def replaced(system: System, y: Floats, pair: tuple[int, int], found: Outcome, done: str, come: New) -> Change:
+    """Put the bodies of an outcome in the place of two rows. New bodies come last, with the species of the heavier
+    body, the ids from ``come`` on, and its name with a number."""
+    state, row_of = system.state, {system.body(i): i for i in pair}
+    kept = {row_of[body.name]: body for body in found.bodies if body.name in row_of}
+    new = [body for body in found.bodies if body.name not in row_of]
+    gone = tuple(i for i in pair if i not in kept)
+    y, masses = y.copy(), state.masses.copy()
+    for row, body in kept.items():
+        y[0, :, row], y[1, :, row], masses[row] = body.position, body.velocity, body.mass
+    sizes = {row: body.radius for row, body in kept.items()}
+    change = Change(system, y, done, gone, next((i for i in pair if i in kept), None), sizes, [b.radius for b in new])
+    stay = np.delete(np.arange(len(system)), list(gone))
+    if not len(stay) + len(new):
+        raise RunError("left no body in the run")
+    places = np.array([[body.position, body.velocity] for body in new]).reshape(-1, 2, 3).transpose(1, 2, 0)
+    names = _named(system, system.body(pair[0]), new, come.number)
+    other = holding(
+        system,
+        np.concatenate([state.ids[stay], come.id + np.arange(len(new), dtype=np.int64)]),
+        np.concatenate([y[:, :, stay], places], axis=2),
+        np.concatenate([masses[stay], [body.mass for body in new]]),
+        None if system.radii is None else change.radii(system.radii),
+        np.concatenate([system.species_index[stay], np.full(len(new), system.species_index[pair[0]])]),
+        [*(system.names[i] for i in stay), *names] if system.names else (),
+    )
+    return Change(other, other.state.phase.copy(), done, gone, change.survivor, sizes, change.born)
+
+
+def _named(system: System, parent: str, new: Sequence[Sphere], number: int) -> list[str]:
+    """Names of new bodies: their own, or the parent's with the number of the new body in the run. So no name comes
+    twice, and a fragment of a fragment has its first parent's name."""
+    first, taken, names = parent.partition("/fragment-")[0], {*system.names, *(body.name for body in new)}, []
+    for k, body in enumerate(new):
+        name = body.name or f"{first}/fragment-{number + k}"
+        names.append(name if body.name or name not in taken else f"{name}-new")
+    return names
+
+
+def approach_speed(y: Floats, i: int, j: int) -> float:
+    """Speed at which two bodies approach along the line of centres."""
+    x, v = y[:, :, i] - y[:, :, j]
+    return -float(x @ v) / float(np.linalg.norm(x))
 
 
 def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[System, Floats]:
     """Return the system and y with two bodies merged, at the survivor's index.
 
-    Mass, momentum, centre of mass and volume are conserved. The lost energy and spin are not recorded.
+    Mass, momentum, centre of mass and volume are conserved.
     """
     masses, y = system.state.masses.copy(), y.copy()
     pair = [survivor, absorbed]
@@ -54,7 +152,7 @@ def merged(system: System, y: Floats, survivor: int, absorbed: int) -> tuple[Sys
     y[:, :, survivor] += masses[absorbed] / total * (y[:, :, absorbed] - y[:, :, survivor])
     masses[survivor] = total
     radii = None if system.radii is None else joined(system.radii, survivor, absorbed)
-    left = system.remaining(np.arange(len(system)) != absorbed, y, masses, radii)
+    left = remaining(system, np.arange(len(system)) != absorbed, y, masses, radii)
     return left, left.state.phase.copy()
 
 
@@ -81,22 +179,43 @@ def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Fl
     return y
 
 
-def remaining_memory(first: Any, system: Any) -> Memory | None:
-    """Remaining bodies of ``first`` in a system, and their start; None if all bodies remain."""
+def bodies_memory(first: Any, system: Any) -> Memory | None:
+    """Bodies of a system, and their start; None if these are still those of ``first``."""
     if system is first:
         return None
     state = system.state
-    return {"ids": state.ids, "masses": state.masses, "radii": system.radii, "phase": state.phase}
+    return {
+        "ids": state.ids,
+        "masses": state.masses,
+        "radii": system.radii,
+        "phase": state.phase,
+        "names": list(system.names),
+        "species": system.species_index,
+    }
 
 
-def left_of(first: System, ids: Any, masses: Floats, radii: Floats | None, phase: Floats) -> System:
-    """System with these bodies of ``first``; the inverse of ``remaining_memory``."""
-    state, keep = first.state, np.isin(first.state.ids, ids)
-    if not np.array_equal(state.ids[keep], ids):
-        raise InputError("checkpoint: holds bodies that the system has not")
-    everywhere, weights, sizes = state.phase.copy(), state.masses.copy(), None
-    everywhere[:, :, keep], weights[keep] = phase, masses
-    if radii is not None:
-        sizes = np.zeros(len(first))
-        sizes[keep] = radii
-    return first.remaining(keep, everywhere, weights, sizes)
+def system_with(first: System, memory: Memory) -> System:
+    """System with the bodies of a memory; the inverse of ``bodies_memory``.
+
+    Memories of version 0.1.0 hold no names and species: no bodies were new then."""
+    ids, known = memory["ids"], np.isin(memory["ids"], first.state.ids)
+    if "names" not in memory:
+        if not known.all():
+            raise InputError("checkpoint: holds bodies that the system has not")
+        keep = np.isin(first.state.ids, ids)
+        memory = memory | {
+            "names": [name for name, kept in zip(first.names, keep, strict=False) if kept],
+            "species": first.species_index[keep],
+        }
+    n, species = len(ids), np.asarray(memory["species"], np.int32)
+    shapes = {"masses": (n,), "phase": (2, 3, n), **({} if memory["radii"] is None else {"radii": (n,)})}
+    if any(np.shape(memory[key]) != shape for key, shape in shapes.items()) or species.shape != (n,):
+        raise InputError("checkpoint: its bodies do not fit together")
+    if len(memory["names"]) != (n if first.names else 0) or len(np.unique(ids)) != n or not n:
+        raise InputError("checkpoint: its bodies do not fit together")
+    if species.min() < 0 or species.max() >= len(first.species):
+        raise InputError("checkpoint: its bodies are of unknown species")
+    return holding(
+        first, np.array(ids, np.int64), memory["phase"].copy(), memory["masses"].copy(),
+        None if memory["radii"] is None else memory["radii"].copy(), species, memory["names"],
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Search of a step for close approaches, collisions and escapes: events of distances between bodies."""
+"""Search of a step for close approaches and escapes: events of distances between bodies."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.event_checks import binding
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Collision, Escape
-from kickdrift.model.memory import Checkpointed, Memory
+from kickdrift.model.events import CloseApproach, Escape
+from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
-from kickdrift.run.watch.encounters import CLOSEST, contacts, passages, unbound
+from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
 from kickdrift.run.watch.span import Act, Part, Span, approach, separation
 
 if TYPE_CHECKING:
@@ -125,87 +125,6 @@ class Approaches(Checkpointed):
     def going_on(self) -> list[Row]:
         """Entries for passages that have not ended."""
         return [self._entry(int(p), "going on") for p in np.flatnonzero(np.isfinite(self._closest_of[:, 0]))]
-
-
-class Contacts(Checkpointed):
-    """Contacts of a `Collision`."""
-
-    saved = ("radii", "_touching")
-
-    def __init__(self, event: Collision, system: System) -> None:
-        self.event = event
-        self.radii = event.radii_in(system)
-        self._approaching = event.action == "bounce"  # bodies that have bounced touch and separate
-        self.begin(system)
-
-    def begin(self, system: System) -> None:
-        """Watch these bodies, without any known contact."""
-        self._system, masses = system, system.state.masses
-        pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
-        self._pairs = np.ascontiguousarray(pairs[:, masses[pairs].any(axis=0)])
-        self._touching = np.zeros(self._pairs.shape[1], dtype=np.bool_)
-        self._rows = np.zeros((self._pairs.shape[1], 4))
-
-    def scan(self, step_parts: list[Part], step: int) -> int:
-        """Search a step up to its first part with a contact. Return the number of pairs in contact."""
-        begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
-        for part in step_parts:
-            h = part.t1 - part.t0
-            self._count = contacts(
-                part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
-            )
-            if self._count:
-                if len(step_parts) > 1:  # fractions of the step
-                    rows = self._rows[: self._count, 1:]
-                    rows[...] = (part.t0 - begin + rows * h) / length
-                break
-        return self._count
-
-    @property
-    def touching(self) -> bool:
-        """Whether bodies touch."""
-        return bool(self._touching.any())
-
-    @property
-    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-        """Pairs that can touch, and their distances at contact; see `quiet.Limits`."""
-        reaches = self.radii[self._pairs].sum(axis=0)
-        can = reaches > 0.0
-        return self._pairs[:, can], reaches[can], np.full(int(can.sum()), -1)
-
-    def first(self, span: Span) -> Act | None:
-        """First contact in the searched span."""
-        rows = self._rows[: self._count].tolist()
-        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
-        return min(found, key=lambda act: act.time, default=None)
-
-    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
-        """Contact on the method's own solution, or None."""
-        i, j = (int(k) for k in self._pairs[:, int(pair)])
-        reach = self.radii[i] + self.radii[j]
-
-        def gap(time: float) -> float:
-            return separation(span.inside(time), i, j) - reach
-
-        begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
-        time = begin
-        if s > a:
-            if gap(end) > 0:
-                return None
-            if gap(begin) > 0:
-                time = span.zero(gap, begin, end, 1e-13)
-        return Act(self.event, time, (i, j), gap(time) + reach)
-
-    follow = begin
-
-    def recall(self, memory: Memory) -> None:
-        """Restore the state of a memory, for the remaining bodies."""
-        self.radii = np.zeros(len(self._system))
-        super().recall(memory)
-
-    def touch(self, bodies: tuple[int, ...]) -> None:
-        """Mark two bodies as touching, until they separate."""
-        self._touching |= (self._pairs == np.array(bodies)[:, None]).all(axis=0)
 
 
 class Escapes(Checkpointed):

@@ -7,12 +7,15 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import RunError
+from kickdrift.looks.columns import TIME
+from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
+from kickdrift.model.state import Floats
 from kickdrift.run.forces import forces_at
 from kickdrift.run.watch.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.looks.observers import Sample
+    from kickdrift.looks.table import Looks
     from kickdrift.run.advance import Integration
     from kickdrift.run.report import Report
     from kickdrift.trajectory.h5md import Writer
@@ -40,28 +43,55 @@ class File(Watcher):
         """Open the file."""
         run = self._run
         self._writer: Any = self._open()
-        self._told = len(run.record.events)
+        self._told, self._named = len(run.record.events), 0
         self._acting = run.heat is not None or (run.events is not None and run.events.acting)
         if run.events:
-            self._writer.absorbed = run.events.absorbed
+            self._writer.absorbed = run.events.roster.absorbed
 
     def look(self) -> None:
         """Write the current frame and sample, and the events since the last look."""
         run, writer = self._run, self._writer
+        if run.events and len(run.events.roster.names) > self._named:
+            writer.name(self._named, run.events.roster.names[self._named :])
+            self._named = len(run.events.roster.names)
         for event in run.record.events[self._told :]:
             writer.append_event(event)
         self._told = len(run.record.events)
-        sample = run.record.samples[-1]
-        self._append(sample, {name: sample.columns[name] for name in self._columns})
+        looks = run.record.looks
+        self._append(looks, {name: looks.columns[name] for name in self._columns})
         if run.replaced:
             writer.flush(final=True, anew=True)
             run.replaced = False
 
-    def _append(self, sample: Sample, columns: dict[str, Any]) -> None:
-        """Write the sample, and the state at it."""
+    @property
+    def takes_series(self) -> bool:
+        """Whether `series` can write looks after the run has left them: these have no events, columns or forces."""
+        other = self._run.events or self._acting or self._columns or "forces" in self._writer.writes
+        return not (other or self._run.replaced)
+
+    def patience(self, most: float) -> float:
+        """Seconds that looks may wait for `series`, at most this many."""
+        return float(min(most, self._writer.flush_seconds))
+
+    def series(self, first: int, phases: Floats, whole: bool) -> None:
+        """Write looks from row ``first`` on, with their positions and velocities (looks, 2, 3, n). Flush only at the
+        run's own place, and not if the run has failed there."""
+        looks, writer, state = self._run.record.looks, self._writer, self._run.flow.shared_state  # type: ignore[union-attr]
+        rows = looks.rows[first : first + len(phases)]
+        steps, times = looks.steps[first : first + len(phases)].tolist(), rows[:, TIME].tolist()
+        columns = columns_of(rows)
+        if not (columns and writer.append_series(steps, times, columns, phases, state(phases[0], times[0], steps[0]))):
+            for k, phase in enumerate(phases):
+                writer.append(state(phase, times[k], steps[k]), looks.observables(first + k), flush=False)
+        if whole:
+            writer.flush_if_full()
+
+    def _append(self, looks: Looks, columns: dict[str, Any]) -> None:
+        """Write the last look, and the state at it."""
         run, writer = self._run, self._writer
         forces = forces_at(run) if "forces" in writer.writes else None
-        writer.append(run.state, sample.observables(taken=self._acting) | columns, forces=forces)
+        state = run.flow.shared_state(run.y, run.time, run.steps_done)  # type: ignore[union-attr]
+        writer.append(state, looks.observables(looks.count - 1, taken=self._acting) | columns, forces=forces)
 
     def pause(self) -> None:
         """Flush the file if the time between flushes has passed."""

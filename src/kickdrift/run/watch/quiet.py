@@ -20,7 +20,8 @@ from kickdrift.model.state import Floats
 from kickdrift.run.watch.encounters import POINTS, cubic, hull_bound, separation2, turning_points
 
 if TYPE_CHECKING:
-    from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
+    from kickdrift.run.watch.contacts import Contacts
+    from kickdrift.run.watch.distances import Approaches, Escapes
 
 TIME, SLOT, COUNT = 0, 1, 8  # columns of the noted points: see `integrators.trace_state`
 ROOM = 1.1  # factor of a limit that changes within the step

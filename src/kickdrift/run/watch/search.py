@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,16 +14,19 @@ from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, E
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.collisions import joined
+from kickdrift.run.watch.collisions import Change
+from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.crossings import Crossings
-from kickdrift.run.watch.distances import Approaches, Contacts, Escapes
+from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
-from kickdrift.run.watch.span import Act, Part, Span, parts
+from kickdrift.run.watch.span import Act, Part, Span, parts, separation
 from kickdrift.run.watch.trials import Trials, Watched
 
 if TYPE_CHECKING:
     from kickdrift.integrators.stepper import Stepper
+
+ROUNDING = 1e-12  # of a distance between bodies that touch
 
 
 class Search:
@@ -68,21 +72,31 @@ class Search:
             watch.scan([Part(y, t, y, t)], inner.steps_done)
             watch.recall(known)
 
-    # --- bodies that leave ---
+    # --- bodies that change ---
 
     def renew_trials(self) -> None:
         """Try steps with the run's present bodies."""
         self.trials = Trials(self._run)
 
-    def drop(self, gone: int, survivor: int | None) -> None:
-        """Drop a body's radius. A survivor, if there is one, takes its volume."""
+    def resize(self, change: Change) -> None:
+        """Give the bodies after a change their radii."""
         for contacts in self._contacts:
-            if survivor is not None:
-                contacts.radii = joined(contacts.radii, survivor, gone)
-            contacts.radii = np.delete(contacts.radii, gone)
+            contacts.radii = change.radii(contacts.radii)
+
+    def radii(self, event: Collision) -> Floats:
+        """Radii (n,) of the bodies for an event."""
+        return next(contacts.radii for contacts in self._contacts if contacts.event is event)
+
+    def part(self, rows: Sequence[int]) -> None:
+        """Let the bodies in these rows move apart: those that touch do not collide again before."""
+        y = self._run.system.state.phase
+        for contacts in self._contacts:
+            for i, j in combinations(sorted(rows), 2):
+                if separation(y, i, j) <= (contacts.radii[i] + contacts.radii[j]) * (1 + ROUNDING):
+                    contacts.touch((i, j))
 
     def follow(self, system: System) -> None:
-        """Go on with the remaining bodies."""
+        """Go on with the bodies of a system."""
         self.renew_trials()
         self._quiet = None
         for watch in self._watches:
@@ -103,7 +117,7 @@ class Search:
         """Steps until one may have an event; None if only the search can tell, as while a passage goes on."""
         if len(self._crossings) or not hasattr(type(inner), "noted"):
             return None
-        if any(each.touching for each in self._contacts) or any(each.under_way for each in self._approaches):
+        if any(each.watches_all for each in self._contacts) or any(each.under_way for each in self._approaches):
             return None
         if self._quiet is None or self._quiet[0] is not inner:
             limits = limits_of(self._contacts, self._approaches, self._escapes)

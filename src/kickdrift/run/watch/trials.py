@@ -23,6 +23,7 @@ class Watched(Protocol):
     options: Options
     flow: RunFlow
     record: Record
+    watched: tuple[Any, ...]
 
     @property
     def system(self) -> Any: ...

@@ -24,7 +24,8 @@ from kickdrift.model.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.collisions import changed, left_of, remaining_memory
+from kickdrift.run.watch.collisions import Change, changed
+from kickdrift.run.watch.roster import Roster
 from kickdrift.run.watch.search import Search
 from kickdrift.run.watch.span import Act, Span
 from kickdrift.run.watch.trials import Watched
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepper import Stepper
 
 MOST_ACTS = 1000  # most collisions at one time: balls at rest on each other would bounce for ever
-NEVER_BACK = -1  # survivor's id for a removed body
 
 
 class Events(Watcher):
@@ -55,23 +55,26 @@ class WatchedStepper:
     ----------
     inner : the method's own stepper; a new one after bodies have left
     stopped : text of the event that ended the last run, or ""
-    absorbed : id of the survivor, or ``NEVER_BACK``, by the id of each body that left
+    roster : all bodies of the run, those that left and those that came
     horizon : time of the last sample before the next ``advance``
     end : last time at which f may be evaluated; a step beyond is cut off there, and searched like others
-    first : the system with all its bodies, including those that have left
     acting : whether an event may change conserved quantities
     """
 
     def __init__(self, run: Watched, inner: Stepper, events: Sequence[Event]) -> None:
         self._run, self.inner = run, inner
-        self.first = run.system  # has all bodies
+        self.roster = Roster(run.system, events)
         self.stopped = ""
         self.horizon = self.end = np.inf
-        self.absorbed: dict[int, int] = {}
-        self.acting = any(getattr(event, "action", "log") in ("merge", "bounce", "remove") for event in events)
+        self.acting = any(getattr(event, "action", "log") not in ("log", "stop") for event in events)
         self._spent = Counts()
         self._warned: list[str] = []
         self._search = Search(run, events)
+
+    @property
+    def radii(self) -> Floats:
+        """Radii (n,) of the bodies for the first event that may add some."""
+        return self._search.radii(next(e for e in self._run.watched if isinstance(e, Collision) and e.adds))
 
     # --- the protocol of a Stepper ---
 
@@ -147,12 +150,11 @@ class WatchedStepper:
     def memory(self) -> Memory:
         """State of the method's stepper, of the search, and of the remaining bodies."""
         events = {
-            "bodies": remaining_memory(self.first, self._system),
+            **self.roster.memory(self._system),
             **self._search.memory(),
             "acts": self._acts,
             "last_act": self._last_act,
             "stopped": self.stopped,
-            "absorbed": [[gone, survivor] for gone, survivor in self.absorbed.items()],
             "spent": asdict(self._spent),
             "warned": self._warned,
         }
@@ -161,7 +163,7 @@ class WatchedStepper:
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
         events = by_value(memory["events"])
-        system = self.first if events["bodies"] is None else left_of(self.first, **events["bodies"])
+        system = self.roster.recall(events)
         if system is not self._run.system:
             self.inner = self._run.stepper_for(system)
             self._search.renew_trials()
@@ -172,7 +174,6 @@ class WatchedStepper:
         self.forget()
         self._search.recall(events, self.inner)
         self._acts, self._last_act, self.stopped = events["acts"], events["last_act"], events["stopped"]
-        self.absorbed = dict(events["absorbed"])
         self._spent, self._warned = Counts(**events["spent"]), events["warned"]
 
     # --- steps ---
@@ -261,17 +262,12 @@ class WatchedStepper:
     def _change(self, act: Act, y: Floats, step: int) -> None:
         """Bounce, merge or remove bodies, and restart from y."""
         system, event = self._system, act.event
-        assert not isinstance(event, CloseApproach)  # which only ends runs
         row = entry(system, event.kind, act.time, step, act.bodies, act.distance, "")
         before = self._run.sample_at(y, act.time)
-        left, y, row["done"], gone, survivor = changed(event, system, y, act.bodies)
-        if gone is not None:
-            ids = system.state.ids
-            self.absorbed[int(ids[gone])] = NEVER_BACK if survivor is None else int(ids[survivor])
-            self._search.drop(gone, survivor)
-            self._spent, self._warned = self.counts, self.warnings
-            self.inner = self._run.stepper_for(left)
-            self._search.follow(left)
+        change = self._changed(act, y, step)
+        row["done"], y = change.done, change.y
+        if change.other_bodies:
+            self._follow(change)
         self._search.begin_crossings()
         self.inner.reset(y, act.time, step)
         after = self._run.sample_at(y, act.time)
@@ -280,6 +276,31 @@ class WatchedStepper:
             self._run.record.take(before, after)
         self._search.log.add(row)
         self._run.bodies_changed()
+
+    def _changed(self, act: Act, y: Floats, step: int) -> Change:
+        """The change that an event makes. Raises RunError for a rule that fails, and for too many new bodies."""
+        event = act.event
+        assert not isinstance(event, CloseApproach)  # which only ends runs
+        radii = self._search.radii(event) if isinstance(event, Collision) else np.zeros(0)
+        try:
+            change = changed(event, self._system, y, act.bodies, radii, self.roster.next)
+            self.roster.check_room(len(change.born))
+        except RunError as error:
+            names = " and ".join(self._system.body(i) for i in act.bodies)
+            raise RunError(f"step {step} (t = {act.time:.9g}): the {event.action} for {names} {error}") from error
+        return change
+
+    def _follow(self, change: Change) -> None:
+        """Go on with the bodies after a change."""
+        before, now = self._system, change.system
+        self.roster.change(before, change)
+        self._search.resize(change)
+        self._spent, self._warned = self.counts, self.warnings
+        self.inner = self._run.stepper_for(now)
+        self._search.follow(now)
+        if change.sizes is not None:
+            kept = np.flatnonzero(np.isin(now.state.ids, before.state.ids[list(change.sizes)])).tolist()
+            self._search.part([*kept, *range(len(now) - len(change.born), len(now))])
 
     def going_on(self) -> list[Row]:
         """Entries for passages that have not ended."""

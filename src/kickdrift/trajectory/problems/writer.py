@@ -15,8 +15,8 @@ from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.trajectory import creation
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint
-from kickdrift.trajectory.columns import Described
-from kickdrift.trajectory.h5md import FLUSH_BYTES, Writer, units_of
+from kickdrift.trajectory.columns import Described, units_of
+from kickdrift.trajectory.h5md import FLUSH_BYTES, Writer
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.problems import header
 from kickdrift.trajectory.problems.header import ENERGY, Y

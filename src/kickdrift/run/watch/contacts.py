@@ -1,0 +1,143 @@
+"""Contacts of a `Collision`: pairs of bodies that touch in a step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.model.collision import Collision
+from kickdrift.model.memory import Checkpointed, Memory, put_back
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.watch.encounters import contacts
+from kickdrift.run.watch.overlaps import overlapping
+from kickdrift.run.watch.span import Act, Part, Span, separation
+
+ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
+
+
+class Contacts(Checkpointed):
+    """Contacts of a `Collision`. With many bodies, the pairs are those that a step may bring together."""
+
+    saved = ("radii", "_touching")
+
+    def __init__(self, event: Collision, system: System) -> None:
+        self.event = event
+        self.radii = event.radii_in(system)
+        self._approaching = event.action in ("bounce", "fragment", "rule")  # bodies that touch may separate
+        self.begin(system)
+
+    def begin(self, system: System) -> None:
+        """Watch these bodies, without any known contact."""
+        self._system, self._massive = system, system.state.masses > 0
+        self._many = len(system) > ALL_PAIRS
+        if self._many:
+            pairs = np.zeros((2, 0), np.int64)
+        else:
+            pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
+            pairs = pairs[:, self._massive[pairs].any(axis=0)]
+        self._take(np.ascontiguousarray(pairs), np.zeros(pairs.shape[1], dtype=np.bool_))
+
+    def _take(self, pairs: np.ndarray, touching: np.ndarray) -> None:
+        self._pairs, self._touching = pairs, touching
+        self._rows = np.zeros((pairs.shape[1], 4))
+
+    @property
+    def _known(self) -> np.ndarray:
+        """Rows (2, T) of the pairs whose contact is known."""
+        return self._pairs[:, self._touching]
+
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Search a step up to its first part with a contact. Return the number of pairs in contact."""
+        begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
+        for part in step_parts:
+            h = part.t1 - part.t0
+            if self._many:
+                self._take_near(overlapping(part.y0, part.y1, h, self.radii, self._massive))
+            self._count = contacts(
+                part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
+            )
+            if self._count:
+                if len(step_parts) > 1:  # fractions of the step
+                    rows = self._rows[: self._count, 1:]
+                    rows[...] = (part.t0 - begin + rows * h) / length
+                break
+        return self._count
+
+    @property
+    def watches_all(self) -> bool:
+        """Whether every step must be searched: bodies touch, or are so many that each step has other pairs."""
+        return self._many or bool(self._touching.any())
+
+    @property
+    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Pairs that can touch, and their distances at contact; see `quiet.Limits`."""
+        reaches = self.radii[self._pairs].sum(axis=0)
+        can = reaches > 0.0
+        return self._pairs[:, can], reaches[can], np.full(int(can.sum()), -1)
+
+    def _take_near(self, near: np.ndarray) -> None:
+        """Search these pairs. Known contacts of other pairs have ended."""
+        n = len(self._system)
+        touching = np.isin(near[0] * n + near[1], self._known[0] * n + self._known[1])
+        self._take(np.ascontiguousarray(near), touching)
+
+    def first(self, span: Span) -> Act | None:
+        """First contact in the searched span."""
+        rows = self._rows[: self._count].tolist()
+        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
+        return min(found, key=lambda act: act.time, default=None)
+
+    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
+        """Contact on the method's own solution, or None."""
+        i, j = (int(k) for k in self._pairs[:, int(pair)])
+        reach = self.radii[i] + self.radii[j]
+
+        def gap(time: float) -> float:
+            return separation(span.inside(time), i, j) - reach
+
+        begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
+        time = begin
+        if s > a:
+            if gap(end) > 0:
+                return None
+            if gap(begin) > 0:
+                time = span.zero(gap, begin, end, 1e-13)
+        return Act(self.event, time, (i, j), gap(time) + reach)
+
+    def follow(self, system: System) -> None:
+        """Watch other bodies; known contacts stay known."""
+        known = self._system.state.ids[self._known].T.tolist()
+        self.begin(system)
+        row_of = {int(each): row for row, each in enumerate(system.state.ids)} if known else {}
+        for pair in known:
+            rows = sorted(row_of.get(each, -1) for each in pair)
+            if rows[0] >= 0:
+                self.touch(tuple(rows))
+
+    def touch(self, bodies: tuple[int, ...]) -> None:
+        """Mark two bodies as touching, until they separate."""
+        pair = np.array(bodies, np.int64)[:, None]
+        same = (self._pairs == pair).all(axis=0)
+        if self._many and not same.any():
+            self._take(np.concatenate([self._pairs, pair], axis=1), np.append(self._touching, True))
+        else:
+            self._touching |= same
+
+    def memory(self) -> Memory:
+        """State; of many bodies, the pairs whose contact is known."""
+        return super().memory() | ({"touching": self._known.tolist()} if self._many else {})
+
+    def recall(self, memory: Memory) -> None:
+        """Restore the state of a memory, for the present bodies."""
+        n = len(self._system)
+        self.radii = np.zeros(n)
+        if not self._many:
+            super().recall(memory)
+            return
+        put_back(self, "radii", memory["radii"])
+        known = np.array(memory["touching"], dtype=np.int64).reshape(2, -1)
+        if known.size and not (known.min() >= 0 and known.max() < n):
+            raise InputError("checkpoint: a known contact is not of two bodies")
+        self._take(known, np.ones(known.shape[1], dtype=np.bool_))
