@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
@@ -18,19 +17,11 @@ from tests.folders import DOCS, TOP
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
-LONG = {  # pages that take more than five seconds
-    "ensembles", "first-hour", "from-python", "heat-baths", "index", "lj-benchmark", "molecules", "observables", "odes",
-    "safe-potential", "solar-system", "solve", "which-integrator", "your-own-force",
-}  # fmt: skip
 APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
 
-def in_turn(page: Path):
-    """A page as a parameter, with its mark."""
-    return pytest.param(page, id=page.stem, marks=[pytest.mark.long] if page.stem in LONG else [])
-
-
-@pytest.mark.parametrize("page", [in_turn(page) for page in WITH_CODE])
+@pytest.mark.long
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_a_page_runs(page, tmp_path):
     """Run the page in its own process, like a reader; what the page registers stays there."""
     guesses = "ignore:Element information is missing"  # warning of MDAnalysis on reduced units
