@@ -215,7 +215,8 @@ class WatchedStepper:
             pair = " and ".join(self._system.body(i) for i in act.bodies)
             raise RunError(
                 f"step {step} (t = {act.time:.9g}): more than {MOST_ACTS} collisions at one time, the last of {pair}: "
-                f"bodies come to rest on each other, which bounces cannot describe"
+                f"bodies come to rest on each other, which bounces cannot describe; elastic_below is a speed under "
+                f"which bounces are elastic"
             )
         if event.action == "stop":
             self._stop(act, span)
