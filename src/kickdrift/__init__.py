@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
     from kickdrift.analysis.doctor import Installation, doctor
+    from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
+    from kickdrift.analysis.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
@@ -100,6 +102,8 @@ _HOMES = {
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.topology",
+    "TransitionMatrix": "analysis.transition",
+    "Transits": "analysis.transits",
     "body_law": "forces.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.comparing",
@@ -125,12 +129,15 @@ _HOMES = {
     "solve": "run.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
+    "transition_matrix": "analysis.transition",
+    "transits": "analysis.transits",
 }
 
 __all__ = [
     "Body",
     "Box",
     "CalculatorForce",
+    "CentralPotential",
     "ChaosReport",
     "CloseApproach",
     "Collision",
@@ -139,12 +146,15 @@ __all__ = [
     "CosineAngle",
     "Crossing",
     "DrivenField",
+    "DynamicalFriction",
+    "EinsteinInfeldHoffmann",
     "EmbeddedAtom",
     "Energies",
     "Ensemble",
     "Escape",
     "Fene",
     "FileOptions",
+    "GasDrag",
     "Gravity",
     "GravitySheet",
     "GravityTree",
@@ -157,10 +167,14 @@ __all__ = [
     "Installation",
     "KickdriftError",
     "LennardJones",
+    "LenseThirring",
     "LinearDrag",
     "Listing",
+    "MassChange",
+    "Migration",
     "Minimum",
     "MorseBond",
+    "NonGravitational",
     "Oblateness",
     "OplsDihedral",
     "Option",
@@ -171,6 +185,8 @@ __all__ = [
     "PostNewtonian",
     "Problem",
     "PythonForce",
+    "RadiationPressure",
+    "RadiationReaction",
     "Report",
     "RunError",
     "RyckaertBellemans",
@@ -182,7 +198,10 @@ __all__ = [
     "StillingerWeber",
     "System",
     "Tersoff",
+    "Tides",
     "Topology",
+    "TransitionMatrix",
+    "Transits",
     "UniformField",
     "accelerations",
     "analysis",
@@ -213,6 +232,8 @@ __all__ = [
     "solve",
     "stability",
     "template",
+    "transition_matrix",
+    "transits",
 ]
 
 # A public name in no other table is a force.

@@ -88,6 +88,19 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--json": "ChaosReport.as_json",
         "--quiet": "megno(progress)",
     },
+    "transits": {
+        "system": "transits(system)",
+        "planet": "transits(planet)",
+        "--until": "transits(until)",
+        "--star": "transits(star)",
+        "--direction": "transits(direction)",
+        "--within": "transits(within)",
+        "--masses": "transits(masses)",
+        "--integrator": "transits(integrator)",
+        "--threads": "transits(threads)",
+        "--json": "Transits.as_json",
+        "--quiet": "transits(progress)",
+    },
     "certify": {
         "runs": "analysis.ensemble_checks(runs)",
         "--temperature": "analysis.ensemble_checks(temperature)",
@@ -164,6 +177,7 @@ OPTIONS: dict[str, dict[str, str]] = {
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"}, "analyze": {"--overwrite"},
+    "transits": {"--overwrite"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
@@ -193,6 +207,7 @@ ELSEWHERE = {
     "only in Python: values of a running Simulation, orbits of the present, and series of one's own": (
         "Column", "Energies", "Orbit", "OrbitTable", "Sphere", "State", "frequencies",
     ),
+    "only in Python: derivatives of a motion": ("TransitionMatrix", "transition_matrix"),
 }  # fmt: skip
 
 

@@ -406,7 +406,7 @@ def compiles_alone(case: same_bits.Case) -> bool:
 @pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_forces_give_the_same_bits_however_they_run(alone):
     """Every registered force, each truncation, mixtures and both precisions: threads, pieces, looks, file, restart."""
-    velocities = {"relativity-1pn", "linear-drag"}  # forces that depend on velocity, which velocity-verlet refuses
+    velocities = {name for name, force in FORCES.items() if getattr(force, "velocity_dependent", False)}
     method = {name: "rk4" if name in velocities else "velocity-verlet" for name in same_bits.systems()}
     listed = [case for case in same_bits.cases(long=False) if case.method == method[case.system]]
     taken, apart = same_bits.compared([case for case in listed if compiles_alone(case) == alone])

@@ -38,13 +38,29 @@ HOT, STEPS, PARTICLES = 1.7, 300, 512  # times the velocities of T* = 1.33
 OPEN: dict[str, Callable[[], Any]] = {  # forces of open space that example_forces would not show at their fullest
     "gravity": lambda: kd.Gravity(G=1.0, softening=0.1),
     "relativity-1pn": lambda: kd.PostNewtonian(c=20.0, form="potential", G=1.0),
-    "j2": lambda: kd.Oblateness(j2=0.1, radius=0.8, j4=-0.05, pole=(0.3, -0.4, 0.8), G=1.0),
+    "j2": lambda: kd.Oblateness(j2=0.1, radius=0.8, j3=0.04, j4=-0.05, j5=0.02, j6=0.03, pole=(0.3, -0.4, 0.8), G=1.0),
+    "tides": lambda: kd.Tides(k2=0.1, radius=0.8, G=1.0),
+    "radiation-pressure": lambda: kd.RadiationPressure(0.3, form="potential", G=1.0),
+    "central-potential": lambda: kd.CentralPotential(-0.3, -1.5),
     "springs": lambda: kd.Springs([(0, 1), (1, 2), (5, 9)], stiffness=3.0, length=0.7),
     "harmonic-trap": lambda: kd.HarmonicTrap((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),
     "uniform-field": lambda: kd.UniformField((0.1, -0.2, 0.3)),
     "driven-field": lambda: kd.DrivenField((0.1, -0.2, 0.3), 0.7, 0.4),
 }
-NOT_GRADIENTS = {
+PLANETARY = "depends on velocity or time: kickdrift_validation.planetary_forces"
+NOT_GRADIENTS = dict.fromkeys(
+    (
+        "relativity-eih",
+        "lense-thirring",
+        "relativity-2.5pn",
+        "non-gravitational",
+        "migration",
+        "gas-drag",
+        "dynamical-friction",
+        "mass-change",
+    ),
+    PLANETARY,
+) | {
     "linear-drag": "depends on velocity and has no energy",
     "hill": "depends on velocity: kickdrift_validation.shearing_sheet",
     "ase": "its calculator is ASE's: kickdrift_validation.calculators",

@@ -52,7 +52,7 @@ FAULTS = (
     ),
     Fault(
         "relativity-sign", "the second term of the 1PN acceleration with the wrong sign", "forces/relativity.py",
-        "4.0 * scale * rv", "-4.0 * scale * rv",
+        "4.0 * scale * (d @ u)", "-4.0 * scale * (d @ u)",
     ),
     Fault(
         "late-list", "the pair list refreshed after a whole skin instead of half of one", "forces/pairlist.py",

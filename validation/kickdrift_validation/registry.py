@@ -114,9 +114,22 @@ SCRIPTS = (
     Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term", 30),
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
     Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
+    Script(
+        "planetary_forces.py",
+        "forces of planetary science beside formulas in 50 digits, and their secular rates beside closed forms",
+        45,
+        peers=("mpmath",),
+    ),
+    Script("reboundx_forces.py", "forces of planetary science beside REBOUNDx", 15, peers=("rebound", "reboundx")),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script(
+        "derivatives.py",
+        "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
+        30,
+        peers=("heyoka", "mpmath", "rebound"),
+    ),
     Script(
         "secular_frequencies.py",
         "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from kickdrift.analysis.chaos_map import DeviationOfMap
 from kickdrift.analysis.chaos_report import ChaosReport, report_of
 from kickdrift.analysis.deviations import LARGEST, LARGEST_OF_PROBLEM, cadence, direction, first_deviation, scale_of
 from kickdrift.display.showing import following
@@ -20,6 +21,7 @@ from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
@@ -55,7 +57,8 @@ def megno(
     time : length of the run; default the system file's. A regular motion shows after some hundred of its longest
         periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
-        dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method
+        dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method.
+        ``wisdom-holman`` and ``saba`` move the deviation by their tangent map, for gravity alone
     seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
         Problem, a random direction of y
     progress : True shows a bar; a function is called as ``progress(done, of)``
@@ -74,6 +77,9 @@ def megno(
     length = length_of(system, time)
     if isinstance(system, Problem):
         return _of_problem(system, length, asked or system.run.integrator or DEFAULT, given, seed, threads, progress)
+    if asked is not None and isinstance(method_named(asked), WisdomHolman):
+        mapped = DeviationOfMap(system, asked, threads, given, seed)
+        return _measured(system, mapped, length, Deviation(mapped.size, mapped.shrink, LARGEST), seed, progress)
     n, name = len(system), carrier(system, asked)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
     state = sim.state
@@ -124,7 +130,7 @@ class Deviation(NamedTuple):
 
 
 def _measured(
-    system: System | Problem, sim: Simulation, length: float, deviation: Deviation, seed: int, progress: Any
+    system: System | Problem, sim: Any, length: float, deviation: Deviation, seed: int, progress: Any
 ) -> ChaosReport:
     """Run a varied System or Problem, and return the report."""
     with compiling_for(sim.integration.purpose), following(progress, "running") as told:
@@ -215,25 +221,25 @@ def length_of(system: System | Problem, time: float | str | None) -> float:
     return float(length)
 
 
-def carrier(system: System, integrator: str | None) -> str:
+def carrier(system: System, integrator: str | None, default: str = DEFAULT) -> str:
     """Name of the integrator for the run."""
     if integrator is not None:
         if not method_named(integrator).carries:
-            raise InputError(f"integrator: {integrator} carries no variations; {DEFAULT} does, and yoshida6")
+            raise InputError(f"integrator: {integrator} carries no variations; {default} does, and yoshida6")
         return integrator
     named = INTEGRATORS.get(system.run.integrator or "")
-    return named.name if named is not None and named.carries else DEFAULT
+    return named.name if named is not None and named.carries else default
 
 
 def _growth(
-    sim: Simulation, length: float, deviation: Deviation, progress: Callable[[int, int], Any] | None
+    sim: Any, length: float, deviation: Deviation, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
     """Run a varied System or Problem. Return times since the start, and ln of the deviation's length at these times."""
     start, largest = sim.time, deviation.largest
     steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
     times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
 
-    def visit(sim: Simulation) -> bool:
+    def visit(sim: Any) -> bool:
         """Record the deviation's length. Return whether the time is over or the deviation needs scaling."""
         nonlocal scaled, exponent
         size = deviation.size()

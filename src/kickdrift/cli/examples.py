@@ -34,6 +34,9 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift compare two-body --integrator leapfrog --integrator rk4", "Two methods."),
     ),
     "chaos": (("kickdrift chaos figure-eight", "MEGNO and the Lyapunov exponent of the figure-eight orbit."),),
+    "transits": (
+        ("kickdrift transits trappist-1 b --until '20 day' --direction 0,-1,0", "Transit times of a planet."),
+    ),
     "certify": (
         ("kickdrift certify silicon-512", "Are the forces of a system safe for dynamics?"),
         ("kickdrift certify cu.xyz --calculator ase.calculators.emt.EMT", "An ASE calculator on a structure's atoms."),

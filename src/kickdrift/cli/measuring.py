@@ -1,4 +1,4 @@
-"""The commands ``compare``, ``chaos`` and ``certify``."""
+"""The commands ``compare``, ``chaos``, ``transits`` and ``certify``."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from kickdrift.cli.options import (
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of, tables_of
 from kickdrift.errors import InputError
+from kickdrift.text import shown
 
 
 @with_options()
@@ -103,6 +104,71 @@ def chaos(
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
         print_lines(lines_of(found))
+
+
+@with_options("rtol", "atol")
+def transits(
+    system: SubjectArgument,
+    planet: Annotated[str, typer.Argument(metavar="PLANET", help="Name or number of the planet.")],
+    until: Annotated[Any, typer.Option(metavar="T", parser=span, help="Last time, such as '40 day'.")],
+    star: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name or number of the star (default: the most massive body).")
+    ] = None,
+    direction: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="Direction from the system towards the observer.")
+    ] = "0,0,1",
+    within: Annotated[
+        str | None,
+        typer.Option(
+            metavar="D", help="Largest distance on the sky (default: the sum of both radii, if there are any)."
+        ),
+    ] = None,
+    masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
+    integrator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Default: the file's if it suits, else gauss-radau15.")
+    ] = None,
+    options: Any = None,
+    threads: ThreadsOption = 1,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Find the times at which a planet passes in front of its star; --json has their derivatives by the start."""
+    refuse_outputs({"json": json_file}, overwrite, [system])
+    from kickdrift.analysis.transits import transits as transits_of
+    from kickdrift.systemfile.python_file import load_or_run
+
+    subject: Any = load_or_run(system)
+    with progress_bar(quiet) as bar:
+        found = transits_of(
+            subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
+            within=_amount(within), masses=masses, integrator=integrator, threads=threads, progress=bar("running"),
+            **options,
+        )  # fmt: skip
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)
+    print_lines(lines_of(found))
+    write_json(json_file, found.as_json(), overwrite=overwrite)
+
+
+def _body(text: str) -> str | int:
+    """A body's number, or its name."""
+    return int(text) if text.isdigit() else text
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--direction: expected three numbers X,Y,Z, got {shown(text)}") from None
+
+
+def _amount(text: str | None) -> Any:
+    """A number, or a text with a unit."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
 
 
 @with_options("dt")

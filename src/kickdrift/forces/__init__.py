@@ -16,18 +16,25 @@ from kickdrift.forces.bonded import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.central_potential import CentralPotential
 from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.external import PythonForce
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
+from kickdrift.forces.gas import DynamicalFriction, GasDrag
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.gravity_sheet import GravitySheet
 from kickdrift.forces.lennard_jones import LennardJones
+from kickdrift.forces.mass_change import MassChange
+from kickdrift.forces.migration import Migration
 from kickdrift.forces.oblateness import Oblateness
+from kickdrift.forces.post_newtonian import EinsteinInfeldHoffmann, LenseThirring, RadiationReaction
+from kickdrift.forces.radiation import NonGravitational, RadiationPressure
 from kickdrift.forces.registration import FORCES, registered
 from kickdrift.forces.relativity import PostNewtonian
 from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.forces.tersoff import Tersoff
+from kickdrift.forces.tides import Tides
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
@@ -39,7 +46,18 @@ _ALL: tuple[Any, ...] = (
     StillingerWeber,
     Tersoff,
     PostNewtonian,
+    EinsteinInfeldHoffmann,
+    LenseThirring,
+    RadiationReaction,
     Oblateness,
+    Tides,
+    RadiationPressure,
+    NonGravitational,
+    Migration,
+    GasDrag,
+    DynamicalFriction,
+    CentralPotential,
+    MassChange,
     Springs,
     HarmonicBond,
     Fene,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number as real
@@ -47,6 +48,25 @@ def vector(name: str, key: str, values: Any) -> Vector:
         raise InputError(f"{name}: {key}: expected three numbers, got {shown(values)}")
     x, y, z = (number(name, key, value) for value in given)
     return x, y, z
+
+
+def values_in(given: Any) -> NDArray[np.float64]:
+    """All numbers of a parameter with one value, or with one for each particle or species."""
+    return np.array(list(given.values()) if isinstance(given, Mapping) else given, dtype=float)
+
+
+def check_not_negative(**values: Any) -> None:
+    """Refuse a parameter with a value below zero."""
+    for key, given in values.items():
+        if (values_in(given) < 0).any():
+            raise InputError(f"{key} must be zero or more, got {shown(given)}")
+
+
+def opposite(given: Any) -> Any:
+    """The values of a parameter with the other sign."""
+    if isinstance(given, Mapping):
+        return {species: opposite(value) for species, value in given.items()}
+    return tuple(map(opposite, given)) if isinstance(given, tuple) else -given
 
 
 def check_in_plane(name: str, key: str, along: Vector, system: Subject) -> None:

@@ -8,11 +8,15 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from kickdrift.forces.around import column, pull, vector
 from kickdrift.forces.kernel import OK, kernel
+from kickdrift.jit import law_operators as law_operators  # teaches numba vectors' products
 from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
+from kickdrift.jit.memory import flat
 from kickdrift.jit.numba_private import TypingError
+from kickdrift.jit.vector3 import numbers3, vector3
 
 
 class BodyWork(NamedTuple):
@@ -29,6 +33,9 @@ def bound_body(cls: Any, p: Any, masses: NDArray[np.float64]) -> BodyWork:
     if "compiled_law" not in vars(kind):
         kind.law, kind.law_is_for = cls.law, ""
         kind.compiled_law = (inlined if fast else as_written)(cls.law)
+        if hasattr(cls, "pull"):
+            kind.pull = cls.pull
+            kind.compiled_pull = (inlined if fast else as_written)(cls.pull)
     return BodyWork(p, masses, 1.0 if fast else None)
 
 
@@ -49,6 +56,22 @@ def law_of_bodies(p: Any, x: Any, v: Any, m: Any, t: float, a: Any) -> Any:
 def _law_of_bodies(p, x, v, m, t, a):
     law = (p.kind if isinstance(p, Handle) else p).instance_class.compiled_law
     return lambda p, x, v, m, t, a: law(p, x, v, m, t, a)
+
+
+@overload(pull)
+def _pull(p, i, d, u, t):
+    law = (p.kind if isinstance(p, Handle) else p).instance_class.compiled_pull
+    return lambda p, i, d, u, t: law(p, i, d, u, t)
+
+
+@overload(column)
+def _column(array, i):
+    return lambda array, i: numbers3(flat(array), i, array.shape[1])
+
+
+@overload(vector)
+def _vector(numbers):
+    return lambda numbers: vector3(numbers[0], numbers[1], numbers[2])
 
 
 def add_found(found: Any, sums: Any) -> None:

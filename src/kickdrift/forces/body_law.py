@@ -38,10 +38,9 @@ class BodyForce(LawForce):
 
     def bound_law(self, system: Subject) -> Any:
         """What the law gets as ``p`` for this system."""
-        if hasattr(self.Parameters, "bound"):
-            return self.law.bound(system)
         values = {key: _spread(value, self.kinds[key].over, len(system)) for key, value in self.values(system).items()}
-        return self.Parameters(**values)
+        p = self.law._replace(**values)
+        return p.bound(system) if hasattr(p, "bound") else p
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
@@ -80,7 +79,8 @@ def body_law(cls: type) -> Any:
         Parameters with a value for each particle, which ``law`` gets as an array (n,), or (3, n) for vectors; and for
         each pair, as an array (n, n). The user gives one value, values for each, or a mapping by species.
     ``bound(p, system)``
-        Returns the NamedTuple that ``law`` gets as ``p`` in place of the parameters, with numbers and arrays.
+        Returns the NamedTuple that ``law`` gets as ``p`` in place of the parameters, with numbers and arrays. Here
+        ``p`` has the parameters, those of each particle as arrays.
     ``external`` : bool
         Whether the law changes the total momentum; default False.
     ``fastmath`` : bool

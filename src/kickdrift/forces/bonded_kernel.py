@@ -120,16 +120,28 @@ def _energy_and_slope(law, value):
     return terms
 
 
+def room_for(room: Any, x: Any) -> Any:
+    """Room for the numbers of a block: the force's own, or for positions that are duals room for duals."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(room_for, forceinline=True)
+def _room_for(room, x):
+    if x.dtype == types.float64:
+        return lambda room, x: room
+    return lambda room, x: np.empty(room.shape, x.dtype)
+
+
 @inlined
-def fill_separations(listed, x, begin, count, a, b, row):
+def fill_separations(listed, room, x, begin, count, a, b, row):
     """room[row : row + 3] <- separations between nearest images from particle b to particle a of each item."""
-    items, room, edges = listed.items, listed.room, listed.cell.edges
+    items, edges = listed.items, listed.cell.edges
     for k in range(count):
         i, j = items[begin + k, a], items[begin + k, b]
         for axis in range(3):
             room[row + axis, k] = x[axis, i] - x[axis, j]
     if listed.cell.leans:
-        d = np.empty(3)
+        d = np.empty(3, x.dtype)
         for k in range(count):
             for axis in range(3):
                 d[axis] = room[row + axis, k]
@@ -147,11 +159,11 @@ def fill_separations(listed, x, begin, count, a, b, row):
 @kernel(BondKernel)
 def bond_forces(force, t, x, v, a, sums):
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = virial = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
         for k in range(count):
             dx, dy, dz = room[0, k], room[1, k], room[2, k]
             r2 = dx * dx + dy * dy + dz * dz
@@ -183,12 +195,12 @@ def angle_forces(force, t, x, v, a, sums):
 
     An angle does not change with the size of the system, so its virial is zero."""
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
-        fill_separations(force, x, begin, count, 2, 1, 3)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 2, 1, 3)
         for k in range(count):
             d, e = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k])
             n = cross(d, e)
@@ -219,13 +231,13 @@ def dihedral_forces(force, t, x, v, a, sums):
     """Gradients of Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27,
     with their F, G, H, A and B. A dihedral does not change with the size of the system, so its virial is zero."""
     never_inline()
-    items, room, inverse_masses = force.items, force.room, force.inverse_masses
+    items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
-        fill_separations(force, x, begin, count, 0, 1, 0)
-        fill_separations(force, x, begin, count, 1, 2, 3)
-        fill_separations(force, x, begin, count, 3, 2, 6)
+        fill_separations(force, room, x, begin, count, 0, 1, 0)
+        fill_separations(force, room, x, begin, count, 1, 2, 3)
+        fill_separations(force, room, x, begin, count, 3, 2, 6)
         for k in range(count):
             f, g, h = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k]), (
                 room[6, k], room[7, k], room[8, k]

@@ -53,6 +53,14 @@ def gravitational_constant(name: str, given: float | None, system: Subject) -> f
     return value
 
 
+def light(name: str, given: float | None, system: Subject) -> float:
+    """Speed of light: the given one, or the unit system's own by default."""
+    value = given if given is not None else system.units.light
+    if value is None:
+        raise InputError(f"{name}: units {system.units.name!r} define no speed of light; give c")
+    return value
+
+
 class Attraction(NamedTuple):
     """Attraction of a central body, for the compiled forces."""
 

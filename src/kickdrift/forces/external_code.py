@@ -11,13 +11,14 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.text import shown, suggestion
 
 _NAMED: dict[str, Any] = {}  # functions and classes by import path
+_FUNCTIONS: dict[str, Any] = {}  # rules of collisions by import path
 _MODULES: set[str] = set()  # modules that ``--load`` named
 
 
@@ -51,11 +52,25 @@ def load_module(name: str) -> None:
     _MODULES.add(name)
 
 
-def name_all(module: ModuleType) -> None:
-    """Let files name the functions and classes that a loaded Python file defines."""
-    for key, value in list(vars(module).items()):
-        if callable(value) and path_of(value) == f"{module.__name__}.{key}":
-            named(value)
+def named_function(function: Callable[..., Any]) -> str:
+    """Let files name this function as a rule of collisions, and return its import path."""
+    path = path_of(function)
+    if "<" not in path:
+        _FUNCTIONS[path] = function
+    return path
+
+
+def name_functions(module: ModuleType) -> None:
+    """Let files name the functions that a loaded Python file defines, as rules of collisions."""
+    for value in list(vars(module).values()):
+        if isinstance(value, FunctionType) and value.__module__ == module.__name__:
+            named_function(value)
+
+
+def found_function(key: str, path: Any) -> Any:
+    """The function of an import path in a file, for a rule of collisions: see `found`. Functions of a Python file that
+    was given to ``--load`` are found too."""
+    return _FUNCTIONS[path] if isinstance(path, str) and path in _FUNCTIONS else found(key, path)
 
 
 def home_of(path: Any) -> str | Path | None:

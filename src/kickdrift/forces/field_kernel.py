@@ -24,7 +24,7 @@ from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cgutils, cpu_target
 from kickdrift.jit.vector3 import load3, store3, vector3
 from kickdrift.jit.vector3_operators import Vector3, joined
-from kickdrift.jit.vectors import F64X8, WIDTH, lanes_type
+from kickdrift.jit.vectors import WIDTH, lanes_type
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -181,40 +181,48 @@ def _vector_like(push, like):
     return lambda push, like: vector3(lanes_like(push[0], like), lanes_like(push[1], like), lanes_like(push[2], like))
 
 
-@intrinsic
-def parameters_at(typingctx, law, place):
-    """Parameters of eight particles from ``place`` on: numbers and vectors, of lanes where they vary."""
-    kind = law.kind if isinstance(law, Handle) else law
-    result = types.NamedTuple([_read(each) for each in kind], kind.instance_class)
+def _reading(of: types.Type) -> Any:
+    """Intrinsic that reads the parameters of eight particles as lanes, or of one particle as numbers."""
 
-    def codegen(context, builder, sig, args):
-        whole = builder.load(args[0]) if isinstance(law, Handle) else args[0]
-        fields = []
-        for k, each in enumerate(kind):
-            value = builder.extract_value(whole, k)
-            if isinstance(each, types.Array):
-                value = _lanes_of(context, builder, each, value, args[1])
-            elif isinstance(each, types.BaseTuple):
-                value = joined(builder, [builder.extract_value(value, axis) for axis in range(3)])
-            fields.append(value)
-        return context.make_tuple(builder, sig.return_type, fields)
+    @intrinsic
+    def parameters(typingctx, law, place):
+        kind = law.kind if isinstance(law, Handle) else law
+        result = types.NamedTuple([_read(each, of) for each in kind], kind.instance_class)
 
-    return result(law, types.intp), codegen
+        def codegen(context, builder, sig, args):
+            whole = builder.load(args[0]) if isinstance(law, Handle) else args[0]
+            fields = []
+            for k, each in enumerate(kind):
+                value = builder.extract_value(whole, k)
+                if isinstance(each, types.Array):
+                    value = _numbers_of(context, builder, each, value, args[1], context.get_value_type(of))
+                elif isinstance(each, types.BaseTuple):
+                    value = joined(builder, [builder.extract_value(value, axis) for axis in range(3)])
+                fields.append(value)
+            return context.make_tuple(builder, sig.return_type, fields)
+
+        return result(law, types.intp), codegen
+
+    return parameters
 
 
-def _read(kind: types.Type) -> types.Type:
+def _read(kind: types.Type, of: types.Type) -> types.Type:
     if isinstance(kind, types.Array):
-        return lanes_type if kind.ndim == 1 else Vector3(lanes_type)
+        return of if kind.ndim == 1 else Vector3(of)
     return Vector3(types.float64) if isinstance(kind, types.BaseTuple) else types.float64
 
 
-def _lanes_of(context: Any, builder: Any, kind: types.Array, value: Any, place: Any) -> Any:
+def _numbers_of(context: Any, builder: Any, kind: types.Array, value: Any, place: Any, to: Any) -> Any:
     array = cgutils.create_struct_proxy(kind)(context, builder, value=value)
     shape = cgutils.unpack_tuple(builder, array.shape)
     parts = []
     for axis in range(kind.ndim if kind.ndim == 1 else 3):
         offset = builder.add(place, builder.mul(shape[-1], context.get_constant(types.intp, axis)))
-        part = builder.load(builder.bitcast(builder.gep(array.data, [offset]), F64X8.as_pointer()))
+        part = builder.load(builder.bitcast(builder.gep(array.data, [offset]), to.as_pointer()))
         part.align = 8
         parts.append(part)
     return parts[0] if kind.ndim == 1 else joined(builder, parts)
+
+
+# Numbers and vectors of eight particles from a place on, as lanes where they vary, and of one particle.
+parameters_at, parameters_of = _reading(lanes_type), _reading(types.float64)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from kickdrift.errors import InputError
+from kickdrift.forces.around import around
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
@@ -15,12 +16,10 @@ from kickdrift.forces.central import (
     check_open,
     check_positive,
     gravitational_constant,
+    light,
 )
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
 
 FORMS = ("full", "potential")
 
@@ -79,8 +78,10 @@ class PostNewtonian(NamedTuple):
         """Tell whether this is the full form, which a splitting method refuses."""
         return p.form == "full"
 
+    law = staticmethod(around)  # type: ignore[misc]
+
     @staticmethod
-    def law(p, x, v, m, t, a):
+    def pull(p, i, d, u, t):
         """The full form's energy is c^2 E_1 / m, so that E + E_1 is constant to order c^-4 along r'' = -g (1 + share) r
         / r^3 + (1 + share) a_1PN, g = G M.
 
@@ -88,37 +89,17 @@ class PostNewtonian(NamedTuple):
         this leaves one coefficient free. The coefficient of v^2 is the test body's, 3 / 2, and at share = 0 all three
         are the test body's.
         """
-        c, gm, light2, n = p.central, p.gm, p.light2, x.shape[1]
-        back_x = back_y = back_z = energy = virial = 0.0
-        for i in range(n):
-            if i == c:
-                continue
-            dx, dy, dz = x[0, i] - x[0, c], x[1, i] - x[1, c], x[2, i] - x[2, c]
-            ux, uy, uz = v[0, i] - v[0, c], v[1, i] - v[1, c], v[2, i] - v[2, c]
-            r2, v2, rv = dx * dx + dy * dy + dz * dz, ux * ux + uy * uy + uz * uz, dx * ux + dy * uy + dz * uz
-            inverse = 1.0 / math.sqrt(r2)
-            gm_over_r = gm * inverse
-            if p.full:
-                scale = gm_over_r * inverse * inverse / light2
-                along, across = scale * (4.0 * gm_over_r - v2), 4.0 * scale * rv
-            else:
-                along, across = -6.0 * gm_over_r * gm_over_r * inverse * inverse / light2, 0.0
-            ax, ay, az = along * dx + across * ux, along * dy + across * uy, along * dz + across * uz
-            a[0, i] += ax
-            a[1, i] += ay
-            a[2, i] += az
-            share = p.share[i]
-            back_x, back_y, back_z = back_x + share * ax, back_y + share * ay, back_z + share * az
-            virial += m[i] * (ax * dx + ay * dy + az * dz)
-            if p.full:
-                first = 0.375 / (1.0 + share) * v2 * v2 + 1.5 * gm_over_r * v2
-                energy += m[i] * (first + (0.5 - 1.5 * share) * gm_over_r * gm_over_r) / light2
-            else:
-                energy -= 3.0 * m[i] * gm_over_r * gm_over_r / light2
-        a[0, c] -= back_x
-        a[1, c] -= back_y
-        a[2, c] -= back_z
-        return energy, virial, n - 1
+        v2, inverse, share = u @ u, 1.0 / math.sqrt(d @ d), p.share[i]
+        gm_over_r = p.gm * inverse
+        if p.full:
+            scale = gm_over_r * inverse * inverse / p.light2
+            push = (scale * (4.0 * gm_over_r - v2)) * d + (4.0 * scale * (d @ u)) * u
+            first = 0.375 / (1.0 + share) * v2 * v2 + 1.5 * gm_over_r * v2
+            energy = (first + (0.5 - 1.5 * share) * gm_over_r * gm_over_r) / p.light2
+        else:
+            push = (-6.0 * gm_over_r * gm_over_r * inverse * inverse / p.light2) * d
+            energy = -3.0 * gm_over_r * gm_over_r / p.light2
+        return energy, push
 
     def check(p):
         check_positive("relativity-1pn", c=p.c, G=p.G)
@@ -131,21 +112,13 @@ class PostNewtonian(NamedTuple):
         check_open("relativity-1pn", system)
         central_body("relativity-1pn", p.central, system)
         gravitational_constant("relativity-1pn", p.G, system)
-        light(p.c, system)
+        light("relativity-1pn", p.c, system)
 
     def bound(p, system):
         """The correction of this System's central body."""
         central, gm, share = Attraction.of("relativity-1pn", p, system)
-        return Schwarzschild(central, gm, light(p.c, system) ** 2, p.form == "full", share)
+        return Schwarzschild(central, gm, light("relativity-1pn", p.c, system) ** 2, p.form == "full", share)
 
     def reversed(p):
         """The same, since the force has even powers of v alone."""
         return p
-
-
-def light(given: float | None, system: Subject) -> float:
-    """Speed of light in the system's units."""
-    value = given if given is not None else system.units.light
-    if value is None:
-        raise InputError(f"relativity-1pn: units {system.units.name!r} define no speed of light; give c")
-    return value

@@ -1,12 +1,14 @@
 """Forces with their first-order variations: deviation vectors move as additional particles.
 
-A *varied* System has 2 n particles: the n particles of the System, then n massless deviations. The accelerations of the
-deviations follow the variational equations, a' = (da/dx) dx + (da/dv) dv. Any integrator of y' = f(t, y) moves both;
-its step for the deviations is the derivative of its step for the particles.
+A *varied* System has n (1 + k) particles: the n particles of the System, then k massless deviations of particle 0, k of
+particle 1, and so on. The accelerations of the deviations follow the variational equations, a' = (da/dx) dx + (da/dv)
+dv + (da/dm) dm. Any integrator of y' = f(t, y) moves both; its step for the deviations is the derivative of its step
+for the particles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -18,6 +20,7 @@ from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
+    from kickdrift.forces.pushes import Push
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 
@@ -25,42 +28,63 @@ if TYPE_CHECKING:
 class Varied:
     """A force of a System, for its particles and their deviations.
 
-    Gravity has an analytic variation. Other forces use central differences along the deviation, with a relative error
-    of some 1e-10. Pair forces on a neighbour list and gravity by a tree are refused.
+    Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
+    forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
+    some 1e-10; after the first evaluation ``differs`` tells which. Pair forces on a neighbour list and gravity by a
+    tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
-    def __init__(self, force: Any, system: System) -> None:
+    def __init__(self, force: Any, system: System, masses: Floats | None = None, along: int = 1) -> None:
         if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         self.force, self.system, self.name = force, system, force.name
+        self._masses, self._along = masses, along
+        self._found: Any = None
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))
+
+    @property
+    def differs(self) -> bool:
+        """Whether the slopes came from central differences."""
+        from kickdrift.forces.variations_kernel import DIFFERENCES
+
+        return self._found is not None and bool(self._found[0] == DIFFERENCES)
 
     def check(self, system: System) -> None:
         """Accept every System, since it has already been checked."""
 
     def bind(self, system: System, threads: int = 1) -> Any:
         """Return the parts: a NamedTuple with a compiled body."""
-        from kickdrift.forces.variations_kernel import bind
+        from kickdrift.forces import gravity_directions, variations_kernel
 
-        return bind(self.force, self.system, threads, analytic=isinstance(self.force, Gravity))
+        if isinstance(self.force, Gravity) and (self._along > 1 or self._masses is not None):
+            return gravity_directions.bind(self.force, self.system, threads, self._masses)
+        parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
+        self._found = getattr(parts, "found", None)
+        return parts
 
 
-def varied(system: System, deviations: Floats) -> System:
-    """Return the System with deviations (2, 3, n) of positions and velocities as additional particles."""
+def varied(system: System, deviations: Floats, masses: Floats | None = None, pushes: Iterable[Push] = ()) -> System:
+    """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle
+    0, then k of particle 1, and so on. ``masses`` (n, k) are the slopes of the masses along them, for gravity;
+    ``pushes`` add what other numbers do."""
     from kickdrift.model.starts.builders import check_overlaps
     from kickdrift.model.system import System
 
     check_overlaps(system)
+    along = deviations.shape[2] // len(system)
     x, v = np.concatenate([system.state.phase, deviations], axis=2)
-    masses = np.concatenate([system.state.masses, np.zeros(len(system))])
+    own = system.state.masses
     names = [system.body(i) for i in range(len(system))]
-    names += [f"the deviation of {name}" for name in names]
-    return System(
-        x.T, v.T, masses, system.box, [Varied(force, system) for force in system.forces], system.units,
-        name=system.name, run=system.run, names=names,
+    each = range(1, along + 1)
+    more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
+    made = System(
+        x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
+        [*(Varied(force, system, masses, along) for force in system.forces), *pushes], system.units,
+        name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
+    return made.at(made.state.phase, system.state.time)

@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
-from kickdrift.forces.external_code import load_module, name_all
+from kickdrift.forces.external_code import load_module, name_functions
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.measured_order import check_order as refuse_lower_order
 from kickdrift.integrators.method import Method
@@ -200,10 +200,10 @@ def unregister(name: str) -> None:
 
 
 def load_file(path: Path) -> None:
-    """Run a Python file that registers methods or forces. Files may then name its functions and classes.
+    """Run a Python file that registers methods or forces. Files may then name its functions as rules of collisions.
 
     Raises an InputError of one line if the file fails."""
-    name_all(executed(path))
+    name_functions(executed(path))
 
 
 def load_code(path: Path) -> None:

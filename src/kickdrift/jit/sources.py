@@ -33,7 +33,7 @@ _SETTINGS = (
     *("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LLVM_REFPRUNE_FLAGS"),
 )
 # Names of functions that compiled code of the package looks up in the class of a type.
-_METHODS = ("law", "apply")
+_METHODS = ("law", "pull", "apply")
 
 
 def _versions() -> Text:

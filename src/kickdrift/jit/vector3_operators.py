@@ -69,7 +69,7 @@ def common(*kinds: types.Type) -> types.Type | None:
 
 def passed(kind: types.Type) -> types.Type:
     """Type of a vector, lanes or a number as an argument: whole numbers become float64."""
-    return kind if isinstance(kind, Vector3 | Lanes) else types.float64
+    return types.float64 if isinstance(kind, types.Number) else kind
 
 
 def parts_of(builder: ir.IRBuilder, value: ir.Value, kind: types.Type, of: types.Type) -> list[ir.Value]:

@@ -26,6 +26,7 @@ VOLUME = 20  # of a box that a barostat changes, else nan
 ENERGY_TAKEN, MOMENTUM_TAKEN, ANGULAR_TAKEN = 21, 22, 25  # taken by events so far; one, three and three numbers
 COLUMNS = 28
 
+BODY_MASSES, BODY_RADII = "body_masses", "body_radii"  # columns of runs whose collisions may add bodies
 MOST_NUMBERS = 10_000  # in a user's column at one look
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 

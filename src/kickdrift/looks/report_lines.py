@@ -36,6 +36,10 @@ def energy_lines(
     without a bath; ``work`` is that from the change of the box, None without a barostat. Error and drift are then those
     of the energy less both."""
     less_heat = "" if heat is None else " (energy less heat)" if work is None else " (energy less heat and work)"
+    by_force, missed = energy.get("work") or {}, energy.get("work_error") or 0.0
+    counted = not str(energy.get("verdict")).startswith("not conserved")
+    if by_force and heat is None and counted:
+        less_heat = " (energy less work)"
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
     lines = []
@@ -45,6 +49,10 @@ def energy_lines(
         lines.append(("heat", f"{heat:.8g}{unit} from the heat bath"))
     if work is not None:
         lines.append(("work", f"{work:.8g}{unit} from the change of the box"))
+    if by_force:
+        found = ", ".join(f"{value:.6g}{unit} by {name}" for name, value in by_force.items())
+        more = "" if counted else "; look more often to count it"
+        lines.append(("work", f"{found} (± {missed:.1e} by the distance between looks{more})"))
     if _are_numbers(energy, "rms_relative_error", "max_relative_error"):
         rms, largest = energy["rms_relative_error"], energy["max_relative_error"]
         lines.append(

@@ -35,6 +35,7 @@ DIMENSIONS: dict[str, dict[str, int]] = {
     "velocity": {"L": 1, "T": -1},
     "acceleration": {"L": 1, "T": -2},
     "force": {"E": 1, "L": -1},
+    "power": {"E": 1, "T": -1},
     "pressure": {"E": 1, "L": -3},
     "volume": {"L": 3},
     "compressibility": {"E": -1, "L": 3},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -25,13 +25,15 @@ if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
 
 
-def checked_columns(given: Any, units: UnitSystem | None) -> dict[Column, str]:
-    """Return the columns that a run writes, each with its unit as text; a Problem has no ``units``."""
+def checked_columns(given: Any, units: UnitSystem | None, own: Sequence[Column] = ()) -> dict[Column, str]:
+    """Return the columns that a run writes, each with its unit as text; a Problem has no ``units``.
+
+    ``own`` are kickdrift's own columns of this run, and ``given`` the user's."""
     if isinstance(given, Column) or not isinstance(given, Iterable):
         raise InputError(f"run: columns must be a list of kd.Column, got {shown(given)}")
     found: dict[Column, str] = {}
     labels: dict[str, str] = {}
-    for column in given:
+    for column in (*own, *given):
         if not isinstance(column, Column):
             raise InputError(f"run: columns must be a list of kd.Column; it holds {shown(column)}")
         for label in {column.name, *parts(column.name, column.shape)}:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.record import Series
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
+from kickdrift.run.work import Work
 from kickdrift.statistics.drift import EnergyError, energy_error
 
 _JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
@@ -23,7 +24,9 @@ class EnergyReport:
     """Errors and drift of the total energy; ``statistics.drift`` has definitions and sources.
 
     With a heat bath, errors and drift are those of the total energy less the heat, which is conserved; with a barostat,
-    also less the work. They are nan, and the verdict says so, if an engine does not tell the heat.
+    also less the work. They are nan, and the verdict says so, if an engine does not tell the heat. With body laws that
+    do work, such as tides with a time lag, errors and drift are those of the energy less this work. Where the looks are
+    too far apart to tell the work, the verdict is "not conserved".
 
     Attributes
     ----------
@@ -34,7 +37,10 @@ class EnergyReport:
     drift_per_unit_time : slope of the relative error per unit of time, from a regression with autocorrelation
     drift_error : half-width of the slope's 95 % interval
     verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved", with
-        the force's name, if a force does work
+        the force's name, if a force does work that is not counted
+    work : energy that each body law gave over the run, by the force's name; negative for energy that the force took.
+        Empty without such laws
+    work_error : largest error of the sum of this work, from the distance between looks
 
     Slope, interval and verdict take some milliseconds. They are computed when one of them is first read.
     """
@@ -47,12 +53,17 @@ class EnergyReport:
     drift_per_unit_time: float
     drift_error: float
     verdict: str
+    work: dict[str, float] = field(default_factory=dict)
+    work_error: float = 0.0
 
     @classmethod
-    def later(cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]]) -> EnergyReport:
+    def later(
+        cls, error: EnergyError, final: float, judged: Callable[[], tuple[float, float, str]], work: Work | None = None
+    ) -> EnergyReport:
         """Return a report that calls ``judged`` for slope, interval and verdict when one of them is first read."""
         found = cls.__new__(cls)
-        vars(found).update(asdict(error), final=final, _judged=judged)
+        by_force, missed = (work.by_force, work.error) if work else ({}, 0.0)
+        vars(found).update(asdict(error), final=final, _judged=judged, work=by_force, work_error=missed)
         return found
 
     def __getattr__(self, name: str) -> Any:
@@ -69,9 +80,15 @@ class EnergyReport:
         return asdict(self)
 
 
-def energy_report(series: Series, even: bool, system: System | Problem, unknown: str = "") -> EnergyReport | None:
-    """Conservation of the energy; nan for its errors if they are unknown, for the reason given."""
+def energy_report(
+    series: Series, even: bool, system: System | Problem, unknown: str = "", work: Work | None = None
+) -> EnergyReport | None:
+    """Conservation of the energy; nan for its errors if they are unknown, for the reason given. ``work`` is that of
+    the forces over the series."""
     total, kinetic = series.total, series.kinetic
+    closed = work is not None and work.resolved
+    if work is not None and closed:
+        total = total - work.given
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
     error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
@@ -79,9 +96,11 @@ def energy_report(series: Series, even: bool, system: System | Problem, unknown:
         error = replace(error, rms_relative_error=math.nan, max_relative_error=math.nan)
         return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown))
     working = system.acting("works") if isinstance(system, System) else []
+    if work is not None and closed:
+        working = [name for name in working if name not in work.by_force]
 
     def judged() -> tuple[float, float, str]:
         trend = energy_trend(series.steps, series.times, total, kinetic, even)
         return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
 
-    return EnergyReport.later(error, series.final, judged)
+    return EnergyReport.later(error, series.final, judged, work)

@@ -28,6 +28,7 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.energy_report import EnergyReport, energy_report
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
+from kickdrift.run.work import work_of, working
 from kickdrift.statistics.blocks import block_average
 
 COMPILING = "compiling"
@@ -277,7 +278,11 @@ def report(sim: Reported) -> Report:
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
         energy=energy_report(
-            series, even, system, "" if told or not bath else f"not judged: {sim.engine} does not tell the heat"
+            series,
+            even,
+            system,
+            "" if told or not bath else f"not judged: {sim.engine} does not tell the heat",
+            work_of(system, record.samples) if working(system) else None,
         ),
         momentum_error=None
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))

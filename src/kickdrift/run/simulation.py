@@ -38,6 +38,7 @@ from kickdrift.run.report import Report, report
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
+from kickdrift.run.work import work_columns
 
 if TYPE_CHECKING:
     from kickdrift.looks.columns import Column
@@ -248,7 +249,9 @@ class Simulation(Present):
         check_asked(observe, progress, overwrite)
         goal, apart = goal_of(self, steps, until, time), time_of(self, interval, "interval")
         columns = with_body_columns(columns, self.integration)
-        written = ColumnWatcher(checked_columns(columns, getattr(self.system, "units", None)), self.integration, self)
+        own = work_columns(self.system)
+        asked = checked_columns(columns, getattr(self.system, "units", None), own)
+        written = ColumnWatcher(asked, self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
         plan = self.plan
         if plan is None or (steps, goal, every, apart) != (None,) * 4:

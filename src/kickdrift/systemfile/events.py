@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
-from kickdrift.forces.external_code import found
+from kickdrift.forces.external_code import found_function
 from kickdrift.model.collision import C_STAR, MU_BAR, NEW_BODIES
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
@@ -62,7 +62,9 @@ class CollisionTable(Table):
     def event(self, units: UnitSystem) -> Event:
         """Make the event of this table."""
         given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set - {"type", "rule"}}
-        return Collision(**given, rule=None if self.rule is None else found(f"{Collision.kind}: rule", self.rule))
+        if self.rule is not None:
+            given["rule"] = found_function(f"{Collision.kind}: rule", self.rule)
+        return Collision(**given)
 
 
 class EscapeTable(Table):

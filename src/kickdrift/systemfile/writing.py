@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.external_code import named, path_of
+from kickdrift.forces.external_code import named_function, path_of
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.box import Box
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -117,7 +117,7 @@ def _collision(event: Collision) -> dict[str, Any]:
         if each.name not in (*table, "radii") and (value := getattr(event, each.name)) != each.default:
             table[each.name] = value
     if event.rule is not None:
-        table["rule"] = named(event.rule)
+        table["rule"] = named_function(event.rule)
         if "<" in table["rule"]:
             raise InputError(
                 f"to_toml: a system file cannot name the rule {table['rule']}; expected a module's function"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.looks.columns import BODY_MASSES
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ def masses_held(run: reader.Run, frames: Sequence[int] | Any, x: Floats, v: Floa
     files they follow from the positions.
     """
     first, last = int(frames[0]), int(frames[-1])
-    recorded = run[first : last + 1].observables.get("body_masses")
+    recorded = run[first : last + 1].observables.get(BODY_MASSES)
     if recorded is None:
         return _from_positions(x, v, run.masses)
     masses = np.asarray(recorded)[np.asarray(frames) - first]

@@ -19,7 +19,7 @@ from pydantic.errors import PydanticUserError
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.forces import force_class
-from kickdrift.forces.external_code import found as code_named
+from kickdrift.forces.external_code import found_function
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
@@ -146,7 +146,13 @@ def event_of(given: Named) -> Event:
     rule = parameters.pop("rule", None)
     found = _checked(cls, parameters, f"event {name}")
     if rule is not None:
-        found["rule"] = code_named(f"event {name}: rule", rule)
+        try:
+            found["rule"] = found_function(f"event {name}: rule", rule)
+        except InputError:
+            raise InputError(
+                f"event {name}: rule {shown(rule)} is a function of the user; load its module first (on the command "
+                "line with --load FILE.py), or give the events again"
+            ) from None
     return cls(**found) if cls is not Crossing else cls(function=function, **found)
 
 

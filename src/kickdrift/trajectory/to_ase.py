@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.looks.columns import BODY_MASSES
 from kickdrift.trajectory.chosen import Chosen, Placed
 from kickdrift.trajectory.formats import REMOVED_LEFT_OUT, Format
 from kickdrift.trajectory.universe import species
@@ -62,19 +63,20 @@ class AtomsOf:
             units = run.units
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
         self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
-        self.masses = run.masses / self.scale.mass
+        self.changing = BODY_MASSES in run.columns
         self.plane = {DIMENSIONS: 2} if run.system_record.get("dimensions") == 2 else {}
 
     def __call__(self, frame: Placed) -> Any:
         from ase import Atoms
 
         run = self.run
-        there = np.isfinite(frame.positions).all(axis=1)
+        masses = self._masses(frame.number)
+        there = np.isfinite(frame.positions).all(axis=1) & np.isfinite(masses)
         self.velocities = frame.velocities[there] / self.scale.velocity
         atoms = Atoms(
             self.symbols[there],
             positions=frame.positions[there] / self.scale.length,
-            masses=self.masses[there],
+            masses=masses[there] / self.scale.mass,
             tags=run.species_index[there],
             cell=frame.box.matrix / self.scale.length,
             pbc=frame.box.periodic_axes,
@@ -92,6 +94,12 @@ class AtomsOf:
         if not there.all():
             atoms.info["ids"] = run.ids[there].tolist()
             note = f"bodies that were removed are {REMOVED_LEFT_OUT}"
+            if self.changing:
+                note = "bodies that are no longer there, or not yet, are left out"
             if note not in self.notes:
                 self.notes.append(note)
         return atoms
+
+    def _masses(self, frame: int) -> Any:
+        """Masses (n,) at a frame; nan for a body that is not there, if collisions change the masses."""
+        return self.run[frame : frame + 1].observables[BODY_MASSES][0] if self.changing else self.run.masses

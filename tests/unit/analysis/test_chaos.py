@@ -193,6 +193,16 @@ def test_lagranges_triangle_is_as_unstable_as_in_closed_form(name, dt):
     assert report.verdict == "chaotic"  # the orbit itself is periodic, but a run of this length cannot tell
 
 
+@pytest.mark.parametrize("name", ["wisdom-holman", "saba"])
+def test_a_tangent_map_gives_the_same_verdict_and_growth(name):
+    system = kd.load("two-planets")
+    mapped, exact = megno(system, 2000.0, name, 0.1, seed=3), megno(system, 2000.0, "dop853", seed=3)
+    assert mapped.verdict == exact.verdict == "regular"
+    assert mapped.megno == pytest.approx(exact.megno, abs=2e-3)
+    assert mapped.growth[-1] == pytest.approx(exact.growth[-1], abs=0.05)
+    assert mapped.energy_error < 1e-7
+
+
 def test_an_undecided_motion_says_how_much_longer_to_run():
     """The estimate is right where the answer is known: Kepler's orbit is regular, the triangle unstable."""
     for system, name, dt, time, expected in (

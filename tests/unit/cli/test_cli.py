@@ -54,7 +54,7 @@ KEYS = {
 }  # fmt: skip
 ENERGY_KEYS = {
     "initial", "final", "rms_relative_error", "max_relative_error", "relative_to", "drift_per_unit_time",
-    "drift_error", "verdict",
+    "drift_error", "verdict", "work", "work_error",
 }  # fmt: skip
 
 

@@ -293,7 +293,10 @@ def test_terminal_velocity():
 
 def test_what_can_depend_on_velocity():
     depends = {cls.name: getattr(cls, "velocity_dependent", False) for cls in kd.forces.FORCES.values()}
-    assert [name for name, yes in depends.items() if yes] == ["relativity-1pn", "linear-drag"]
+    assert [name for name, yes in depends.items() if yes] == [
+        "relativity-1pn", "relativity-eih", "lense-thirring", "relativity-2.5pn", "tides", "radiation-pressure",
+        "non-gravitational", "migration", "gas-drag", "dynamical-friction", "hill", "linear-drag",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("units", ["lj", "metal"])

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.run.watch import contacts
+from kickdrift.forces import external_code
+from kickdrift.run.watch import contacts, watched_stepper
 from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.fragments import fragmented
 from kickdrift.run.watch.scaling_laws import (
@@ -77,6 +78,15 @@ def test_24_mergers_at_once_keep_mass_and_momentum():
     assert np.abs(sim.state.masses[0] * sim.state.velocities[0] - masses @ v).max() <= 1e-15 * scale
     assert report.energy.max_relative_error < 1e-14
     assert report.angular_momentum_error < 1e-14
+
+
+def test_any_number_of_bodies_may_merge_at_one_time(monkeypatch):
+    """Only collisions that leave as many bodies can go on for ever."""
+    monkeypatch.setattr(watched_stepper, "MOST_ACTS", 3)
+    x = [[0.1 * k, 0, 0] for k in range(12)]
+    sim = kd.Simulation(straight(x, np.zeros((12, 3))), dt=0.1, events=[kd.Collision()])
+    sim.run(1)
+    assert (len(sim.state), sim.state.masses.tolist()) == (1, [12.0])
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
@@ -270,6 +280,8 @@ def test_a_file_with_new_bodies_can_be_exported_and_drawn(tmp_path):
     frames = read(tmp_path / "crash.extxyz", ":")
     assert [len(frame) for frame in frames][:2] == [3, 3]
     assert len(frames[-1]) > 20
+    np.testing.assert_allclose([frame.get_masses().sum() for frame in frames], 3.5, rtol=1e-7)
+    assert "B" not in frames[-1].info["names"]
     assert "A/fragment-1" in frames[-1].info["names"]
     with kd.open(path) as run:
         assert run.plot() is not None
@@ -292,9 +304,22 @@ def test_the_row_of_a_run_that_goes_on_after_collisions():
         other.restore(bad)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_fragments_stay_in_the_plane_of_two_dimensions(offset):
+    system = kd.System(
+        [[-2, 0], [1, offset]], [[1, 0], [-1, 0]], masses=[2.0, 1.0], radii=0.5, forces=[kd.Gravity(G=1e-2)],
+        units="nbody", dimensions=2, events=[kd.Collision(**BREAK)],
+    )  # fmt: skip
+    sim = kd.Simulation(system, dt=0.1)
+    sim.run(15)
+    assert len(sim.state) > 20
+    assert not sim.state.positions[:, 2].any()
+    assert not sim.state.velocities[:, 2].any()
+
+
 def test_more_new_bodies_than_allowed_end_the_run_at_the_last_good_state():
     sim = kd.Simulation(crash(**BREAK | {"new_bodies": 5}), dt=0.1)
-    with pytest.raises(RunError, match=r"step \d+ \(t = .*\): the fragment for A and B adds \d+ bodies, and") as caught:
+    with pytest.raises(RunError, match=r"step \d+ \(t = .*\): the break-up of A and B adds \d+ bodies, and") as caught:
         sim.run(20, every=2)
     assert "new_bodies = 5 leaves room for 5" in str(caught.value)
     assert len(caught.value.state) == len(sim.state) == 3
@@ -415,6 +440,10 @@ def test_a_rule_in_a_file_needs_its_module(tmp_path, monkeypatch, kickdrift):
     assert status == 0, err
     assert "rule: masses 2, 1" in out
     assert kd.resume("own.h5md").system.events[0].rule.__name__ == "through"
+    monkeypatch.setattr(external_code, "_FUNCTIONS", {})
+    with pytest.raises(InputError, match=r"rule 'own_collisions.through' is a function of the user; load its module"):
+        kd.resume("own.h5md")
+    assert kd.resume("own.h5md", events=[kd.Collision(rule=merge)]).system.names == ("A", "B", "C")
 
 
 # --- the search ---

@@ -586,7 +586,7 @@ def test_report_is_plain_json():
     }  # fmt: skip
     energy_keys = {
         "initial", "final", "rms_relative_error", "max_relative_error", "relative_to", "drift_per_unit_time",
-        "drift_error", "verdict",
+        "drift_error", "verdict", "work", "work_error",
     }  # fmt: skip
     for system in (liquid(), two_bodies()):
         sim = kd.Simulation(system, dt=DT)

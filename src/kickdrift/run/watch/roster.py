@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.external_code import named
-from kickdrift.looks.columns import MOST_NUMBERS, Column
+from kickdrift.forces.external_code import named_function
+from kickdrift.looks.columns import BODY_MASSES, BODY_RADII, MOST_NUMBERS, Column
 from kickdrift.model.changing import next_id, with_empty_rows
 from kickdrift.model.collision import Collision
 from kickdrift.model.memory import Memory
@@ -35,7 +35,7 @@ class Roster:
         self.first = first
         for event in events:
             if isinstance(event, Collision) and event.rule is not None:
-                named(event.rule)  # this program may resume the run's file
+                named_function(event.rule)  # this program may resume the run's file
         self.room = sum(event.new_bodies for event in events if isinstance(event, Collision) and event.adds)
         self.names: list[str] = []
         self.absorbed: dict[int, int] = {}
@@ -76,8 +76,8 @@ class Roster:
         if not 0 < rows <= MOST_NUMBERS:
             return []
         return [
-            Column("body_masses", "mass", (rows,), lambda sim: self._spread(sim.system, sim.system.state.masses)),
-            Column("body_radii", "length", (rows,), lambda sim: self._spread(sim.system, sim.integration.events.radii)),
+            Column(BODY_MASSES, "mass", (rows,), lambda sim: self._spread(sim.system, sim.system.state.masses)),
+            Column(BODY_RADII, "length", (rows,), lambda sim: self._spread(sim.system, sim.integration.events.radii)),
         ]
 
     def _spread(self, system: System, values: Floats) -> Floats:

@@ -279,12 +279,15 @@ class WatchedStepper:
             self.roster.check_room(len(change.born))
         except RunError as error:
             names = " and ".join(self._system.body(i) for i in act.bodies)
-            raise RunError(f"step {step} (t = {act.time:.9g}): the {event.action} for {names} {error}") from error
+            what = "rule for" if event.action == "rule" else "break-up of"
+            raise RunError(f"step {step} (t = {act.time:.9g}): the {what} {names} {error}") from error
         return change
 
     def _follow(self, change: Change) -> None:
         """Go on with the bodies after a change."""
         before, now = self._system, change.system
+        if len(now) < len(before):
+            self._acts = 0  # mergers come to an end by themselves
         self.roster.change(before, change)
         self._search.resize(change)
         self._spent, self._warned = self.counts, self.warnings

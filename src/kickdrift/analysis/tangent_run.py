@@ -1,0 +1,149 @@
+"""A run of a System by a Wisdom-Holman method, with derivatives of its end by the method's tangent map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.deviations import cadence
+from kickdrift.analysis.varied_run import DEFAULT, Columns
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.gravity import Gravity
+from kickdrift.integrators.option import JACOBI
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.wisdom_holman import WisdomHolman
+from kickdrift.jit.notices import compiling_for
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+
+PIECE = 1000  # steps between two reports of progress
+KNOWN = ("coordinates", "corrector", "compensated", "order")  # options that the map follows, or that only round
+
+
+class TangentRun:
+    """A System with derivatives under a Wisdom-Holman method.
+
+    It waits before the last drift of a step, which is joined to the next step's first. ``sim`` is a Simulation of the
+    System, at the start. Without columns the caller gives the deviations to ``start``.
+    """
+
+    by_differences: tuple[str, ...] = ()
+
+    def __init__(
+        self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
+    ) -> None:
+        others = [force.name for force in system.forces if not isinstance(force, Gravity)]
+        if others:
+            raise InputError(
+                f"{name}: its tangent map takes gravity alone, not {', '.join(others)}; {DEFAULT} takes all"
+            )
+        if columns is not None and columns.parameters:
+            raise InputError(f"parameters: the tangent map of {name} has none; {DEFAULT} takes them")
+        sim = Simulation(system, name, threads=threads, **options)
+        assert sim.dt is not None
+        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
+        self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)
+        if columns is not None:
+            self.start(columns.start(len(system)), columns.of_masses(len(system)))
+
+    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
+        """Start from slopes (2, 3, n, columns) of the system's state, and slopes of the masses (n, columns)."""
+        from kickdrift.integrators.wisdom_holman_tangent import tangents
+
+        system, masses = self.system, self.system.state.masses
+        n, central = len(system), int(np.argmax(masses))
+        self._order = np.concatenate([[central], np.delete(np.arange(n), central)])
+        gravity = next(force for force in system.forces if isinstance(force, Gravity))
+        G, order = gravitational_constant(gravity.name, gravity.G, system), self._order
+        by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
+        phase = system.state.phase[:, :, order]
+        with compiling_for(self.sim.integration.purpose):
+            made = tangents(phase, slopes[:, :, order], G * masses[order], by_mass[order])
+        self._rows, self._columns = made.rows, made.columns
+        self.steps = 0
+
+    def _take(self, rows: Floats, row: Floats, steps: int) -> None:
+        from kickdrift.integrators.wisdom_holman_tangent import tangent_steps
+
+        if row.size and steps:
+            tangent_steps(rows, len(self.system), *row, self.dt, steps)
+
+    def advance(self, steps: int) -> None:
+        """Take steps."""
+        with compiling_for(self.sim.integration.purpose):
+            if steps and not self.steps:
+                self._take(self._rows, self._correct, 1)
+                self._take(self._rows, self._begin, 1)
+                self._take(self._rows, self._step, steps - 1)
+            else:
+                self._take(self._rows, self._step, steps)
+        self.steps += steps
+
+    @property
+    def time(self) -> float:
+        """Time at the step point."""
+        return self.system.state.time + self.steps * self.dt
+
+    def now(self) -> tuple[Floats, Floats]:
+        """Phase (2, 3, n) and derivatives (2, 3, n, columns) at the step point."""
+        from kickdrift.integrators.wisdom_holman_tangent import leave
+
+        rows, n = self._rows.copy(), len(self.system)
+        if self.steps:
+            self._take(rows, self._end, 1)
+            self._take(rows, _undone(self._correct), 1)
+        phase, slopes = np.empty((2, 3, n)), np.empty((2, 3, n, self._columns))
+        leave(rows, self._columns, phase, slopes)
+        if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
+            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
+        back = np.argsort(self._order)
+        return phase[:, :, back], slopes[:, :, back]
+
+    def scale(self, factor: float) -> None:
+        """Multiply all deviations."""
+        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
+
+        slopes_in(self._rows)[...] *= factor
+
+    def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
+        """Run for a length of time, in whole steps. Return phase, derivatives and the time."""
+        steps, _ = cadence(length, self.dt)
+        while self.steps < steps:
+            self.advance(min(PIECE, steps - self.steps))
+            if progress:
+                progress(self.steps, steps)
+        return *self.now(), self.time
+
+
+def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats]:
+    """Drifts and kicks of the corrector, of the first step, of a later step, and of the drift at the end."""
+    assert isinstance(method, WisdomHolman)
+    if options.coordinates != JACOBI:
+        raise InputError(
+            f"coordinates: the tangent map of {method.name} takes {JACOBI} alone, got {options.coordinates}"
+        )
+    for option in method.declared:
+        if option.name not in KNOWN and options.get(option.name) not in (None, False, option.default):
+            raise InputError(f"{option.name}: the tangent map of {method.name} takes {option.default!r} alone")
+    table = method.table(options)
+    drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
+    begin = np.array([drift[:-1], kick[:-1]])
+    step = begin.copy()
+    step[0, 0] += drift[-1]
+    return _corrector(options.get("corrector")), begin, step, np.array([drift[-1:], [0.0]])
+
+
+def _corrector(order: Any) -> Floats:
+    from kickdrift.integrators.wisdom_holman_corrector import corrector
+
+    return corrector(order) if order else np.zeros((2, 0))
+
+
+def _undone(row: Floats) -> Floats:
+    from kickdrift.integrators.wisdom_holman_corrector import undone
+
+    return undone(row) if row.size else row

@@ -1,0 +1,195 @@
+"""State-transition matrix: the derivatives of a motion's end with respect to its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.chaos import carrier, length_of
+from kickdrift.analysis.tangent_run import TangentRun
+from kickdrift.analysis.varied_run import DEFAULT, Columns, VariedRun, rows_of
+from kickdrift.display.showing import following
+from kickdrift.errors import InputError
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.pushes import parameter_of
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.integrators.wisdom_holman import WisdomHolman
+from kickdrift.model.state import Floats, State
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+
+
+@dataclass(frozen=True, eq=False)
+class TransitionMatrix:
+    """Derivatives of the state at the end of a run with respect to the state at its start.
+
+    Rows are the n particles' positions x0, y0, z0, x1 … and then their velocities. Columns are positions and velocities
+    of the varied bodies, in the same order.
+
+    Attributes
+    ----------
+    matrix : (6 n, 6 k) for k varied bodies
+    by_masses : (6 n, n), derivatives with respect to the masses; None if not asked for
+    by_parameters : (6 n, p), derivatives with respect to the parameters; None if not asked for
+    bodies : rows of the varied bodies in the system
+    start, end : State
+    integrator : name of the method
+    steps : number of steps
+    by_differences : names of the forces whose slopes came from central differences, with a relative error of some
+        1e-10; the slopes of all others are exact
+    """
+
+    matrix: Floats
+    by_masses: Floats | None
+    by_parameters: Floats | None
+    bodies: tuple[int, ...]
+    start: State
+    end: State
+    integrator: str
+    steps: int
+    by_differences: tuple[str, ...]
+
+    @property
+    def symplectic_error(self) -> float | None:
+        """The largest element of M^T J M - J, relative to the square of the largest element of M. Here M acts on
+        canonical coordinates: positions and velocities times sqrt(m), in units of the start's distances and speeds.
+        None unless all bodies vary and have a mass.
+
+        Forces that derive from a potential give zero up to round-off and the error of the method. A symplectic method
+        gives round-off alone."""
+        masses = self.start.masses
+        if len(self.bodies) != len(masses) or not (masses > 0).all():
+            return None
+        distance, speed = (float(np.linalg.norm(each)) or 1.0 for each in self.start.phase)
+        heavy, order = np.repeat(np.sqrt(masses), 3), self._order
+        weights = np.concatenate([heavy / distance, heavy / speed])
+        m = weights[:, None] * self.matrix[:, order] / weights
+        half = len(m) // 2
+        j = np.zeros_like(m)
+        j[:half, half:], j[half:, :half] = np.eye(half), -np.eye(half)
+        return float(np.abs(m.T @ j @ m - j).max() / max(1.0, float(np.abs(m).max()) ** 2))
+
+    @property
+    def _order(self) -> Any:
+        """Columns in the order of the system's rows."""
+        rows = np.argsort(self.bodies)
+        own = (3 * rows[:, None] + np.arange(3)).ravel()
+        return np.concatenate([own, 3 * len(rows) + own])
+
+    def __str__(self) -> str:
+        rows, columns = self.matrix.shape
+        words = [f"transition matrix {rows} x {columns} from t = {self.start.time:.6g} to {self.end.time:.6g}"]
+        words.append(f"{self.integrator}, {self.steps} steps")
+        if self.by_differences:
+            words.append(f"by central differences: {', '.join(self.by_differences)}")
+        return "; ".join(words)
+
+
+def transition_matrix(
+    system: System | Simulation,
+    time: float | str | None = None,
+    integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
+    *,
+    bodies: Iterable[str | int] | str | int | None = None,
+    masses: bool = False,
+    parameters: Iterable[str] = (),
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> TransitionMatrix:
+    """Derivatives of a motion's end with respect to its start, from the variational equations.
+
+    The same method moves particles and deviations, so with fixed steps the matrix is the derivative of the method's own
+    map. Gravity, springs, and laws of fields, bodies and bonds have exact slopes: a law's formula runs on numbers that
+    carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use central
+    differences, and the result names them.
+
+    Parameters
+    ----------
+    system : System, or a Simulation, whose current state and method are the defaults
+    time : length of the run; default the system file's
+    integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
+        gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
+        use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
+        alone
+    bodies : names or numbers of the bodies whose start varies; default all
+    masses : whether to differentiate by the masses of all bodies as well
+    parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
+        Their slopes, and those of masses in other forces than gravity, are central differences of order 4 of the force
+
+    Returns
+    -------
+    TransitionMatrix
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and for a force without variational equations.
+    RunError
+        If the run blows up.
+    """
+    system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
+    length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters)
+    mapped = _mapped(system, asked, given)
+    name = mapped or carrier(system, asked, DEFAULT)
+    run = (TangentRun if mapped else VariedRun)(system, columns, name, threads, given)
+    with following(progress, "running") as told:
+        phase, slopes, end = run.to(length, told)
+    parts = as_matrices(slopes, columns)
+    reached = system.at(phase, end, run.steps).state
+    return TransitionMatrix(*parts, columns.bodies, system.state, reached, name, run.steps, run.by_differences)
+
+
+def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
+    """Name of the Wisdom-Holman method whose tangent map serves: the one asked for, or the system file's own where it
+    can; else None."""
+    named = INTEGRATORS.get(asked or system.run.integrator or "")
+    if not isinstance(named, WisdomHolman):
+        return None
+    alone = all(isinstance(force, Gravity) for force in system.forces)
+    has_step = given.get("dt") is not None or system.run.dt is not None
+    return named.name if asked or (alone and has_step) else None
+
+
+def given_run(
+    what: str, system: System | Simulation, integrator: Any, options: dict[str, Any]
+) -> tuple[System, str | None, dict[str, Any]]:
+    """The System, the name of the integrator if one is asked for, and its options."""
+    if not isinstance(system, System | Simulation):
+        raise InputError(f"{what}: takes a System or a Simulation, got {type(system).__name__}")
+    asked, given = unpacked(integrator, options)
+    if isinstance(system, System):
+        return system, asked, given
+    sim, now = system, system.state
+    own = sim.integration.system
+    assert isinstance(own, System)
+    if asked is None and (sim.method.carries or isinstance(sim.method, WisdomHolman)):
+        asked = sim.integrator
+        kept = {"dt": sim.dt, **{key: sim.options.get(key) for key in sim.method.tunable}}
+        given = kept | {key: value for key, value in given.items() if value is not None}
+    return own.at(now.phase, sim.time), asked, given
+
+
+def columns_of(system: System, bodies: Any, masses: bool, parameters: Iterable[str]) -> Columns:
+    """The numbers to differentiate by."""
+    named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    for text in named:
+        parameter_of(system, text)
+    return Columns(rows_of(system, bodies, "bodies"), tuple(range(len(system))) if masses else (), named)
+
+
+def as_matrices(slopes: Floats, columns: Columns) -> tuple[Floats, Floats | None, Floats | None]:
+    """The matrix (6 n, 6 k), and the derivatives by masses and by parameters, from derivatives (2, 3, n, columns)."""
+    flat = slopes.transpose(0, 2, 1, 3).reshape(-1, columns.total)
+    first = 6 * len(columns.bodies)
+    matrix, by_masses, by_parameters = np.split(flat, [first, first + len(columns.masses)], axis=1)
+    return (
+        np.ascontiguousarray(matrix),
+        np.ascontiguousarray(by_masses) if columns.masses else None,
+        np.ascontiguousarray(by_parameters) if columns.parameters else None,
+    )

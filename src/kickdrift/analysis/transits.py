@@ -1,0 +1,273 @@
+"""Transit times of a planet in front of its star, with their derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.chaos import carrier
+from kickdrift.analysis.transition import columns_of, given_run
+from kickdrift.analysis.varied_run import DEFAULT, VariedRun, rows_of
+from kickdrift.display.showing import Lines, Shown, Table, following
+from kickdrift.errors import InputError
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator
+from kickdrift.model.checks import positive
+from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units import time_in
+from kickdrift.run.simulation import Simulation
+
+TURN = 0.5  # radians that the planet may move between two looks for a transit
+MOST_SHOWN = 20  # rows of the table
+_COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
+MOST = 60  # attempts to find a time: bisection alone needs some 50
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Transits(Shown):
+    """Times at which a planet is nearest to its star on the sky, in front of it, and the derivatives of these times.
+
+    Attributes
+    ----------
+    times : (k,)
+    jacobian : (k, 6 b), derivatives with respect to the start of the varied bodies: positions x0, y0, z0, x1 …, then
+        velocities, as in a `TransitionMatrix`
+    by_masses : (k, n), derivatives with respect to the masses; None if not asked for
+    by_parameters : (k, p), derivatives with respect to the parameters; None if not asked for
+    distances : (k,) distances on the sky at these times
+    speeds : (k,) speeds on the sky at these times
+    planet, star : names
+    integrator : name of the method
+    by_differences : names of the forces whose slopes came from central differences
+    units : the system's
+    """
+
+    times: Floats
+    jacobian: Floats
+    by_masses: Floats | None
+    by_parameters: Floats | None
+    distances: Floats
+    speeds: Floats
+    planet: str
+    star: str
+    integrator: str
+    by_differences: tuple[str, ...]
+    units: UnitSystem
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _tables(self) -> list[Table]:
+        columns = ["transit", *(_headed(name, self.units.symbol(kind)) for name, kind in _COLUMNS)]
+        series = (self.times, self.distances, self.speeds)
+        rows = [[str(k), *(f"{value:.13g}" for value in row)] for k, row in enumerate(zip(*series, strict=True))]
+        return [(f"transits of {self.planet} in front of {self.star}", columns, rows[:MOST_SHOWN])]
+
+    def _lines(self) -> Lines:
+        lines = [("transits", f"{len(self)}, with derivatives by {self.jacobian.shape[1]} numbers of the start")]
+        if len(self) > MOST_SHOWN:
+            lines.append(("", f"the first {MOST_SHOWN} are shown"))
+        lines.append(("integrator", self.integrator))
+        if self.by_differences:
+            lines.append(("by differences", ", ".join(self.by_differences)))
+        return lines
+
+    def as_json(self) -> dict[str, Any]:
+        """The transits as one JSON object."""
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "units"}
+        plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in kept.items()}
+        return plain | {"units": self.units.name}
+
+
+def transits(
+    system: System | Simulation,
+    planet: str | int,
+    star: str | int | None = None,
+    *,
+    until: float | str,
+    direction: Sequence[float] = (0.0, 0.0, 1.0),
+    within: float | str | None = None,
+    bodies: Iterable[str | int] | str | int | None = None,
+    masses: bool = False,
+    parameters: Iterable[str] = (),
+    integrator: str | Integrator | None = None,
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> Transits:
+    """Transit times of a planet, with their derivatives with respect to the start.
+
+    A transit is a time of least distance on the sky with the planet in front of the star: x . u = 0 for the relative
+    position x and velocity u in the plane of the sky, and x . u grows (Winn 2010, arXiv:1001.2010, section 2.1). The
+    true motion is solved for this time by Newton's method. Light takes no time. The derivatives follow from the
+    variational equations: dt/dp = -(d(x . u)/dp) / (d(x . u)/dt).
+
+    Parameters
+    ----------
+    system : System, or a Simulation, whose current state and method are the defaults
+    planet, star : names or numbers; default star the most massive body
+    until : last time
+    direction : from the system towards the observer; default z
+    within : largest distance on the sky that counts; default the sum of both radii if the system has radii, else any
+    bodies : bodies whose start varies; default all
+    masses : whether to differentiate by the masses of all bodies as well
+    parameters : parameters of forces to differentiate by, as in ``transition_matrix``
+    integrator, options : a method that knows the state inside its steps; default the system file's if it does, else
+        gauss-radau15
+
+    Returns
+    -------
+    Transits
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and if there is no transit.
+    RunError
+        If the run blows up.
+    """
+    system, asked, given = given_run("transits", system, integrator, options)
+    name = _method(system, asked, integrator is None)
+    pair = _pair(system, planet, star)
+    sight, end = _unit(direction), float(time_in(until, system.units, "until"))
+    if not (math.isfinite(end) and end > system.state.time):
+        raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
+    most = _within(system, pair, within)
+    columns = columns_of(system, bodies, masses, parameters)
+    with following(progress, "running") as told:
+        run = VariedRun(system, columns, name, threads, given if name == asked else options)
+        found = _Search(run, pair, sight, end, most, told).found()
+    who, whom = (system.body(row) for row in pair)
+    if not found:
+        near = "" if most == math.inf else f" within {most:.6g} on the sky"
+        raise InputError(f"transits: {who} does not pass in front of {whom}{near} until t = {end:.10g}")
+    times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
+    first = 6 * len(columns.bodies)
+    jacobian, by_masses, by_parameters = np.split(rates, [first, first + len(columns.masses)], axis=1)
+    return Transits(
+        times, jacobian, by_masses if columns.masses else None, by_parameters if columns.parameters else None,
+        distances, speeds, who, whom, name, run.by_differences, system.units,
+    )  # fmt: skip
+
+
+def _headed(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
+
+
+def _method(system: System, asked: str | None, by_default: bool) -> str:
+    name = carrier(system, asked, DEFAULT)
+    if method_named(name).chooses_steps:
+        return name
+    if by_default:
+        return DEFAULT
+    raise InputError(f"integrator: {name} does not know the state inside its steps; gauss-radau15 and dop853 do")
+
+
+def _pair(system: System, planet: Any, star: Any) -> tuple[int, int]:
+    one = rows_of(system, [planet], "planet")[0]
+    other = int(np.argmax(system.state.masses)) if star is None else rows_of(system, [star], "star")[0]
+    if one == other:
+        raise InputError(f"planet: {system.body(one)} is the star")
+    return one, other
+
+
+def _unit(direction: Any) -> Floats:
+    sight = np.asarray(direction, dtype=float)
+    if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
+        raise InputError(f"direction: expected a vector (x, y, z) with a length, got {direction!r}")
+    sight = sight / np.abs(sight).max()
+    return sight / np.linalg.norm(sight)
+
+
+def _within(system: System, pair: tuple[int, int], given: Any) -> float:
+    if given is not None:
+        return positive("within", time_in(given, system.units, "within", "length"))
+    return math.inf if system.radii is None else float(system.radii[list(pair)].sum())
+
+
+class _Search:
+    """Search of a run's steps for transits."""
+
+    def __init__(
+        self, run: VariedRun, pair: tuple[int, int], sight: Floats, end: float, within: float, told: Any
+    ) -> None:
+        self._run, self._pair, self._end, self._within, self._told = run, pair, end, within, told
+        self._sky, self._sight = np.eye(3) - np.outer(sight, sight), sight
+        self._found: list[tuple[float, Floats, float, float]] = []
+        self._last: tuple[float, Floats] = run.time, self._stepper.y.copy()
+        self._begin = run.time
+
+    @property
+    def _stepper(self) -> Any:
+        return self._run.sim.integration.stepper
+
+    def found(self) -> list[tuple[float, Floats, float, float]]:
+        """Times, their derivatives (columns,), distances and speeds."""
+        self._run.advance(MOST_STEPS, self._visit, 1)
+        return self._found
+
+    def _relative(self, y: Floats) -> Floats:
+        """Relative position and velocity (2, 3)."""
+        one, other = self._pair
+        return np.asarray(y[:, :, one] - y[:, :, other])
+
+    def _rate(self, y: Floats) -> float:
+        """Half the rate of the squared distance on the sky."""
+        x, u = self._relative(y)
+        return float(x @ self._sky @ u)
+
+    def _visit(self) -> bool:
+        """Look for transits in the last step. Return whether the time is over."""
+        stepper, (t0, y0) = self._stepper, self._last
+        t1, y1 = stepper.time, stepper.y.copy()
+        a, b = self._relative(y0)[0], self._relative(y1)[0]
+        turned = math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+        inside = np.linspace(t0, t1, 1 + max(1, math.ceil(turned / TURN)))
+        looks = [(t0, y0), *((float(t), stepper.at(float(t))) for t in inside[1:-1]), (t1, y1)]
+        for (begin, before), (end, after) in pairwise(looks):
+            if self._rate(before) < 0.0 <= self._rate(after) and self._relative(after)[0] @ self._sight > 0.0:
+                self._add(*self._refined(begin, end))
+        self._last = t1, y1
+        if self._told:
+            self._told(int(1000 * min(1.0, (t1 - self._begin) / (self._end - self._begin))), 1000)
+        return bool(t1 >= self._end)
+
+    def _refined(self, low: float, high: float) -> tuple[float, Floats, float]:
+        """The time between two times, the state y there, and the slope of the rate."""
+        t = 0.5 * (low + high)
+        for _ in range(MOST):
+            y = self._stepper.at(t)
+            rate, slope = self._rate(y), self._slope(t, y)
+            low, high = (t, high) if rate < 0.0 else (low, t)
+            step = -rate / slope if slope > 0.0 else math.inf
+            after = t + step if low <= t + step <= high else 0.5 * (low + high)
+            if abs(after - t) <= 4e-16 * max(abs(t), high - low):
+                break
+            t = after
+        return t, y, slope
+
+    def _slope(self, t: float, y: Floats) -> float:
+        flow: Any = self._run.sim.integration.flow
+        (x, u), push = self._relative(y), flow.derivative(t, y)[1]
+        one, other = self._pair
+        return float(u @ self._sky @ u + x @ self._sky @ (push[:, one] - push[:, other]))
+
+    def _add(self, t: float, y: Floats, slope: float) -> None:
+        (x, u), (_, slopes) = self._relative(y), self._run.split(y)
+        distance, speed = (float(np.linalg.norm(self._sky @ each)) for each in (x, u))
+        if t > self._end or distance > self._within:
+            return
+        one, other = self._pair
+        dx, du = slopes[:, :, one] - slopes[:, :, other]
+        self._found.append((t, -(u @ self._sky @ dx + x @ self._sky @ du) / slope, distance, speed))

@@ -1,0 +1,204 @@
+"""Operators of duals. They mix with numbers and with vectors of numbers, which have no slopes.
+
+The rules are those of calculus: linear operators act on value and slopes alike, bilinear ones by the product rule.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.dual import DUAL, DUAL3, Dual, as_dual, dual
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.vector3 import thrice, vector3
+from kickdrift.jit.vector3_operators import Vector3
+
+_PLAIN = (types.Number, types.Boolean, Vector3)
+
+
+def _chosen(a: Any, b: Any, both: Any, first: Any, second: Any) -> Any:
+    """Code for two duals, or for a dual and something without slopes; None for other types."""
+    if isinstance(a, Dual) and isinstance(b, Dual):
+        return both
+    if isinstance(a, Dual) and isinstance(b, _PLAIN):
+        return first
+    return second if isinstance(a, _PLAIN) and isinstance(b, Dual) else None
+
+
+def _teach_sum(function: Callable[..., Any], in_place: Callable[..., Any], sign: float) -> None:
+    def both(a, b):
+        return dual(function(a.value, b.value), function(a.slope, b.slope))
+
+    def first(a, b):
+        return dual(function(a.value, b), a.slope)
+
+    def second(a, b):
+        return dual(function(a, b.value), sign * b.slope)
+
+    def code(a, b):
+        return _chosen(a, b, both, first, second)
+
+    overload(function)(code)
+    overload(in_place)(code)
+
+
+def _teach_product(function: Callable[..., Any]) -> Callable[..., Any]:
+    def both(a, b):
+        return dual(function(a.value, b.value), function(a.slope, b.value) + function(a.value, b.slope))
+
+    def first(a, b):
+        return dual(function(a.value, b), function(a.slope, b))
+
+    def second(a, b):
+        return dual(function(a, b.value), function(a, b.slope))
+
+    def code(a, b):
+        return _chosen(a, b, both, first, second)
+
+    overload(function)(code)
+    return code
+
+
+_teach_sum(operator.add, operator.iadd, 1.0)
+_teach_sum(operator.sub, operator.isub, -1.0)
+for _product in (operator.matmul, np.dot, np.cross):
+    _teach_product(_product)
+overload(operator.imul)(_teach_product(operator.mul))
+
+
+def _quotient(a, b):
+    inverse = 1.0 / b.value
+    value = a.value * inverse
+    return dual(value, (a.slope - b.slope * value) * inverse)
+
+
+def _over_number(a, b):
+    inverse = 1.0 / b
+    return dual(a.value * inverse, a.slope * inverse)
+
+
+def _number_over(a, b):
+    value = a * (1.0 / b.value)
+    return dual(value, b.slope * (value * (-1.0 / b.value)))
+
+
+def _divided(a, b):
+    if isinstance(b, Vector3) or b == DUAL3:
+        return None
+    return _chosen(a, b, _quotient, _over_number, _number_over)
+
+
+for _division in (operator.truediv, operator.itruediv):
+    overload(_division)(_divided)
+
+
+@overload(operator.neg)
+def _negative(a):
+    return (lambda a: dual(-a.value, -a.slope)) if isinstance(a, Dual) else None
+
+
+@overload(operator.pos)
+def _positive(a):
+    return (lambda a: a) if isinstance(a, Dual) else None
+
+
+def _power_of_power(a, b):
+    value = a.value**b.value
+    return dual(value, (b.value * a.value ** (b.value - 1.0)) * a.slope + (value * math.log(a.value)) * b.slope)
+
+
+def _power_of_number(a, b):
+    return dual(a.value**b, (b * a.value ** (b - 1)) * a.slope)
+
+
+def _number_to_power(a, b):
+    value = a**b.value
+    return dual(value, (value * math.log(a)) * b.slope)
+
+
+def _whole_power(a, b):
+    if b == 0:
+        return dual(1.0, 0.0 * a.slope)
+    if b == 1:
+        return a
+    before = a.value ** (b - 1)
+    return dual(before * a.value, (b * before) * a.slope)
+
+
+def _power(a, b):
+    if a == DUAL and isinstance(b, types.Integer):
+        return _whole_power
+    return _chosen(a, b, _power_of_power, _power_of_number, _number_to_power)
+
+
+for _raise in (operator.pow, operator.ipow):
+    overload(_raise)(_power)
+
+
+def _teach_comparison(function: Callable[..., Any]) -> None:
+    def both(a, b):
+        return function(a.value, b.value)
+
+    def first(a, b):
+        return function(a.value, b)
+
+    def second(a, b):
+        return function(a, b.value)
+
+    overload(function)(lambda a, b: _chosen(a, b, both, first, second))
+
+
+for _comparison in (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne):
+    _teach_comparison(_comparison)
+
+
+@overload(operator.getitem)
+def _component(vector, k):
+    if vector == DUAL3 and isinstance(k, types.Integer):
+        return lambda vector, k: dual(vector.value[k], vector.slope[k])
+    return None
+
+
+@overload(np.where)
+def _where(condition, x, y):
+    if isinstance(condition, types.Boolean) and DUAL in (x, y):
+        return lambda condition, x, y: as_dual(x) if condition else as_dual(y)
+    return None
+
+
+def dual_vector(push: Any) -> Any:
+    """A dual vector from what a law returns: a dual vector, a vector of numbers, or three duals or numbers."""
+
+
+@overload(dual_vector)
+def _dual_vector(push):
+    if push == DUAL3:
+        return lambda push: push
+    if isinstance(push, Vector3):
+        return lambda push: dual(push, thrice(splat(0.0)))
+    return lambda push: _of_three(as_dual(push[0]), as_dual(push[1]), as_dual(push[2]))
+
+
+@as_written
+def _of_three(x, y, z):
+    return dual(vector3(x.value, y.value, z.value), vector3(x.slope, y.slope, z.slope))
+
+
+@as_written
+def vector_at(x, i):
+    """Return column i of an array (3, n) of duals as a vector."""
+    return _of_three(x[0, i], x[1, i], x[2, i])
+
+
+@as_written
+def put_vector(x, i, vector):
+    """Write a dual vector into column i of an array (3, n) of duals."""
+    x[0, i], x[1, i], x[2, i] = vector.x, vector.y, vector.z

@@ -1,0 +1,299 @@
+"""Transition matrices and transit times against differences of runs, rebound and closed forms."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.analysis.varied_run import Columns, VariedRun
+from kickdrift.cli import main as cli
+from kickdrift.errors import InputError
+
+MASSES = [1.0, 1e-3, 3e-4]
+
+
+def planets(move=(0, 0, 0, 0.0), masses=MASSES) -> kd.System:
+    """Two planets that meet; ``move`` changes half, body and axis of the start by an amount."""
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]])
+    v = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]])
+    half, body, axis, by = move
+    (x, v)[half][body, axis] += by
+    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
+
+
+def slope(end, h=1e-4):
+    """Derivative of a function of a displacement, by differences of order 4."""
+    one, two = ((end(k * h) - end(-k * h)) / (2 * h * k) for k in (1, 2))
+    return (4 * one - two) / 3
+
+
+def run_to(system: kd.System, integrator: str, dt: float | None, time: float = 5.0) -> np.ndarray:
+    sim = kd.Simulation(system, integrator, dt)
+    sim.run(until=time)
+    return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()])
+
+
+@pytest.mark.parametrize(
+    ("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01), ("wisdom-holman", 0.05), ("saba", 0.05)]
+)
+def test_columns_are_slopes_of_runs(name, dt):
+    found = kd.transition_matrix(planets(), 5.0, name, dt, masses=True)
+    assert found.by_differences == ()
+    assert found.symplectic_error < 1e-13
+    end = np.concatenate([found.end.positions.ravel(), found.end.velocities.ravel()])
+    np.testing.assert_allclose(end, run_to(planets(), name, dt), rtol=0, atol=1e-12)
+    size = np.abs(found.matrix).max()
+    for column, move in ((3, (0, 1, 0)), (9 + 7, (1, 2, 1)), (0, (0, 0, 0))):
+        wanted = slope(lambda by, move=move: run_to(planets((*move, by)), name, dt))
+        np.testing.assert_allclose(found.matrix[:, column], wanted, rtol=0, atol=1e-9 * size)
+    for body in (0, 1):
+        masses = np.eye(3)[body]
+        wanted = slope(lambda by, e=masses: run_to(planets(masses=np.array(MASSES) + by * e), name, dt))
+        np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * size)
+
+
+def test_bodies_select_columns_and_a_simulation_goes_on():
+    whole = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01)
+    part = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01, bodies=["c", 1])
+    assert part.bodies == (2, 1)
+    np.testing.assert_array_equal(part.matrix, whole.matrix[:, [6, 7, 8, 3, 4, 5, 15, 16, 17, 12, 13, 14]])
+    sim = kd.Simulation(planets(), "yoshida4", 0.01)
+    sim.run(50)
+    first, second = kd.transition_matrix(planets(), 0.5, "yoshida4", 0.01), kd.transition_matrix(sim, 0.5)
+    assert second.integrator == "yoshida4"
+    assert second.start.time == 0.5
+    np.testing.assert_allclose(second.matrix @ first.matrix, whole.matrix, rtol=0, atol=1e-12)
+
+
+def test_a_tangent_map_follows_the_corrector_and_the_star_in_any_place():
+    order = [1, 0, 2]
+    system = planets()
+    turned = kd.System(
+        system.state.positions[order], system.state.velocities[order], system.state.masses[order],
+        forces=system.forces, units="nbody",
+    )  # fmt: skip
+    found = kd.transition_matrix(turned, 5.0, "wisdom-holman", 0.02, corrector=17)
+    sim = kd.Simulation(turned, "wisdom-holman", 0.02, corrector=17)
+    sim.run(250)
+    np.testing.assert_allclose(found.end.positions, sim.state.positions, rtol=0, atol=1e-12)
+    exact = kd.transition_matrix(turned, 5.0, "gauss-radau15")
+    np.testing.assert_allclose(found.matrix, exact.matrix, rtol=0, atol=1e-6)
+    plain = kd.transition_matrix(turned, 5.0, "wisdom-holman", 0.02)
+    assert np.abs(found.matrix - exact.matrix).max() < 0.1 * np.abs(plain.matrix - exact.matrix).max()
+
+
+def test_a_tangent_map_is_symplectic_over_long_runs():
+    found = kd.transition_matrix(planets(), 500.0, "wisdom-holman", 0.05)
+    assert found.steps == 10_000
+    assert found.symplectic_error < 1e-13
+    assert kd.transition_matrix(kd.load("trappist-1"), "10 day").integrator == "wisdom-holman"
+
+
+def test_a_scaled_deviation_is_the_same(monkeypatch):
+    plain = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
+    monkeypatch.setattr("kickdrift.analysis.varied_run.LARGEST", 2.0)
+    scaled = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
+    np.testing.assert_array_equal(scaled.matrix, plain.matrix)
+
+
+def test_harmonic_motion_has_a_closed_form():
+    k, t = np.array([1.0, 4.0, 0.25]), 1.7
+    system = kd.System([[0.3, -0.2, 0.9]], [[0.1, 0.0, 0.4]], forces=[kd.HarmonicTrap(tuple(k))], units="nbody")
+    w = np.sqrt(k)
+    wanted = np.block(
+        [[np.diag(np.cos(w * t)), np.diag(np.sin(w * t) / w)], [np.diag(-w * np.sin(w * t)), np.diag(np.cos(w * t))]]
+    )
+    found = kd.transition_matrix(system, t, "gauss-radau15")
+    np.testing.assert_allclose(found.matrix, wanted, rtol=0, atol=1e-13)
+
+
+@kd.body_law
+class WholeArrays(NamedTuple):
+    k: float
+
+    def law(p, x, v, m, t, a):
+        a -= p.k * x
+        return 0.5 * p.k * np.sum(m * x * x)
+
+
+@kd.body_law
+class WholeColumns(NamedTuple):
+    k: float
+
+    def law(p, x, v, m, t, a):
+        energy = 0.0
+        for i in range(x.shape[1]):
+            a[:, i] += -p.k * x[:, i]
+            energy += 0.5 * p.k * m[i] * np.sum(x[:, i] ** 2)
+        return energy
+
+
+def test_slopes_by_masses_and_parameters_of_all_forces():
+    def system(masses=MASSES, j2=1e-2, G=1.0) -> kd.System:
+        flat = kd.Oblateness(j2=j2, radius=0.3, pole=(0.1, 0.0, 1.0), G=G)
+        return planets(masses=masses).with_forces(kd.Gravity(G=1.0), flat, kd.PostNewtonian(c=20.0, G=1.0))
+
+    found = kd.transition_matrix(system(), 2.0, masses=True, parameters=["j2.j2", "j2.G"])
+    assert (found.by_masses.shape, found.by_parameters.shape) == ((18, 3), (18, 2))
+
+    def end(**changed):
+        return run_to(system(**changed), "gauss-radau15", None, 2.0)
+
+    wanted = [slope(lambda by: end(j2=1e-2 + by), 1e-3), slope(lambda by: end(G=1.0 + by), 1e-2)]
+    np.testing.assert_allclose(found.by_parameters.T, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    for body in range(3):
+        way = np.eye(3)[body]
+        wanted = slope(lambda by, way=way: end(masses=np.array(MASSES) + by * way), 1e-4)
+        np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    with pytest.raises(
+        InputError, match=r"parameters: expected FORCE\.KEY with a force of gravity, j2, relativity-1pn"
+    ):
+        kd.transition_matrix(system(), 2.0, parameters=["j3.radius"])
+    with pytest.raises(InputError, match=r"parameters: j2\.pole: expected a parameter that is one number"):
+        kd.transition_matrix(system(), 2.0, parameters="j2.pole")
+
+
+@pytest.mark.parametrize("law", [WholeArrays, WholeColumns])
+def test_a_law_of_whole_arrays_takes_central_differences_and_says_so(law):
+    system = kd.System([[0.3, -0.2, 0.9], [1.0, 0.0, 0.0]], forces=[law(k=1.0)], units="nbody")
+    found = kd.transition_matrix(system, 1.7, "gauss-radau15")
+    assert found.by_differences == (law.name,)
+    assert f"by central differences: {law.name}" in str(found)
+    np.testing.assert_allclose(found.matrix[:6, :6], math.cos(1.7) * np.eye(6), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"bodies": "d"}, "bodies: there is no body 'd'; names are star, b, c"),
+        ({"bodies": [0, 0]}, "bodies: expected one body or more, each once"),
+        ({"bodies": 9}, "bodies: there is no body 9"),
+        ({"integrator": "hermite4"}, "integrator: hermite4 carries no variations"),
+        ({"time": -1.0}, "time must be a positive finite time"),
+        ({"integrator": "saba"}, "dt is needed"),
+        (
+            {"integrator": "wisdom-holman", "dt": 0.1, "kernel": "lazy"},
+            "kernel: the tangent map of wisdom-holman takes 'standard' alone",
+        ),
+        (
+            {"integrator": "wisdom-holman", "dt": 0.1, "coordinates": "democratic-heliocentric"},
+            "coordinates: the tangent map of wisdom-holman takes jacobi alone, got democratic-heliocentric",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_said(given, message):
+    with pytest.raises(InputError, match=message):
+        kd.transition_matrix(planets(), **{"time": 1.0, **given})
+
+
+def test_forces_without_variations_are_refused():
+    with pytest.raises(InputError, match="force 'lennard-jones': has no variational equations"):
+        kd.transition_matrix(kd.load("lj-1000"), 0.1)
+    flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
+    with pytest.raises(InputError, match="its tangent map takes gravity alone, not j2; gauss-radau15 takes all"):
+        kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1)
+    with pytest.raises(InputError, match="takes a System or a Simulation, got str"):
+        kd.transition_matrix("two-body", 0.1)
+
+
+# --- transits ---
+
+
+def test_keplers_transits_come_once_a_period():
+    """For an orbit of two bodies, the time of transit moves with the start as the period and the phase do."""
+    x, v = [[0.0, 0, 0], [1.0, 0.0, 0.3]], [[0.0, 0, 0], [0.0, 1.0, 0.0]]
+
+    def moved(half=0, axis=0, by=0.0):
+        start = np.array([x, v])
+        start[half, 1, axis] += by
+        return kd.System(*start, [1.0, 0.0], forces=[kd.Gravity(G=1.0)], units="nbody")
+
+    found = kd.transits(moved(), 1, 0, until=30.0, direction=(0.0, -2.0, 0.0), bodies=1)
+    a = 1.0 / (2.0 / math.hypot(1.0, 0.3) - 1.0)
+    np.testing.assert_allclose(np.diff(found.times), 2 * math.pi * a**1.5, rtol=1e-12)
+    assert found.jacobian.shape == (len(found), 6)
+    for half in range(2):
+        for axis in range(3):
+            wanted = slope(
+                lambda by, at=(half, axis): (
+                    kd.transits(moved(*at, by), 1, 0, until=30.0, direction=(0, -1, 0), bodies=1).times
+                )
+            )
+            np.testing.assert_allclose(found.jacobian[:, 3 * half + axis], wanted, rtol=1e-8, atol=1e-8)
+
+
+def test_transits_of_a_simulation_go_on_from_its_time():
+    whole = kd.transits(planets(), "b", until=14.0, direction=(1, 0, 0))
+    sim = kd.Simulation(planets(), "gauss-radau15")
+    sim.run(until=8.0)
+    rest = kd.transits(sim, "b", until=14.0, direction=(1, 0, 0))
+    assert len(whole) == len(rest) + 1
+    np.testing.assert_allclose(rest.times, whole.times[1:], rtol=1e-13)
+
+
+def test_transits_are_those_of_rebound():
+    rebound = pytest.importorskip("rebound")
+    system = kd.load("trappist-1")
+    found = kd.transits(system, "c", until="8 day", direction=(0, -1, 0), bodies="c")
+    sim = rebound.Simulation()
+    sim.G, sim.integrator = system.units.gravity, "ias15"
+    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
+        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+    star, planet = sim.particles[0], sim.particles[2]
+    for time in found.times:
+        low, high = time - 1e-4, time + 1e-4
+        while high - low > 1e-14:
+            sim.integrate(0.5 * (low + high))
+            rate = (planet.x - star.x) * (planet.vx - star.vx) + (planet.z - star.z) * (planet.vz - star.vz)
+            assert planet.y < star.y
+            low, high = (sim.t, high) if rate < 0 else (low, sim.t)
+        assert abs(low - time) * 365.25 < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"planet": "b", "until": 0.1}, "transits: b does not pass in front of star until t = 0.1"),
+        ({"planet": "b", "within": 1e-4}, "transits: b does not pass in front of star within 0.0001 on the sky until"),
+        ({"planet": "star"}, "planet: star is the star"),
+        ({"planet": "d"}, "planet: there is no body 'd'"),
+        ({"planet": "b", "until": -1.0}, "until: expected a time after the start, 0, got -1.0"),
+        ({"planet": "b", "direction": (0, 0, 0)}, "direction: expected a vector"),
+        ({"planet": "b", "integrator": "yoshida4", "dt": 0.1}, "yoshida4 does not know the state inside its steps"),
+    ],
+)
+def test_transits_that_make_no_sense(given, message):
+    with pytest.raises(InputError, match=message):
+        kd.transits(planets(), **{"until": 3.0, "direction": (1, 0, 0), **given})
+
+
+def test_columns():
+    run = VariedRun(planets(), Columns((1,), (0, 2)), "yoshida4", 1, {"dt": 0.01})
+    phase, slopes = run.split(run.sim.state.phase)
+    np.testing.assert_array_equal(phase, planets().state.phase)
+    assert slopes.shape == (2, 3, 3, 8)
+    np.testing.assert_array_equal(slopes[:, :, 1, :6].reshape(6, 6), np.eye(6))
+    assert np.count_nonzero(slopes) == 6
+
+
+def test_command(monkeypatch, tmp_path, capsys):
+    def called(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "transits", "trappist-1", *words, "--direction", "0,-1,0"])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return int(ended.value.code or 0)
+
+    file = tmp_path / "transits.json"
+    assert called("b", "--until", "4 day", "--json", str(file)) == 0
+    assert "2, with derivatives by 48 numbers of the start" in capsys.readouterr().out
+    found = json.loads(file.read_text())
+    assert len(found["times"]) == len(found["jacobian"]) == 2
+    assert found["units"] == "astro"
+    assert called("h", "--until", "1 day") == 2
+    assert "transits: h does not pass in front of TRAPPIST-1 until t = " in capsys.readouterr().err
