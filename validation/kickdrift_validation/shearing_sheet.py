@@ -20,8 +20,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
-from kickdrift_validation.ring_patch import centre_of_mass, one_bounce
 from kickdrift_validation.ring_patch import beside_rebound as rings_beside_rebound
+from kickdrift_validation.ring_patch import centre_of_mass, one_bounce
 
 X = np.array([[1.0, 0.0, 0.3], [0.3, -2.0, 0.4], [-5.0, 1.0, 0.0]])
 V = np.array([[0.1, -1.5, 0.2], [0.1, 0.4, -0.1], [0.0, 7.5, 0.3]])

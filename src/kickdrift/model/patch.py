@@ -32,8 +32,8 @@ class Patch(NamedTuple):
     def offset(self, image: Any, time: float) -> Floats:
         """Position and velocity (2, 3) of an image relative to its body; of images (2, m), (2, 3, m)."""
         k, row = image
-        none = 0.0 * k
-        return np.array([[k * self.width, k * self.shear * time + row * self.length, none], [none, k * self.shear, none]])
+        along, none = k * self.shear * time + row * self.length, 0.0 * k
+        return np.array([[k * self.width, along, none], [none, k * self.shear, none]])
 
 
 def patch_of(system: Any) -> Patch | None:

@@ -132,7 +132,8 @@ def test_bodies_merge_across_the_boundary():
     assert sim.state.masses[0] == 3.0
     fine = after(across({"action": "stop"}), 2.0)
     assert fine.state.time < 2.0
-    x, v = fine.state.phase + np.array([0.0, 1.0]) * Patch(1.0, WIDTH, LENGTH).offset((1, 0), fine.state.time)[..., None]
+    offset = Patch(1.0, WIDTH, LENGTH).offset((1, 0), fine.state.time)
+    x, v = fine.state.phase + np.array([0.0, 1.0]) * offset[..., None]
     common = [2 / 3 * a[:, 0] + 1 / 3 * a[:, 1] for a in (x, v)]
     body = kd.System([common[0]], [common[1]], forces=[kd.Hill(1.0)], units="nbody")
     alone = after(body, 2.0 - fine.state.time)

@@ -60,7 +60,7 @@ class Trials:
     def _stepper(self, dt: float) -> Stepper:
         """A stepper for steps of this length: the last one, where it can change their length."""
         if hasattr(self._last, "retimed"):
-            return self._last.retimed(dt)  # type: ignore[no-any-return]
+            return self._last.retimed(dt)
         self._last = self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
         return self._last
 
