@@ -37,6 +37,13 @@ def laws() -> dict[str, Any]:
     return found
 
 
+def _as_map(axes: Any) -> None:
+    """Draw both axes to one scale, without numbers."""
+    axes.set_aspect("equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
 def tweezer(axes: Any, own: dict[str, Any]) -> str:
     """Distances from the centre of the trap in a heat bath, and Boltzmann's law."""
     depth, temperature, n = 2.0, 0.12, 500
@@ -71,9 +78,7 @@ def morse(axes: Any, own: dict[str, Any]) -> str:
     apart = np.linalg.norm(gas.box.minimum_image(x[:, None] - x[None]), axis=2)
     near = (apart < 1.5).sum(axis=1) - 1
     axes.scatter(x[:, 0], x[:, 1], s=10, c=np.where(near == 6, COLOURS[0], COLOURS[1]))
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    _as_map(axes)
     return f"{float(np.mean(near == 6)):.0%} of the particles have six neighbours"
 
 
@@ -92,9 +97,7 @@ def chain_molecule(axes: Any, own: dict[str, Any]) -> str:
     x = sim.state.positions - sim.state.positions.mean(axis=0)
     axes.scatter(x[:, 0], x[:, 1], s=5, c=np.arange(n), cmap="viridis")
     axes.plot(x[:, 0], x[:, 1], color=INK, linewidth=0.4)
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    _as_map(axes)
     bonds = np.linalg.norm(np.diff(x, axis=0), axis=1)
     return f"mean bond {bonds.mean():.3f}, length at rest 1"
 
@@ -110,9 +113,7 @@ def charges(axes: Any, own: dict[str, Any]) -> str:
     for k, colour in ((1, COLOURS[0]), (2, COLOURS[1])):
         axes.plot(*about[:, k, :2].T, color=colour, linewidth=0.8)
     axes.plot([0.0], [0.0], "o", color=INK, markersize=4)
-    axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    _as_map(axes)
     return f"energy error {report.energy.max_relative_error:.1e}"
 
 

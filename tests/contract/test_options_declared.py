@@ -151,7 +151,7 @@ def test_what_a_file_names_of_options_is_what_it_was():
     """Names and order in files of version 0.1.0."""
     assert list(Options()) == [
         "dt", "rtol", "atol", "controller", "compensated", "iteration", "coordinates", "corrector", "order", "eta",
-        "scheme", "precision", "max_step",
+        "scheme", "precision", "max_step", "hill_radii", "pericentre", "inner",
     ]  # fmt: skip
     assert dict(Options()) == dict.fromkeys(Options()) | {"compensated": False}
 

@@ -31,9 +31,12 @@ LAWS = {
     "harmonic-trap": kd.HarmonicTrap((1.0, 2.0, 0.5), centre=(0.1, 0.0, -0.2)),
     "uniform-field": kd.UniformField((0.0, -9.8, 1.0)),
     "driven-field": kd.DrivenField((1.0, 0.5, 0.0), frequency=0.3),
+    "hill": kd.Hill(omega=0.8),
     "linear-drag": kd.LinearDrag(0.7),
     "j2": kd.Oblateness(j2=0.01, radius=0.4, j4=-1e-4, pole=(0.1, 0.2, 1.0), G=1.0),
     "relativity-1pn": kd.PostNewtonian(c=10.0, G=1.0),
+    "migration": kd.Migration([0.0, 300.0, 200.0], [0.0, 90.0, 80.0], [0.0, 120.0, 100.0], G=1.0),
+    "radiation-reaction": kd.RadiationReaction(c=10.0, G=1.0),
 }
 
 
@@ -83,6 +86,8 @@ def laws() -> Iterator[Claim]:
 def in_mpmath(mpmath: Any, force: Any, system: kd.System, dx: Any, dv: Any) -> np.ndarray:
     """Slope of a law's accelerations (3, n), from the law's own code with mpmath's functions in place of math's."""
     law = _with(mpmath, force.Parameters.law)
+    if hasattr(force.Parameters, "pull"):  # the formula of a law of one central body
+        law.__globals__["pull"] = _with(mpmath, force.Parameters.pull)
     x, v = (np.array([[mpmath.mpf(float(value)) for value in row] for row in half]) for half in system.state.phase)
     t, masses = mpmath.mpf(system.state.time), [mpmath.mpf(float(m)) for m in system.state.masses]
 

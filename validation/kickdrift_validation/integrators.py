@@ -47,7 +47,7 @@ from kickdrift_validation.registry import SCRIPTS
 # Methods that take particles alone, or steps of their own making, each in a script of its own.
 ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
-    "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "gauss-radau15": "gauss-radau",
+    "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "trace": "trace", "gauss-radau15": "gauss-radau",
     "sei": "shearing-sheet",
     **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in respa.ROWS},
 }  # fmt: skip

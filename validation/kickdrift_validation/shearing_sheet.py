@@ -6,7 +6,7 @@ Rein & Tremaine 2011, doi:10.1111/j.1365-2966.2011.18939.x: epicycles to roundin
 energy error that does not grow. Henon & Petit 1986, doi:10.1007/BF01234287: two satellites that pass at a distance of
 many Hill radii, whose eccentricity after the encounter has a closed form. rebound's SEI runs the same patch. Particles
 that bounce make a ring like those of Wisdom & Tremaine 1988, also beside rebound: see ring_patch.py. ``--long`` takes
-ten times as many orbits, and rings of three optical depths.
+ten times as many orbits, and larger rings of two optical depths.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def claims(long: bool = False) -> list[Claim]:
     rows += beside_rebound()
     if not long:
         return [*rows, *rings_beside_rebound(40, 0.5, 5, 3, 6)]
-    return [*rows, *(row for depth in (0.2, 0.5, 1.0) for row in rings_beside_rebound(80, depth, 6, 5, 15))]
+    return [*rows, *(row for depth in (0.2, 0.5) for row in rings_beside_rebound(80, depth, 6, 5, 15))]
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ def _times(factor: int) -> str:
 
 
 def powers(order: int) -> Iterator[tuple[int, int, int, int]]:
-    """Every j1 to j4 of an order, none negative, as d'Alembert's rules allow."""
+    """All j1 to j4 of an order that d'Alembert's rules allow; none is negative."""
     for j1, j2, j3, j4 in product(range(order + 1), repeat=4):
         if j1 + j2 + j3 + j4 == order and (j3 + j4) % 2 == 0:
             yield j1, j2, j3, j4

@@ -3,8 +3,9 @@
 An orbit's z = e exp(i varpi) and zeta = sin(inc / 2) exp(i Omega) are sums over the secular modes of the system. One
 body alone may be ruled by the mode of another one: the largest line of Venus is that of Jupiter. So z is first written
 in the modes of Laplace and Lagrange's linear theory (Murray & Dermott 1999, Solar System Dynamics, sections 7.4 and
-7.7, doi:10.1017/CBO9781139174817), whose vectors are near the true ones although its frequencies are not. Each mode
-then has one large line, and frequency analysis finds its frequency (Laskar 1990, doi:10.1016/0019-1035(90)90084-M).
+7.7, doi:10.1017/CBO9781139174817). The vectors of these modes are near the true vectors; the frequencies
+are not near the true frequencies. Each mode then has one large line, and frequency analysis finds its frequency
+(Laskar 1990, doi:10.1016/0019-1035(90)90084-M).
 """
 
 from __future__ import annotations

@@ -37,10 +37,10 @@ def orbit_report(
 ) -> OrbitReport:
     """Proper frequencies, secular periods and librating resonances of a run's orbits.
 
-    The frequencies g and s are those of the secular modes: of the direction of pericentre and of the node. Each is the
-    strongest line of a mode of the linear secular theory (see `kickdrift.frequencies` for the analysis). The errors are
-    some 1e-3 of ``resolution`` for lines apart by three times as much, and short periods that the frames sample too
-    sparsely add noise.
+    The frequencies g belong to secular modes of the pericentres, and s to modes of the nodes. Each is the strongest
+    line of a mode of the linear secular theory (see `kickdrift.frequencies` for the analysis). The errors are some 1e-3
+    of ``resolution`` for lines that lie three times ``resolution`` apart or more. Short periods add noise where frames
+    are too sparse for them.
 
     Parameters
     ----------
@@ -66,7 +66,10 @@ def orbit_report(
         if not math.isfinite(last):
             raise InputError(f"until: expected a time, got {shown(until)}")
         ahead = math.copysign(1.0, found.times[-1] - found.times[0])
-        found = _rows(found, slice(int(np.count_nonzero(ahead * found.times <= ahead * last))))
+        count = int(np.count_nonzero(ahead * found.times <= ahead * last))
+        if count < LEAST <= len(found.times):
+            raise InputError(f"until {shown(until)}: {counted(count, 'frame')}; frequencies need {LEAST} or more")
+        found = _rows(found, slice(count))
     found = _even(path, found)
     if found.times[0] > found.times[-1]:  # a run back in time
         found = _rows(found, slice(None, None, -1))

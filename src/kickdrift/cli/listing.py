@@ -39,8 +39,8 @@ def show(
         int | None, typer.Option(metavar="K", help="Frame of a run's file, from 0 on (default: the last one).")
     ] = None,
 ) -> None:
-    """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. Of a run's file: the system of
-    a frame, in the box of that moment, at time 0."""
+    """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
+    of a frame, in the box of that moment, at time 0."""
     from kickdrift.systemfile.files import find, parsed
 
     if Path(system).suffix == ".h5md":

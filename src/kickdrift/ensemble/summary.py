@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _NOT_MEASURED = (MEMBER, "replica", "seed", "dt", "steps", "time", "force_evaluations", *LAST)
 LAST_OF_RUN = "warnings"  # the columns of a user's function follow this one
-_FIRST = ("megno", "pressure", "energy_max_relative_error")  # columns shown by default
+_FIRST = ("megno", "time", "pressure", "energy_max_relative_error")  # columns shown by default
 
 
 def grids(table: DataFrame) -> list[str]:
@@ -31,8 +31,13 @@ def drawn(table: DataFrame) -> list[str]:
 
 
 def measured(table: DataFrame) -> list[str]:
-    """Measured columns of numbers that have any."""
-    given = {*_NOT_MEASURED, *table.attrs[PROVENANCE]["grids"], *drawn(table)}
+    """Measured columns of numbers that have any; the time too, where events stopped members."""
+    stops = "stopped" in table and bool((table["stopped"] != "").any())
+    given = {
+        *(name for name in _NOT_MEASURED if not (stops and name == "time")),
+        *table.attrs[PROVENANCE]["grids"],
+        *drawn(table),
+    }
     numbers = [name for name in table.columns if name not in given and table[name].dtype.kind in "if"]
     return [name for name in numbers if np.isfinite(table[name]).any()]
 

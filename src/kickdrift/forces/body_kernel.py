@@ -12,6 +12,8 @@ from kickdrift.forces.around import column, pull, vector
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit import law_operators as law_operators  # teaches numba vectors' products
 from kickdrift.jit.compile import as_written, inlined, never_inline
+from kickdrift.jit.dual import DUAL
+from kickdrift.jit.dual_operators import dual_vector, vector_at
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat
@@ -66,11 +68,15 @@ def _pull(p, i, d, u, t):
 
 @overload(column)
 def _column(array, i):
+    if array.dtype == DUAL:
+        return lambda array, i: vector_at(array, i)
     return lambda array, i: numbers3(flat(array), i, array.shape[1])
 
 
 @overload(vector)
 def _vector(numbers):
+    if DUAL in tuple(numbers):
+        return lambda numbers: dual_vector(numbers)
     return lambda numbers: vector3(numbers[0], numbers[1], numbers[2])
 
 

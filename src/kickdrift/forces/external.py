@@ -14,7 +14,7 @@ from kickdrift.forces.external_code import found, named
 from kickdrift.forces.external_turns import Question, asked
 from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments, misfit
-from kickdrift.text import shown
+from kickdrift.text import counted, shown
 
 if TYPE_CHECKING:
     from kickdrift.forces.external_kernel import ExternalKernel
@@ -173,7 +173,9 @@ class PythonForce(Field):
         forces, *numbers = value
         shape = (len(x), len(x[0]), 3)
         if np.shape(forces) != shape:
-            raise InputError(f"returned forces of shape {np.shape(forces)}, expected {shape} for {len(x)} replicas")
+            raise InputError(
+                f"returned forces of shape {np.shape(forces)}, expected {shape}: {counted(len(x), 'replica')}"
+            )
         for key, each in zip(("energies", "virials"), numbers, strict=False):
             if each is not None and np.shape(each) != (len(x),):
                 raise InputError(

@@ -39,7 +39,7 @@ class Begun:
 
 
 class CalculatorHost(Host):
-    """Atoms whose positions compiled code writes, and the calculator that they are given to."""
+    """Atoms whose positions compiled code writes, and the calculator that takes these atoms."""
 
     def __init__(self, calculator: Any, atoms: Any, volume: float, units: Scale, *given: Any, **more: Any) -> None:
         super().__init__(*given, **more)
@@ -115,8 +115,8 @@ class BatchHost(CalculatorHost):
         if not isinstance(results, list | tuple) or len(results) != len(atoms):
             what = f"{len(results)} results" if isinstance(results, list | tuple) else shown(results)
             raise InputError(f"calculate_batch returned {what} for {len(atoms)} Atoms, expected a list of as many")
-        if wrong := next((each for each in results if not isinstance(each, Mapping)), None):
-            raise InputError(f"calculate_batch returned a list of {shown(wrong)}, expected tables of results")
+        if wrong := [each for each in results if not isinstance(each, Mapping)]:
+            raise InputError(f"calculate_batch returned a list with {shown(wrong[0])}, expected tables of results")
         return list(results)
 
 

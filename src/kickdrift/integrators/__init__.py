@@ -19,6 +19,7 @@ from kickdrift.integrators import (
     sei,
     splitting,
     stormer,
+    trace,
     wisdom_holman,
 )
 from kickdrift.integrators.method import Method
@@ -36,6 +37,7 @@ INTEGRATORS: dict[str, Method] = {
         *reversible.ROWS,
         *hermite.ROWS,
         *wisdom_holman.ROWS,
+        *trace.ROWS,
         *sei.ROWS,
         *runge_kutta.ROWS,
         *gauss_radau.ROWS,

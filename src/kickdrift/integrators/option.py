@@ -222,6 +222,18 @@ KERNEL = Option(
     (STANDARD, LAZY, COMPOSITION, MODIFIED_KICK), written=False,
 )  # fmt: skip
 ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
+HILL_RADII = Option(
+    "hill_radii", float, "Distance within which two bodies move together, in the hand-over radii of either.", 3.0,
+    above=0.0,
+)  # fmt: skip
+PERICENTRE = Option(
+    "pericentre", str, "Forces under which all massive bodies move together while one passes its pericentre.", "full",
+    ("full", "partial", "none"),
+)  # fmt: skip
+INNER = Option(
+    "inner", str, "Method that follows encounters and pericentre passages.", "gauss-radau15",
+    ("gauss-radau15", "bulirsch-stoer"),
+)  # fmt: skip
 ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
     "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
 )
@@ -300,6 +312,7 @@ OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
         RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
+        HILL_RADII, PERICENTRE, INNER,
     )
 }  # fmt: skip
 

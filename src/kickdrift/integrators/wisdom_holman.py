@@ -107,6 +107,18 @@ SABA = {f"{2 * count},2": _gauss(count) for count in (2, 3, 4, 5)} | {
 SABA_ORDER = replace(ORDER, default="10,6,4", choices=("10,6,4", *(name for name in SABA if name != "10,6,4")))
 
 
+def one_gravity(name: str, system: System) -> None:
+    """Raise InputError unless the System has one force of gravity, without softening."""
+    from kickdrift.forces.gravity import Gravity
+
+    gravities = [force for force in system.forces if isinstance(force, Gravity)]
+    if len(gravities) != 1:
+        count = len(gravities) or "none"
+        raise InputError(f"{name}: needs one force 'gravity', and {system.name!r} has {count}")
+    if gravities[0].softening:
+        raise InputError(f"{name}: needs gravity without softening")
+
+
 @dataclass(frozen=True)
 class WisdomHolman(Method):
     """Drifts along Kepler orbits, and kicks by the mutual forces of the bodies around the central one.
@@ -157,14 +169,7 @@ class WisdomHolman(Method):
 
     def check(self, system: System) -> None:
         """Raise InputError for a System without a central body, without gravity, or with softened gravity."""
-        from kickdrift.forces.gravity import Gravity
-
-        gravities = [force for force in system.forces if isinstance(force, Gravity)]
-        if len(gravities) != 1:
-            count = len(gravities) or "none"
-            raise InputError(f"{self.name}: needs one force 'gravity', and {system.name!r} has {count}")
-        if gravities[0].softening:
-            raise InputError(f"{self.name}: needs gravity without softening")
+        one_gravity(self.name, system)
         masses = system.state.masses
         heaviest = int(np.argmax(masses))
         if masses[heaviest] == 0.0:

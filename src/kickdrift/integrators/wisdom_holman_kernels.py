@@ -3,8 +3,8 @@
 The standard kernel is a kick by the accelerations B(x) of the interaction. A corrector leaves an error dt^2
 [B, [A, B]], quadratic in the planets' masses. This commutator depends on positions alone, so it can join the kick: the
 modified kick is by B(x) + dt^2 / 12 B'(x) B(x). The lazy implementer's kernel kicks by B(x + dt^2 / 12 B(x)), which
-differs from that by terms of order dt^4. The third way is a composition of kicks and drifts, which needs no code of
-its own.
+differs from the modified kick by terms of order dt^4. The third way is a composition of kicks and drifts, which needs
+no further code.
 
 Sources: Wisdom, Holman & Touma 1996, Fields Inst. Commun. 10, 217; Rein, Tamayo & Brown 2019,
 doi:10.1093/mnras/stz2503.

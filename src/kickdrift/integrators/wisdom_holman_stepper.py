@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class WisdomHolmanStepper(Regular):
 
     trouble = ""
     _loop_at: int | None = None  # the address of the loop's machine code, once known
-    saved = (
+    saved: ClassVar[tuple[str, ...]] = (
         "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
         "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
     )  # fmt: skip

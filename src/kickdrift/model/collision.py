@@ -123,6 +123,8 @@ class Collision:
         if self.action == "fragment" and self.fragment_mass is None:
             raise InputError(f"{self.kind}: fragment_mass: required by action 'fragment'")
         if self.action == "rule":
+            if self.rule is None:
+                raise InputError(f"{self.kind}: rule: required by action 'rule'")
             if not callable(self.rule):
                 raise InputError(f"{self.kind}: rule: expected a function of two bodies, got {shown(self.rule)}")
             if takes := misfit(self.rule, "heavier", "lighter"):

@@ -31,7 +31,6 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
         if isinstance(event, CloseApproach):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
-        if isinstance(event, CloseApproach):
             bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]
             if len(set(bodies)) < len(bodies):
                 raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
@@ -39,6 +38,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             radii, patch = event.radii_in(system), patch_of(system)
             if patch is not None:
                 check_patch(event.kind, patch, radii)
+            if event.adds:
+                check_room(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))
         elif isinstance(event, Escape):
             if event.about is not None:

@@ -36,16 +36,21 @@ class CloseApproach:
         r are the present distances from M in place of semi-major axes.
     bodies : names or numbers, optional
         One body: its pairs with all others. Several: the pairs among them. Default: all pairs.
+    action : str
+        "log", or "stop": the run ends with the step in which a passage begins.
     """
 
     distance: float
     bodies: Sequence[Body] | None = None
     hill: bool = False
+    action: str = "log"
 
     kind: ClassVar[str] = "close-approach"
+    actions: ClassVar[tuple[str, ...]] = ("log", "stop")
 
     def __post_init__(self) -> None:
         _positive(self.kind, "distance", self.distance)
+        one_of(self.kind, "action", self.action, self.actions)
         if self.bodies is not None:
             object.__setattr__(self, "bodies", _several(self.kind, self.bodies))
 

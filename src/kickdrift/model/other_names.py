@@ -13,14 +13,10 @@ from kickdrift.text import VALUE, clean
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk (with nose-hoover) or monte-carlo"
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
-CLOSE = (
-    "a switch to another method at close encounters is not there yet; 'gauss-radau15' follows close encounters, and "
-    "events record them"
-)
 CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
 MANY_BODY = (
-    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and 'ase' is a calculator "
-    "of ASE's"
+    "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
+    "calculator of ASE"
 )
 MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
@@ -38,7 +34,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("whckc", "rebound's {word} is 'wisdom-holman' here, with the kernel composition and corrector 17"),
         ("wh wisdomholman mvs", "{word} is 'wisdom-holman' here"),
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
-        ("mercurius trace hybrid symba", CLOSE),
+        ("mercurius hybrid symba mercury6-hybrid reb-trace", "{word} is 'trace' here"),
         ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
         ("eos", "rebound's {word} is not there yet"),
         ("symplectic-epicycle epicycle shearing-sheet", "{word} is 'sei' here, with the force hill"),
@@ -129,7 +125,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "{word} is 'migration' here; positive times damp",
         ),
         ("gas-drag-force aerodynamic-drag stokes-drag headwind", "{word} is 'gas-drag' here"),
-        ("gas-dynamical-friction chandrasekhar", "{word} is 'dynamical-friction' here"),
+        ("chandrasekhar", "{word} is 'dynamical-friction' here"),
+        ("gas-dynamical-friction", "did you mean 'dynamical-friction' by stars, or 'gas-drag'?"),
         ("central-force power-law halo", "{word} is 'central-potential' here"),
         ("modify-mass mass-loss mass-growth accretion", "{word} is 'mass-change' here"),
         ("stochastic-forces", "{word} is not there; friction with noise belongs to the integrator baoab"),

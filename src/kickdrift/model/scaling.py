@@ -18,8 +18,8 @@ SLOW = "1 cm/s"  # unit of speed of Bridges, Hatzes & Lin 1984
 
 
 def check_action(event: Collision, system: Bodies, gravity: Any) -> None:
-    """Raise InputError if the system lacks what the event's action needs. ``gravity`` is its force that binds bodies,
-    or None."""
+    """Raise InputError if the system lacks what the event's action needs. ``gravity`` is the force that
+    binds bodies, or None."""
     if event.restitution == BRIDGES and system.units.reduced:
         raise InputError(f"{event.kind}: restitution {BRIDGES!r} needs units with metres; {system.units.name} has none")
     if event.action != "fragment":

@@ -12,13 +12,11 @@ import numpy as np
 
 from kickdrift.disk.interrupt import interruptible
 from kickdrift.engines.job import Job
-from kickdrift.engines.session import RunFlow, begin
+from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.backward import BackwardStepper, mirrored
-from kickdrift.integrators.bath import freedom_of
-from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.option import MIXED, PRESSURE, coupling_of
+from kickdrift.integrators.option import PRESSURE
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED, Stepper
@@ -35,6 +33,7 @@ from kickdrift.model.system import System
 from kickdrift.run.blow_up import Safe, failure
 from kickdrift.run.purpose import purpose_of
 from kickdrift.run.shortened import shortened_step
+from kickdrift.run.stepping import stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -108,18 +107,7 @@ class Integration:
 
     def _made(self, system: Any, options: Options) -> tuple[RunFlow, Any]:
         """A flow of ``system`` and the method's stepper for it."""
-        if self.engine.foreign:
-            return begin(self.engine, replace(self._job, system=system, options=options))
-        mixed = options.precision == MIXED
-        flow = flow_of(system, self.threads, jumps=self.method.trial_steps, mixed=mixed, coupling=coupling_of(options))
-        if self.method.separable and flow.not_separable:
-            raise InputError(
-                f"{self.integrator}: needs accelerations that depend on positions and time alone, and "
-                f"{flow.not_separable}; Runge-Kutta methods do not"
-            )
-        if self.method.bath and isinstance(flow, ParticleFlow):
-            flow.count_freedom(freedom_of(flow.subject, self.method.drags))
-        return flow, self.method.stepper(flow, options)
+        return stepping(self.engine, replace(self._job, system=system, options=options))
 
     @property
     def integrator(self) -> str:

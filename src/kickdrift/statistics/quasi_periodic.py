@@ -64,8 +64,8 @@ def frequencies(
     series : (n,) complex or real values, such as e exp(i varpi) of an orbit
         A real wave has two lines, w and -w, each with half its amplitude.
     times : (n,) evenly spaced
-    count : most lines. Fewer come back if the rest is rounding. Beyond the true lines follow faint ones near them,
-        which are errors of the transform
+    count : most lines. Fewer come back if the rest is rounding. After the true lines come faint lines near them, which
+        are errors of the transform
     window : "box", "hann", "hann2" or "hann3", (1 + cos)^p of power p = 0 to 3. A higher power suppresses far lines and
         needs more distance between near ones
     corrections : 0 is the modified Fourier transform, 1 adds the linear correction of Sidlichovsky & Nesvorny, and

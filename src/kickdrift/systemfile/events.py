@@ -36,11 +36,12 @@ class CloseApproachTable(Table):
     distance: Any
     hill: bool = False
     bodies: Annotated[list[str | int], Field(min_length=1)] | None = None
+    action: Literal["log", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
         """Make the event of this table."""
         distance = quantity(self.distance, "dimensionless" if self.hill else "length", units, "distance")
-        return CloseApproach(distance, self.bodies, self.hill)
+        return CloseApproach(distance, self.bodies, self.hill, self.action)
 
 
 class CollisionTable(Table):

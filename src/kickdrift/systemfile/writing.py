@@ -137,7 +137,7 @@ def _event(system: System, event: Event) -> dict[str, Any]:
 
     table: dict[str, Any] = {"type": event.kind}
     if isinstance(event, CloseApproach):
-        table |= {"distance": event.distance, "hill": event.hill}
+        table |= {"distance": event.distance, "hill": event.hill, "action": event.action}
         return table if event.bodies is None else {**table, "bodies": [body(each) for each in event.bodies]}
     if isinstance(event, Collision):
         table |= _collision(event)

@@ -26,10 +26,11 @@ from kickdrift.model.system import System
 from kickdrift.trajectory import creation, packing, reader
 from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table
-from kickdrift.trajectory.columns import Described, check_columns, units_of
+from kickdrift.trajectory.columns import Described, units_of
 from kickdrift.trajectory.contents import Contents
+from kickdrift.trajectory.continued import check_continued
 from kickdrift.trajectory.header import Committed, Outline, outline_of
-from kickdrift.trajectory.layout import KIND_BYTES, NEW_NAMES, header_image
+from kickdrift.trajectory.layout import header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.order import in_order
@@ -139,19 +140,8 @@ class Writer:
         if path.exists():
             refuse_second(path)
         with cls._reading(path) as run:
-            if run.run_id != run_id:
-                raise InputError(f"{path}: belongs to another run; give another name, or overwrite it")
-            run.check_growing()
-            if columns is not None:
-                check_columns(run, columns)
-            last, cut = run.last_point, run.kept != run.committed
-            if at and last and behind(at, last):
-                raise InputError(f"{path}: ends at step {last[0]}; step {at[0]} cannot follow it")
-            if cut and last and not (at and same(last, *at)):
-                raise InputError(f"{path}: damaged after step {last[0]}; resume the run from that step")
-            for key in ("store", "compress", "write"):
-                if options and getattr(options, key) != getattr(run.options, key):
-                    raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, which cannot change")
+            check_continued(run, run_id, at, options, columns)
+            cut = run.kept != run.committed
         writer = cls.__new__(cls)
         keep = run.kept._replace(events=min(events, run.committed.events)) if cut else None
         writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
@@ -306,13 +296,7 @@ class Writer:
 
     def name(self, number: int, names: Sequence[str]) -> None:
         """Write the names of new bodies, from this number on, counted from 0."""
-        found = np.array([name.encode()[:KIND_BYTES] for name in names], f"S{KIND_BYTES}")
-
-        def write() -> None:
-            self._out.dataset(f"kickdrift/system/{NEW_NAMES}")[number : number + len(found)] = found
-            self._out.commit()
-
-        self._write(write)
+        self._write(lambda: self._rows.name(number, names))
 
     @property
     def writes(self) -> tuple[str, ...]:

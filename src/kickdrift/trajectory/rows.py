@@ -19,6 +19,8 @@ from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.edges import EDGES, shape_of, stored
 from kickdrift.trajectory.layout import (
     EVENTS,
+    KIND_BYTES,
+    NEW_NAMES,
     SAMPLES,
     TRAJECTORY,
     FileUnits,
@@ -119,6 +121,12 @@ class Rows:
             return None
         group = self._file[name]
         return int(group["step"][rows - 1]), float(group["time"][rows - 1]) / factor
+
+    def name(self, number: int, names: Sequence[str]) -> None:
+        """Write the names of new bodies, from this number on, counted from 0."""
+        found = np.array([name.encode()[:KIND_BYTES] for name in names], f"S{KIND_BYTES}")
+        self._out.dataset(f"kickdrift/system/{NEW_NAMES}")[number : number + len(found)] = found
+        self._out.commit()
 
     def waiting(self) -> Waiting:
         """Room in memory for rows of this file."""

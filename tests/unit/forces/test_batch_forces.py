@@ -109,7 +109,7 @@ def test_an_error_of_a_run_is_raised_after_all_have_ended():
     ("function", "message"),
     [
         (lambda x, v, t, b: (-x, 1.0), "returned energies of shape (), expected (1,): one for each replica"),
-        (lambda x, v, t, b: (-x[0], [1.0]), "returned forces of shape (3, 3), expected (1, 3, 3) for 1 replicas"),
+        (lambda x, v, t, b: (-x[0], [1.0]), "returned forces of shape (3, 3), expected (1, 3, 3): 1 replica"),
         (lambda x, v, t, b: (-x, [1.0] * len(x), 0.0), "returned virials of shape (), expected (1,)"),
         (lambda x, v, t, b: -x, "expected (forces, energy) or (forces, energy, virial)"),
         (lambda x, v, t, b: (-x, None), "returned no energy; a force without potential energy needs works=True"),
@@ -196,7 +196,8 @@ def test_a_calculator_that_takes_batches_gets_all_replicas_and_is_made_once(tmp_
     [
         (lambda each: None, "calculate_batch returned None for 1 Atoms, expected a list of as many"),
         (lambda each: [], "calculate_batch returned 0 results for 1 Atoms, expected a list of as many"),
-        (lambda each: [3.0], "calculate_batch returned a list of 3.0, expected tables of results"),
+        (lambda each: [3.0], "calculate_batch returned a list with 3.0, expected tables of results"),
+        (lambda each: [None], "calculate_batch returned a list with None, expected tables of results"),
         (lambda each: [{"energy": 1.0}], "returned no forces"),
     ],
 )

@@ -66,7 +66,7 @@ def test_each_word_has_one_hint(kind):
         ("ias15", "rebound's ias15 is 'gauss-radau15' here"),
         ("IAS15", "rebound's IAS15 is 'gauss-radau15' here"),
         ("whfast", "rebound's whfast is 'wisdom-holman' here"),
-        ("mercurius", "'gauss-radau15' follows close encounters"),
+        ("mercurius", "mercurius is 'trace' here"),
         ("RK45", "RK45 is 'dormand-prince45' here"),
         ("DOP853", "DOP853 is 'dop853' here"),
         ("velocity_verlet", "did you mean velocity-verlet"),
@@ -122,7 +122,7 @@ def test_system_files(values, hint, kickdrift, tmp_path, monkeypatch):
         (["--nsteps", "5"], "nsteps is 'steps' here"),
         (["--tmax", "5"], "tmax is 'time' here"),
         (["-o", "tolerance=1e-3"], "tolerance is 'rtol' here"),
-        (["--integrator", "trace"], "is not there yet"),
+        (["--integrator", "eos"], "is not there yet"),
         (["--engine", "gromacs"], "kickdrift export writes frames for gromacs"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.collision import Collision
@@ -14,13 +15,13 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
-from kickdrift.run.watch.span import Act, Span, separation
+from kickdrift.run.watch.span import Act, Part, Span, separation
 
 ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
 
 
 class Contacts(Checkpointed):
-    """Contacts of a `Collision`. With many bodies, the pairs are those that a step may bring together."""
+    """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
 
@@ -50,17 +51,41 @@ class Contacts(Checkpointed):
         """Rows (2, T) of the pairs whose contact is known."""
         return self._pairs[:, self._touching]
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of pairs in contact."""
-        if self._many:
-            self._take_near(overlapping(y0, y1, t1 - t0, self.radii, self._massive))
-        self._count = contacts(
-            y0, y1, t1 - t0, self._pairs, self.radii, self._approaching, self._touching, self._rows
-        )  # fmt: skip
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Search a step up to its first part with a contact. Return the number of pairs in contact."""
+        begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
+        for part in step_parts:
+            h = part.t1 - part.t0
+            self._count = self._found_in(part, h, step)
+            if self._count:
+                if len(step_parts) > 1:  # fractions of the step
+                    rows = self._rows[: self._count, 1:]
+                    rows[...] = (part.t0 - begin + rows * h) / length
+                break
         return self._count
 
+    def _found_in(self, part: Part, h: float, step: int) -> int:
+        """Search a part of a step. Return the number of pairs in contact."""
+        if self._many:
+            self._take_near(overlapping(part.y0, part.y1, h, self.radii, self._massive))
+        return contacts(  # type: ignore[no-any-return]
+            part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
+        )
+
+    @property
+    def watches_all(self) -> bool:
+        """Whether every step must be searched: bodies touch, or are so many that each step has other pairs."""
+        return self._many or bool(self._touching.any())
+
+    @property
+    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Pairs that can touch, and their distances at contact; see `quiet.Limits`."""
+        reaches = self.radii[self._pairs].sum(axis=0)
+        can = reaches > 0.0
+        return self._pairs[:, can], reaches[can], np.full(int(can.sum()), -1)
+
     def _take_near(self, near: np.ndarray) -> None:
-        """Search these pairs. Known contacts of other pairs have ended."""
+        """Search these pairs, and forget known contacts of all other pairs."""
         n = len(self._system)
         touching = np.isin(near[0] * n + near[1], self._known[0] * n + self._known[1])
         self._take(np.ascontiguousarray(near), touching)
@@ -112,7 +137,7 @@ class Contacts(Checkpointed):
             self._touching |= same
 
     def memory(self) -> Memory:
-        """State; of many bodies, the pairs whose contact is known."""
+        """State; for many bodies also the pairs whose contact is known."""
         return super().memory() | ({"touching": self._known.tolist()} if self._many else {})
 
     def recall(self, memory: Memory) -> None:

@@ -16,7 +16,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import crossings
-from kickdrift.run.watch.span import Span, approach, separation
+from kickdrift.run.watch.span import Part, Span, approach, separation
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
@@ -79,8 +79,9 @@ class Crossings(Checkpointed):
             changed += self._signs[k] * value < 0
         return changed
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Evaluate at the end of a span. Return the number of changed signs."""
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Evaluate at the end of a step. Return the number of changed signs."""
+        (y0, t0), (y1, t1) = step_parts[0][:2], step_parts[-1][2:]
         if self._own and not np.isfinite(y1).all():
             return 0  # the run has blown up
         if self._last is None:

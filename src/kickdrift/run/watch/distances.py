@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.event_checks import binding
@@ -15,7 +16,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
-from kickdrift.run.watch.span import Act, Span, approach, separation
+from kickdrift.run.watch.span import Act, Part, Span, approach, separation
 
 if TYPE_CHECKING:
     pass
@@ -58,24 +59,56 @@ class Approaches(Checkpointed):
     def _by_id(self) -> list[list[int]]:
         return self._system.state.ids[self._pairs.T].tolist()
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of closest points and ends of passages."""
-        self._count = passages(
-            y0, y1, t0, t1 - t0, step, self._pairs, self._limits, self._heaviest, self._closest_of, self._rows
-        )
-        return self._count
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Search a step. Return the number of closest points and ends of passages."""
+        self._ended: list[tuple[float, Row]] = []
+        self._outside, self._passed = np.isinf(self._closest_of[:, 0]), dict[int, float]()
+        for part in step_parts:
+            self._count = passages(
+                part.y0, part.y1, part.t0, part.t1 - part.t0, step, self._pairs, self._limits, self._heaviest,
+                self._closest_of, self._rows,
+            )  # fmt: skip
+            if len(step_parts) > 1:  # so short that the cubic's closest points need no refinement
+                self._end_passages(part.t1)
+                self._count = 0
+        return self._count + len(self._ended)
+
+    def begun(self, time: float) -> Act | None:
+        """The event that ends a run with the searched step, if a passage began there."""
+        if self.event.action != "stop":
+            return None
+        inside = np.isfinite(self._closest_of[:, 0])
+        inside[list(self._passed)] = True
+        for p in np.flatnonzero(self._outside & inside):
+            i, j = (int(k) for k in self._pairs[:, p])
+            return Act(self.event, time, (i, j), self._passed.get(int(p), float(self._closest_of[p, 0])))
+        return None
+
+    def _end_passages(self, time: float) -> None:
+        """Make the entries of the passages that end at a time."""
+        for p, _, what in self._rows[: self._count].tolist():
+            if what != CLOSEST:
+                self._ended.append((time, self._entry(int(p), "passed")))
+                self._passed[int(p)] = float(self._closest_of[int(p), 0])
+                self._closest_of[int(p)] = np.inf
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a passage goes on."""
+        return bool(np.isfinite(self._closest_of[:, 0]).any())
+
+    @property
+    def limits(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Pairs, their limits, and the body whose distances these are fractions of; see `quiet.Limits`."""
+        return self._pairs, self._limits, np.full(len(self._limits), self._heaviest)
 
     def look(self, span: Span) -> list[tuple[float, Row]]:
         """Entries for passages that ended in the searched span."""
-        found = []
         for p, _, what in self._rows[: self._count].tolist():
-            pair = int(p)
             if what == CLOSEST:
-                self._refine(pair, span)
-            else:
-                found.append((span.t1, self._entry(pair, "passed")))
-                self._closest_of[pair] = np.inf
-        return found
+                self._refine(int(p), span)
+        self._end_passages(span.t1)
+        return self._ended
 
     def _refine(self, pair: int, span: Span) -> None:
         """Replace the cubic's closest point by that of the method's own solution."""
@@ -122,14 +155,20 @@ class Escapes(Checkpointed):
         self._known = np.isin(ids, self._known_ids)
         self._rows = np.zeros((len(system), 2))
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Number of escapes at the end of a span."""
+    def scan(self, step_parts: list[Part], step: int) -> int:
+        """Number of escapes at the end of a step."""
         self._count = 0
         if self._place >= -1:
             self._count = unbound(
-                y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
+                step_parts[-1].y1, self._gm, self._softening2, self._place, self._distance, self._known, self._rows
             )  # fmt: skip
         return self._count
+
+    @property
+    def limit(self) -> tuple[float, int, Floats]:
+        """Distance, origin and shares of the masses; see `quiet.Limits`."""
+        far = self._distance if self._place >= -1 else np.inf
+        return far, max(self._place, -1), self._gm / self._gm.sum()
 
     def gone(self, span: Span) -> list[Act]:
         """Escapes at the end of the searched span."""

@@ -1,7 +1,7 @@
 """Bodies that leave a collision with fragmentation: masses by the scaling laws, places on a ring outside the contact.
 
-The debris makes fragments of equal mass, none below the smallest mass. They stand evenly on a ring in the plane of the
-collision, around the remnants, and move outwards (Chambers 2013, doi:10.1016/j.icarus.2013.02.015).
+The debris makes fragments of equal mass, none below the smallest mass. The fragments stand evenly on a ring in the
+plane of the collision, around the remnants, and move outwards (Chambers 2013, doi:10.1016/j.icarus.2013.02.015).
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _placed(
 
 
 def _most(heavier: Sphere, lighter: Sphere, core: list[Sphere], outwards: Floats, mass: float) -> float:
-    """Speed of the fragments that leaves the kinetic energy as it was before the collision."""
+    """Largest speed of the fragments that adds no kinetic energy to that before the collision."""
     v = lighter.velocity - heavier.velocity
     before = 0.5 * heavier.mass * lighter.mass / (heavier.mass + lighter.mass) * float(v @ v)
     inner, centre = sum(body.mass for body in core), sum((body.momentum for body in core), np.zeros(3))

@@ -1,10 +1,10 @@
-"""Pairs of bodies whose ways in a step may meet: a tree of boxes, for systems of many bodies.
+"""Pairs of bodies whose paths in a step may meet: a tree of boxes, for systems of many bodies.
 
 Each body has a box around its cubic curve (see `encounters`), widened by its radius. A curve lies inside the box of its
 four Bézier points, so that two bodies can touch only if their boxes overlap. The bodies are sorted along a
 space-filling curve, and a binary tree of boxes stands over groups of them (Lauterbach et al. 2009,
-doi:10.1111/j.1467-8659.2009.01377.x). The search takes some n log n tests for short steps, instead of n^2 / 2. Of the
-pairs found, those stay that the hull of their relative curve does not rule out, as in the search of all pairs.
+doi:10.1111/j.1467-8659.2009.01377.x). The search takes some n log n tests for short steps, instead of n^2 / 2. The
+hull of the relative curve then rules out further pairs, as in the search of all pairs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MARGIN = 1e-12  # of the coordinates, for rounding
 
 
 def overlapping(y0: Floats, y1: Floats, h: float, radii: Floats, massive: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pairs (2, P) of rows i < j that may touch in a step, in order of i and j. Pairs without mass are left out."""
+    """Pairs (2, P) of rows i < j that may touch in a step, in order of i and j. Two massless bodies are no pair."""
     low, high = boxes(y0, y1, h, radii)
     order = np.argsort(_codes(0.5 * (low + high)), kind="stable")
     low, high = np.ascontiguousarray(low[:, order]), np.ascontiguousarray(high[:, order])
@@ -41,7 +41,7 @@ def overlapping(y0: Floats, y1: Floats, h: float, radii: Floats, massive: NDArra
 
 
 def boxes(y0: Floats, y1: Floats, h: float, radii: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest corners (3, n) of the boxes around the ways of all bodies."""
+    """Lowest and highest corners (3, n) of the boxes around the paths of all bodies."""
     inner0, inner1 = y0[0] + h / 3.0 * y0[1], y1[0] - h / 3.0 * y1[1]
     low = np.minimum(np.minimum(y0[0], y1[0]), np.minimum(inner0, inner1))
     high = np.maximum(np.maximum(y0[0], y1[0]), np.maximum(inner0, inner1))

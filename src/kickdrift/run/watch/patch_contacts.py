@@ -22,7 +22,7 @@ from kickdrift.model.system import System
 from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import boxes, overlapping
-from kickdrift.run.watch.span import Act, Span
+from kickdrift.run.watch.span import Act, Part, Span
 
 NEAR = 1e-6  # of a step: the square of a shorter time is below rounding
 MOST = 20  # patches that the ways of a step may cover along x or y
@@ -57,23 +57,21 @@ class PatchContacts(Contacts):
         self._many = True
         self._take(np.zeros((4, 0), np.int64), np.zeros(0, np.bool_))
 
-    def scan(self, y0: Floats, t0: float, y1: Floats, t1: float, step: int) -> int:
-        """Search a span. Return the number of pairs in contact."""
-        if not (np.isfinite(y0).all() and np.isfinite(y1).all()):
-            self._count = 0
+    def _found_in(self, part: Part, h: float, step: int) -> int:
+        """Search a part of a step. Return the number of pairs in contact."""
+        if not (np.isfinite(part.y0).all() and np.isfinite(part.y1).all()):
             return 0
-        crowd = crowd_of(self._patch, y0, t0, y1, t1, self.radii, step)
+        crowd = crowd_of(self._patch, *part, self.radii, step)
         radii, n = self.radii[crowd.bodies], len(self._system)
-        places = overlapping(crowd.y0, crowd.y1, t1 - t0, radii, self._massive[crowd.bodies])
+        places = overlapping(crowd.y0, crowd.y1, h, radii, self._massive[crowd.bodies])
         places = places[:, places[0] < n]  # two images meet as their bodies do
         pairs, places = _once(crowd, places)
         known = set(map(tuple, self._known.T.tolist()))
         touching = np.array([tuple(pair) in known for pair in pairs.T.tolist()] if known else [False] * pairs.shape[1])
         self._take(pairs, touching.astype(np.bool_))
-        self._count = contacts(
-            crowd.y0, crowd.y1, t1 - t0, places, radii, self._approaching, self._touching, self._rows
-        )  # fmt: skip
-        return self._count
+        return contacts(  # type: ignore[no-any-return]
+            crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows
+        )
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
         """Contact on the method's own solution, or None.

@@ -20,7 +20,8 @@ from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
 from kickdrift.run.watch.patch_contacts import contacts_of
-from kickdrift.run.watch.span import Act, Span, separation
+from kickdrift.run.watch.quiet import QuietSteps, limits_of
+from kickdrift.run.watch.span import Act, Part, Span, parts, separation
 from kickdrift.run.watch.trials import Trials, Watched
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Search:
         self.act: Act | None = None
         self.span: Span | None = None
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
+        self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
@@ -55,7 +57,7 @@ class Search:
     def begin(self) -> None:
         """Forget all that was found so far."""
         self.log.forget()
-        self.act = self.span = None
+        self.act = self.span = self._quiet = None
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -68,7 +70,7 @@ class Search:
         y, t = inner.y, inner.time
         for watch in self._bodily:
             known = watch.memory()
-            watch.scan(y, t, y, t, inner.steps_done)
+            watch.scan([Part(y, t, y, t)], inner.steps_done)
             watch.recall(known)
 
     # --- bodies that change ---
@@ -97,6 +99,7 @@ class Search:
     def follow(self, system: System) -> None:
         """Go on with the bodies of a system."""
         self.renew_trials()
+        self._quiet = None
         for watch in self._watches:
             watch.follow(system)
 
@@ -105,17 +108,28 @@ class Search:
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
                 contacts.touch(act.bodies, act.image)
-        else:
+        elif isinstance(act.event, Escape):
             for escapes in self._escapes:
                 escapes.know(act.bodies[0])
 
     # --- steps ---
 
+    def quiet_steps(self, inner: Stepper) -> QuietSteps | None:
+        """Steps until one may have an event; None if only the search can tell, as while a passage goes on."""
+        if len(self._crossings) or not hasattr(type(inner), "noted"):
+            return None
+        if any(each.watches_all for each in self._contacts) or any(each.under_way for each in self._approaches):
+            return None
+        if self._quiet is None or self._quiet[0] is not inner:
+            limits = limits_of(self._contacts, self._approaches, self._escapes)
+            self._quiet = inner, limits and QuietSteps(inner, limits)
+        return self._quiet[1]
+
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
-        step, whole = inner.steps_done, None
+        step, whole, found_in = inner.steps_done, None, parts(y0, t0, y1, t1, inner)
         for watch in self._contacts:
-            if watch.scan(y0, t0, y1, t1, step):
+            if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)
         if whole is not None:
             acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
@@ -123,14 +137,18 @@ class Search:
                 self.act, self.span = min(acts, key=lambda act: act.time), whole
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
-        hits = [watch for watch in self._lookers if watch.scan(y0, t0, y1, t1, step)]
-        gone = [each for each in self._escapes if each.scan(y0, t0, y1, t1, step)] if self.act is None else []
+                    found_in = [Part(y0, t0, y1, t1)]
+        hits = [watch for watch in self._lookers if watch.scan(found_in, step)]
+        met = [act for watch in self._approaches if (act := watch.begun(t1)) is not None]
+        gone = [each for each in self._escapes if each.scan(found_in, step)] if self.act is None else []
         if hits or gone:
             span = replace(whole, y1=y1, t1=t1) if whole else self._span_of(inner, y0, t0, y1, t1)
             found = [row for watch in hits for row in watch.look(span)]
             for escapes in gone:
                 found += self._escaped(escapes, span)
             self.log.wait(found)
+        if met and self.act is None:
+            self.act, self.span = met[0], self._span_of(inner, y0, t0, y1, t1)
 
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
         step = inner.steps_done
@@ -159,7 +177,7 @@ class Search:
 
     @property
     def _acting(self) -> list[Any]:
-        watches: list[Any] = [*self._contacts, *self._escapes]
+        watches: list[Any] = [*self._contacts, *self._escapes, *self._approaches]
         return [watch.event for watch in watches]
 
     def memory(self) -> Memory:
@@ -174,6 +192,7 @@ class Search:
 
     def recall(self, memory: Memory, inner: Stepper) -> None:
         """Restore this state."""
+        self._quiet = None
         for watch, known in zip(self._watches, memory["watches"], strict=True):
             watch.recall(known)
         self.log.recall(memory["waiting"])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from kickdrift.model.events import Collision, Escape
+from kickdrift.model.events import CloseApproach, Collision, Escape
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 
@@ -43,10 +44,27 @@ class Span:
         return float(brentq(g, a, b, xtol=least, rtol=4 * np.finfo(float).eps))
 
 
-class Act(NamedTuple):
-    """An event that is about to change bodies."""
+class Part(NamedTuple):
+    """A part of a step: y at both ends, and their times."""
 
-    event: Collision | Escape
+    y0: Floats
+    t0: float
+    y1: Floats
+    t1: float
+
+
+def parts(y0: Floats, t0: float, y1: Floats, t1: float, inner: object) -> list[Part]:
+    """Parts of a stepper's last step, from (t0, y0) to (t1, y1): between the states that it knows inside the step, if
+    there are any (see ``TraceStepper.inside``), else the step as one part."""
+    knows = hasattr(type(inner), "inside")
+    ends = [(t0, y0), *(inner.inside(y0) if knows else ()), (t1, y1)]  # type: ignore[attr-defined]
+    return [Part(a, begin, b, end) for (begin, a), (end, b) in pairwise(ends)]
+
+
+class Act(NamedTuple):
+    """An event that is about to change bodies, or to end the run."""
+
+    event: Collision | Escape | CloseApproach
     time: float
     bodies: tuple[int, ...]  # rows
     distance: float

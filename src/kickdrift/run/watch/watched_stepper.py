@@ -20,7 +20,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.stepper import Counts
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import Collision, Event
+from kickdrift.model.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.patch import HERE, patch_of
 from kickdrift.model.state import Floats
@@ -136,7 +136,7 @@ class WatchedStepper:
             elif act is not None or self.steps_done >= last or self.time >= until:
                 break
             else:
-                status = self._step()
+                status = self._steps(last - self.steps_done)
         self._search.log.tell(self.horizon)
         return status
 
@@ -178,6 +178,17 @@ class WatchedStepper:
         self._spent, self._warned = Counts(**events["spent"]), events["warned"]
 
     # --- steps ---
+
+    def _steps(self, most: int) -> int:
+        """Take steps until one may have an event; one step, if only the search can tell."""
+        inner = self.inner
+        quiet = self._search.quiet_steps(inner)
+        if quiet is None:
+            return self._step()
+        status, before, begin, loud = quiet.take(most)
+        if loud:
+            self._search.scan(inner, before, begin, inner.y, inner.time)
+        return status
 
     def _step(self) -> int:
         inner = self.inner
@@ -241,7 +252,7 @@ class WatchedStepper:
 
     def _stop(self, act: Act, span: Span) -> None:
         names = " and ".join(self._system.body(i) for i in act.bodies)
-        what = "touch" if isinstance(act.event, Collision) else "escapes"
+        what = {Collision.kind: "touch", CloseApproach.kind: "meet"}.get(act.event.kind, "escapes")
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
         self._search.log.add(row)
         self._search.know(act)
@@ -271,6 +282,7 @@ class WatchedStepper:
     def _changed(self, act: Act, y: Floats, step: int) -> Change:
         """The change that an event makes. Raises RunError for a rule that fails, and for too many new bodies."""
         event = act.event
+        assert not isinstance(event, CloseApproach)  # which only ends runs
         radii = self._search.radii(event) if isinstance(event, Collision) else np.zeros(0)
         try:
             patch = patch_of(self._system)

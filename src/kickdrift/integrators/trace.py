@@ -1,0 +1,75 @@
+"""Planets that meet: a time-reversible hybrid of the Wisdom-Holman map and a method of high order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.integrators.method import OWN_FORCES, Method
+from kickdrift.integrators.option import HILL_RADII, INNER, PERICENTRE
+from kickdrift.integrators.wisdom_holman import one_gravity
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.stepper import Stepper
+    from kickdrift.model.system import System
+
+WAYS = ("none", "partial", "full")  # in the order of trace_state
+METHODS = ("gauss-radau15", "bulirsch-stoer")
+
+
+@dataclass(frozen=True)
+class Trace(Method):
+    """The Wisdom-Holman map in democratic heliocentric coordinates, which hands what it cannot follow to a method of
+    high order inside the step.
+
+    Two bodies within ``hill_radii`` of their hand-over radius r (m / (3 m_0))^(1/3), now or within half a step, move
+    together for the step, with their attraction in place of a kick. A body whose Kepler motion changes within less than
+    a step passes its pericentre: with ``pericentre`` "full" all massive bodies then move together by all forces of
+    gravity, with "partial" by the central body's and that of near bodies. A massless body moves with copies of the
+    bodies that it meets. A step whose end shows further encounters is done again with them, so the map is reversible.
+    Other velocity-independent forces join the kicks.
+    """
+
+    name: str
+    order: int
+    source: str
+    use: str = ""
+
+    family = "Kepler splitting"
+    reversible = True
+    separable = True
+    particles_only = True
+    evaluations = 0
+    float64_because = OWN_FORCES
+    declared: Any = (HILL_RADII, PERICENTRE, INNER)
+
+    def check(self, system: System) -> None:
+        """Raise InputError for a System without a central body, without gravity, or with softened gravity."""
+        one_gravity(self.name, system)
+        if not np.any(system.state.masses > 0.0):
+            raise InputError(f"{self.name}: needs a central body, but no particle has mass")
+
+    def stepper(self, flow: Flow, options: Options) -> Stepper:
+        from kickdrift.model.system import System
+
+        system: Any = flow.subject
+        if not isinstance(system, System):
+            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
+        self.check(system)
+        from kickdrift.integrators.trace_stepper import TraceStepper
+
+        return TraceStepper(flow, WAYS.index(options.pericentre), METHODS.index(options.inner), options)
+
+
+ROWS = (
+    Trace(
+        "trace", 2,
+        "Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982; Hernandez & Dehnen 2023, MNRAS 522, 4639",
+        "planets that meet, pericentre passages, scattering",
+    ),
+)  # fmt: skip

@@ -1,0 +1,216 @@
+"""Bodies that meet: their accelerations, and Gauss-Radau steps through a time h.
+
+A body moves about the central one and feels the bodies near it. A body in a pericentre passage also feels what the
+central body's own motion does to it: with its velocity u taken from the central body,
+
+    u' = -G m_0 x / r^3 + sum over near j of G m_j (x_j - x) / d^3 - sum over massive j of G m_j x_j / r_j^3,
+
+which joins the map's jump to its drift.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.integrators.gauss_radau_series import (
+    AHEAD,
+    AT_NODE,
+    BASE,
+    BLOCK,
+    ENDS,
+    GUESS,
+    GUESS_LAST,
+    LAST,
+    LOST_V,
+    LOST_X,
+    NODES,
+    NOW,
+    ROWS,
+    V,
+    X,
+    correct,
+    finish,
+    predict,
+    prepare,
+    set_scale,
+)
+from kickdrift.integrators.gauss_radau_step import TERMS, next_step
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, PATH_ROWS, POINTS
+from kickdrift.jit.compile import inlined, is_finite, jit
+from kickdrift.jit.lanes import lane_max, plus, splat
+from kickdrift.jit.masks import mask_bits
+from kickdrift.jit.memory import load, store
+from kickdrift.jit.vectors import WIDTH
+
+EPSILON = 1e-8  # of the length of steps; their error is that of rounding up to here
+ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
+MOST = 25  # iterations
+CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
+ROUNDED = 1e-9  # a stalled residual below this is rounding
+PATIENCE = 3  # iterations in which residuals may grow
+SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
+SHORTEST = 1e-13  # of the time h
+
+
+@jit
+def attract(hybrid, x, a):
+    """a <- the accelerations at x of the bodies that meet."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, jumps = meeting.slots, meeting.gm, meeting.jumps
+    n, everyone = meeting.size[NUMBER], meeting.size[ALL]
+    pull_x, pull_y, pull_z = 0.0, 0.0, 0.0
+    for i in range(n):
+        px, py, pz = x[i], x[n + i], x[2 * n + i]
+        inverse2 = 1.0 / (px * px + py * py + pz * pz)
+        cube = inverse2 * math.sqrt(inverse2)
+        w, pull = -gm_0 * cube, gm[i] * cube
+        a[i], a[n + i], a[2 * n + i] = w * px, w * py, w * pz
+        pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
+        for j in range(i):
+            if everyone or near[slots[j], slots[i]]:
+                dx, dy, dz = x[j] - px, x[n + j] - py, x[2 * n + j] - pz
+                inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
+                cube = inverse2 * math.sqrt(inverse2)
+                w, back = gm[j] * cube, gm[i] * cube
+                a[i] += w * dx
+                a[n + i] += w * dy
+                a[2 * n + i] += w * dz
+                a[j] -= back * dx
+                a[n + j] -= back * dy
+                a[2 * n + j] -= back * dz
+    for i in range(n):
+        if jumps[i]:
+            a[i] -= pull_x
+            a[n + i] -= pull_y
+            a[2 * n + i] -= pull_z
+    meeting.size[FOUND] += 1
+
+
+@jit
+def note_path(hybrid, t):
+    """Note where the bodies that meet are at a time t since the step's start."""
+    meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
+    x, v = meeting.x, meeting.v
+    n, first = meeting.size[NUMBER], counts[POINTS]
+    if first + n > PATH_ROWS:
+        return
+    for i in range(n):
+        row, slot = first + i, meeting.slots[i]
+        path[row, 0], path[row, 1], path[row, 8] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot, n
+        for k in range(3):
+            path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
+    counts[POINTS] = first + n
+
+
+@inlined
+def rate2(x, y, z, u, v, w, gm):
+    """1 / tau^2 of a Kepler motion; see ``trace_switch.passage``."""
+    r2, v2, along = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w
+    sigma2 = along * along / r2
+    c = 2.0 * gm / math.sqrt(r2) - 3.0 * v2 + 15.0 * sigma2
+    root = math.sqrt(max(0.0, c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2))
+    return (v2 + 3.0 * sigma2 + root) / (2.0 * r2)
+
+
+@jit
+def shortest_time(hybrid):
+    """Shortest time scale at the start, of the motion about the central body and of near pairs."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
+    n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
+    for i in range(n):
+        j, k = n + i, 2 * n + i
+        fastest = max(fastest, rate2(x[i], x[j], x[k], v[i], v[j], v[k], gm_0))
+        for b in range(i):
+            if everyone or near[slots[b], slots[i]]:
+                c, d = n + b, 2 * n + b
+                rate = rate2(
+                    x[i] - x[b], x[j] - x[c], x[k] - x[d], v[i] - v[b], v[j] - v[c], v[k] - v[d], gm[i] + gm[b]
+                )  # fmt: skip
+                fastest = max(fastest, rate)
+    return 1.0 / math.sqrt(fastest)
+
+
+@jit
+def iterate(hybrid, width, h):
+    """Correct the step's polynomial until only rounding is left; as ``gauss_radau_loop.iterate``. Return a status."""
+    meeting, tables = hybrid.meeting, hybrid.tables
+    work, x, a, residual = meeting.work, meeting.x, meeting.a, np.inf
+    prepare(work, width, tables, 0, h, True)
+    for i in range(0, width, WIDTH):
+        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
+        store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
+    for count in range(MOST):
+        worst = splat(0.0)
+        for row in range(NODES):
+            following = row + 1 if row + 1 < NODES else 0
+            attract(hybrid, x, a)
+            prepare(work, width, tables, following, h, True)
+            worst, odd = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
+            if mask_bits(odd >= 0.0) != 255:
+                return BLOWN_UP
+        missed = lane_max(worst)
+        if missed == 0.0:
+            return OK
+        if count > 0:
+            if missed * missed / residual <= CONVERGED:
+                return OK
+            if missed >= residual:
+                if missed <= ROUNDED:
+                    return OK
+                if count >= PATIENCE:
+                    return BLOWN_UP
+        if not is_finite(missed):
+            return BLOWN_UP
+        residual = missed
+    return OK if residual <= ROUNDED else BLOWN_UP
+
+
+@jit
+def follow(hybrid, h):
+    """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
+    meeting, tables = hybrid.meeting, hybrid.tables
+    work, n = meeting.work, meeting.size[NUMBER]
+    width = BLOCK * ((3 * n + BLOCK - 1) // BLOCK)
+    for i in range(ROWS * width):
+        work[i] = 0.0
+    for i in range(3 * n, width):
+        meeting.x[i] = meeting.a[i] = 0.0
+    for i in range(3 * n):
+        work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
+    done, last, before, step = 0.0, 0.0, 0.0, min(h, ETA * shortest_time(hybrid))
+    while done < h:
+        rest = h - done
+        parts = math.ceil(rest / step - 1e-9)
+        step = rest / parts if parts > 1 else rest
+        for i in range(0, width, WIDTH):
+            store(meeting.x, i, load(work, X * width + i))
+        attract(hybrid, meeting.x, meeting.a)
+        for i in range(0, width, WIDTH):
+            store(work, NOW * width + i, load(meeting.a, i))
+        ratio = step / last if last > 0.0 else 0.0
+        predict(work, width, ratio, before, tables.shifts)
+        set_scale(work, width, step, True)
+        status = iterate(hybrid, width, step)
+        wanted = 0.0
+        if status == OK:
+            wanted = next_step(work, width, NOW, ENDS, V, 3, n, step, ETA)
+        if not wanted >= SHORTER * step:
+            step = wanted if 0.0 < wanted < SHORTER * step else 0.25 * step
+            if not step > SHORTEST * h:
+                return BLOWN_UP
+            continue
+        for i in range(0, TERMS * width, WIDTH):
+            store(work, LAST * width + i, load(work, NOW * width + i))
+            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
+        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, step, True)
+        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
+        done = h if parts <= 1 else done + step
+        last, before, step = step, ratio, min(wanted, 4.0 * step)
+        for i in range(3 * n):
+            meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+        note_path(hybrid, done)
+    return OK

@@ -1,0 +1,66 @@
+"""State of the hybrid map: the Wisdom-Holman bodies, which of them meet, and room for the bodies that meet.
+
+The bodies are those of ``wisdom_holman_bodies`` in democratic heliocentric coordinates: positions from the central
+body, velocities from the centre of mass. A slot is a place in their lanes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.integrators.gauss_radau_tables import Tables
+from kickdrift.integrators.wisdom_holman_bodies import Bodies
+
+# Entries of ``counts``: pairs and passages found anew by the last search; all pairs that are near; all passages; the
+# massive bodies in passage; whether flags and accelerations belong to the present state; steps done twice; points in
+# ``path``.
+NEW, PAIRS, PASSAGES, HEAVY, READY, TWICE, POINTS = range(7)
+COUNTS = 7
+# Ways of a pericentre passage.
+NONE, PARTIAL, FULL = range(3)
+GAUSS_RADAU, BULIRSCH_STOER = range(2)
+# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; attractions found so far; first body
+# whose path is noted.
+NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
+# Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
+# velocity; number of the bodies that meet, whose rows follow one another.
+PATH_COLUMNS = 9
+PATH_ROWS = 4096  # further points are not noted
+
+
+class Meeting(NamedTuple):
+    """Bodies that meet, for the methods that follow them. Arrays have room for all massive bodies and one more."""
+
+    slots: NDArray[np.int64]  # (room,) slot of each
+    gm: NDArray[np.float64]  # (room,)
+    jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body, which moves
+    size: NDArray[np.int64]  # (4,) see NUMBER to FIRST_NOTED
+    x: NDArray[np.float64]  # (width,) positions from the central body, three rows of as many as there are bodies
+    v: NDArray[np.float64]  # (width,)
+    a: NDArray[np.float64]  # (width,)
+    work: NDArray[np.float64]  # room of the method
+
+
+class Hybrid(NamedTuple):
+    """All that a step needs."""
+
+    bodies: Bodies
+    near: NDArray[np.uint8]  # (massive, slots) 1: this pair is near, and its attraction is no kick
+    meets: NDArray[np.int64]  # (slots,) number of massive bodies that are near
+    passes: NDArray[np.uint8]  # (slots,) 1: the body passes its pericentre
+    reach: NDArray[np.float64]  # (slots,) squared hand-over radius over squared distance from the central body
+    zone: NDArray[np.float64]  # (massive,) squared hand-over radii at present
+    counts: NDArray[np.int64]  # (COUNTS,)
+    start: NDArray[np.float64]  # (6, slots) orbits at the step's start
+    centre: NDArray[np.float64]  # (5, 8) the centre of mass there
+    middle: NDArray[np.float64]  # (6, slots) orbits before the drift
+    group: NDArray[np.int64]  # (massive,) number of the group of massive bodies that meet
+    path: NDArray[np.float64]  # (PATH_ROWS, PATH_COLUMNS) points of the last step
+    kept: NDArray[np.float64]  # (6, slots) values that a change of all lanes must not touch
+    meeting: Meeting
+    tables: Tables
+    way: int  # NONE, PARTIAL or FULL
+    inner: int  # GAUSS_RADAU or BULIRSCH_STOER

@@ -1,0 +1,143 @@
+"""Integration with the hybrid map: its state, and its warnings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.evaluate import SLOTS
+from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
+from kickdrift.integrators.gauss_radau_tables import tables
+from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import CompiledSteps
+from kickdrift.integrators.trace_loop import trace_loop
+from kickdrift.integrators.trace_path import points_inside
+from kickdrift.integrators.trace_state import (
+    COUNTS,
+    PAIRS,
+    PASSAGES,
+    PATH_COLUMNS,
+    PATH_ROWS,
+    POINTS,
+    TWICE,
+    Hybrid,
+    Meeting,
+)
+from kickdrift.integrators.wisdom_holman import LEAPFROG
+from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
+from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
+from kickdrift.jit.memory import aligned
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flow import Flow
+    from kickdrift.model.system import System
+
+
+class TraceStepper(WisdomHolmanStepper):
+    """Integration in democratic heliocentric coordinates that follows encounters and pericentre passages.
+
+    A checkpoint holds the orbits at the step point and the centre of mass. Pairs and passages follow from these.
+    """
+
+    saved: ClassVar[tuple[str, ...]] = ("_cursor", "_start", "_twice", "_wide", "_bodies.orbit", "_bodies.centre")
+
+    def __init__(self, flow: Flow, way: int, inner: int, options: Options) -> None:
+        self._way, self._inner, self._hill_radii = way, inner, options.hill_radii
+        super().__init__(flow, LEAPFROG, options)
+
+    def _place(self, system: System) -> None:
+        super()._place(system)
+        bodies = self._bodies
+        slots, massive = bodies.table.shape[1], bodies.massive
+        room = massive + 1
+        width = BLOCK * -(-3 * room // BLOCK) + BLOCK
+        heavy = (bodies.table[SOURCE] / (3.0 * bodies.gm)) ** (1 / 3)
+        self._reach = aligned((slots,))
+        self._reach[:] = (self._hill_radii * heavy) ** 2 * bodies.table[LIVE]
+        self._hybrid = Hybrid(
+            bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
+            passes=np.zeros(slots, np.uint8), reach=self._reach, zone=np.zeros(massive),
+            counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
+            middle=aligned((6, slots)),
+            group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)),
+            kept=aligned((6, slots)),
+            meeting=Meeting(
+                slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
+                size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
+                work=aligned((ROWS * width,)),
+            ),
+            tables=tables(), way=self._way, inner=self._inner,
+        )  # fmt: skip
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.steps_done = y.copy(), steps
+        self._start = time - steps * self.dt
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._others.forget()
+        for flags in (self._hybrid.counts, self._hybrid.near, self._hybrid.meets, self._hybrid.passes):
+            flags[...] = 0
+        self._enter(y)
+        self._look_at_start()
+
+    def _look_at_start(self) -> None:
+        """Find the bodies whose hand-over radius covers their whole orbit."""
+        far = np.sqrt(self._reach)
+        self._wide = [int(self._bodies.order[slot]) for slot in np.flatnonzero(far >= 1.0)]
+
+    @property
+    def flags(self) -> tuple[int, int]:
+        """Numbers of near pairs and of pericentre passages at the step point, once steps are done."""
+        return int(self._hybrid.counts[PAIRS]), int(self._hybrid.counts[PASSAGES])
+
+    @property
+    def _twice(self) -> int:
+        """Number of steps done once more with further pairs or passages."""
+        return int(self._hybrid.counts[TWICE])
+
+    @_twice.setter
+    def _twice(self, value: int) -> None:
+        self._hybrid.counts[TWICE] = value
+
+    @property
+    def _given(self) -> tuple[object, ...]:
+        return self._hybrid, self._slots, self._listed, self._masses, self.dt, self._start, self.y
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        status = self._others.call(trace_loop, *self._given, self.steps_done, steps, self._cursor)
+        self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
+        return status
+
+    @property
+    def steady(self) -> bool:  # type: ignore[override]
+        return True
+
+    @property
+    def compiled_steps(self) -> CompiledSteps:
+        return trace_loop, self._others, self._given
+
+    @property
+    def noted(self) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+        """Memory with the number of points of bodies that met inside the last step, the points (see ``trace_state``),
+        and the slot of each body, -1 for the central one."""
+        slots = self._slots.copy()
+        slots[self._bodies.central] = -1
+        return self._hybrid.counts[POINTS : POINTS + 1], self._hybrid.path, slots
+
+    def inside(self, before: Floats) -> list[tuple[float, Floats]]:
+        """Times and states inside the last step, which began at ``before``, at the points of the bodies that meet."""
+        rows = self._hybrid.path[: self._hybrid.counts[POINTS]]
+        order, central = self._bodies.order, self._bodies.central
+        return points_inside(rows, order, central, before, self.y, self.time - self.dt, self.dt)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [
+            f"{self._system.body(i)}: its hand-over radius, hill_radii = {self._hill_radii:g}, covers its whole orbit, "
+            "so that every step is an encounter; take fewer"
+            for i in self._wide
+        ]
