@@ -68,9 +68,7 @@ class Contacts(Checkpointed):
         """Search a part of a step. Return the number of pairs in contact."""
         if self._many:
             self._take_near(overlapping(part.y0, part.y1, h, self.radii, self._massive))
-        return contacts(  # type: ignore[no-any-return]
-            part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
-        )
+        return contacts(part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows)
 
     @property
     def watches_all(self) -> bool:

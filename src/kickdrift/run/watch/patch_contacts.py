@@ -69,9 +69,7 @@ class PatchContacts(Contacts):
         known = set(map(tuple, self._known.T.tolist()))
         touching = np.array([tuple(pair) in known for pair in pairs.T.tolist()] if known else [False] * pairs.shape[1])
         self._take(pairs, touching.astype(np.bool_))
-        return contacts(  # type: ignore[no-any-return]
-            crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows
-        )
+        return contacts(crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows)
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
         """Contact on the method's own solution, or None.
