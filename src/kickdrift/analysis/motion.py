@@ -181,7 +181,10 @@ def mean_squared_displacement(
     remove_drift : take displacements relative to the centre of mass of all particles
     masses, species : (n,); with positions alone
 
-    Raises InputError for frames that are not evenly spaced.
+    Raises
+    ------
+    InputError
+        For frames that are not evenly spaced.
     """
     found = vectors_of(source, "positions", times=times, masses=masses, species=species)
     return MeanSquaredDisplacement(*_correlation(found, lags, of, remove_drift, displacements=True))

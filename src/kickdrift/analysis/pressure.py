@@ -48,7 +48,10 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     run : open or by its path, or some of its frames, ``run[::10]``
     system : System with the forces; default the run's own, from the file
 
-    Raises InputError for an open box, or if a force is neither a pair force nor a field.
+    Raises
+    ------
+    InputError
+        For an open box, or if a force is neither a pair force nor a field.
     """
     positions = vectors_of(run, "positions")
     velocities = vectors_of(run, "velocities")

@@ -67,7 +67,7 @@ def orbit_report(
             raise InputError(f"until: expected a time, got {shown(until)}")
         ahead = math.copysign(1.0, found.times[-1] - found.times[0])
         count = int(np.count_nonzero(ahead * found.times <= ahead * last))
-        if count < LEAST <= len(found.times):
+        if count < min(LEAST, len(found.times)):
             raise InputError(f"until {shown(until)}: {counted(count, 'frame')}; frequencies need {LEAST} or more")
         found = _rows(found, slice(count))
     found = _even(path, found)

@@ -61,6 +61,7 @@ def radial_distribution(
     Where a barostat changes the box, each frame counts with the volume of its own box.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
     doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
+
     Parameters
     ----------
     source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
@@ -72,7 +73,10 @@ def radial_distribution(
     pair : two species: g of the second around the first; default all particles of any species
     species : (n,) names; with positions alone
 
-    Raises InputError for an open box, an r_max beyond half the least height, or a species that is not there.
+    Raises
+    ------
+    InputError
+        For an open box, an r_max beyond half the least height, or a species that is not there.
     """
     found = vectors_of(source, "positions", box=box, species=species)
     plane = found.box.periodic_axes == PLANE

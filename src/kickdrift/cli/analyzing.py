@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.amounts import length
-from kickdrift.cli.console import out, print_lines, print_table
+from kickdrift.cli.console import out
 from kickdrift.cli.options import JsonOption, OverwriteOption
-from kickdrift.disk.outputs import refuse_outputs, write_json
-from kickdrift.display.showing import lines_of, tables_of
+from kickdrift.cli.printing import show_found
+from kickdrift.disk.outputs import refuse_outputs
 
 
 class Frames(StrEnum):
@@ -55,10 +55,7 @@ def analyze(
     from kickdrift.analysis.secular_run import orbit_report
 
     found = orbit_report(run, str(frame), str(plane), order, until)
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    print_lines(lines_of(found))
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite)
     if plot is not None:
         from kickdrift.plots.runs import checked_target, save_figure
 

@@ -9,7 +9,7 @@ import typer
 
 from kickdrift.cli.amounts import in_units
 from kickdrift.cli.amounts import length as span
-from kickdrift.cli.console import print_lines, print_table, progress_bar, say
+from kickdrift.cli.console import print_lines, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
@@ -18,8 +18,9 @@ from kickdrift.cli.options import (
     ThreadsOption,
     with_options,
 )
+from kickdrift.cli.printing import show_found
 from kickdrift.disk.outputs import refuse_outputs, write_json
-from kickdrift.display.showing import lines_of, tables_of
+from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 from kickdrift.text import shown
 
@@ -63,10 +64,7 @@ def compare(
         found = compared(
             subject, integrator, bar, time, accuracy, length, threads, options, system, lambda: say(notice, quiet)
         )
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    print_lines(lines_of(found))
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite)
     if plot:
         from kickdrift.plots.compare import plot_comparison
 
@@ -145,10 +143,7 @@ def transits(
             within=_amount(within), masses=masses, integrator=integrator, threads=threads, progress=bar("running"),
             **options,
         )  # fmt: skip
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    print_lines(lines_of(found))
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite)
 
 
 def _body(text: str) -> str | int:
@@ -245,10 +240,7 @@ def certify(
 
 def _print_page(found: Any, json_file: Path | None, overwrite: bool) -> None:
     """Show a certificate and write it as JSON; exit status 1 if a test failed."""
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    print_lines(lines_of(found))
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite)
     if not found.passed:
         raise typer.Exit(1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.cli.console import members_bar as members_bar
@@ -11,13 +12,22 @@ from kickdrift.cli.console import out, print_lines
 from kickdrift.cli.console import print_table as print_table
 from kickdrift.cli.console import progress_bar as progress_bar
 from kickdrift.cli.console import say as say
-from kickdrift.display.showing import lines_of
+from kickdrift.disk.outputs import write_json
+from kickdrift.display.showing import lines_of, tables_of
 from kickdrift.looks.report_lines import drift_text
 from kickdrift.text import duration
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
+
+
+def show_found(found: Any, json_file: Path | None, overwrite: bool) -> None:
+    """Print the tables and lines of a result, and write the result as JSON if a file is given."""
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows)
+    print_lines(lines_of(found))
+    write_json(json_file, found.as_json(), overwrite=overwrite)
 
 
 def print_stability(names: Sequence[str]) -> None:

@@ -64,7 +64,10 @@ class Ensemble:
     settings : integrator (a name, or a value that ``kickdrift.integrator`` makes), dt, steps, time and other keys of
         ``[run]``, for all members
 
-    Raises InputError for an invalid argument.
+    Raises
+    ------
+    InputError
+        For an invalid argument.
     """
 
     def __init__(
@@ -138,8 +141,12 @@ class Ensemble:
         trajectories : a folder for a ``.h5md`` file of each member, ``.h5`` for an ODE
         progress : True shows a bar; a function is called as ``progress(done, of, failed)``
 
-        Raises InputError if output holds another ensemble or a package is missing, and RunError if the scheduler is
-        lost. Failed members raise nothing.
+        Raises
+        ------
+        InputError
+            If output holds another ensemble, or a package is missing.
+        RunError
+            If the scheduler is lost. Failed members raise nothing.
         """
         if workers is not None:
             workers = whole_number("workers", workers, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -88,6 +89,25 @@ def check_open(name: str, system: Subject) -> None:
     """Refuse a periodic box."""
     if system.box.periodic:
         raise InputError(f"{name}: needs open space, and the box is periodic")
+
+
+def check_around(name: str, law: Any, system: Subject) -> None:
+    """Refuse a periodic box, and a law whose ``central`` or ``G`` the system cannot give."""
+    check_open(name, system)
+    central_body(name, law.central, system)
+    gravitational_constant(name, law.G, system)
+
+
+def check_axis(key: str, axis: Sequence[float]) -> None:
+    """Refuse a vector without a direction."""
+    if not any(axis):
+        raise InputError(f"{key}: expected a vector with a direction, got {list(axis)}")
+
+
+def check_along_z(key: str, axis: Sequence[float], system: Subject) -> None:
+    """Refuse a vector that leans out of z in a two-dimensional system."""
+    if system.dimensions == 2 and any(axis[:2]):
+        raise InputError(f"{key}: expected a vector along z in this two-dimensional system, got {list(axis)}")
 
 
 def check_masses(name: str, system: Subject) -> None:

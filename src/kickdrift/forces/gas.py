@@ -7,18 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.errors import InputError
 from kickdrift.forces.arguments import Vector, check_not_negative, opposite
 from kickdrift.forces.around import around, vector
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_along_z,
+    check_around,
+    check_axis,
     check_central,
-    check_open,
     check_positive,
-    gravitational_constant,
 )
 from kickdrift.forces.oblateness import axis
 from kickdrift.model.state import Floats
@@ -103,16 +102,12 @@ class GasDrag(NamedTuple):
         check_positive("gas-drag", scale=p.scale, G=p.G)
         check_central("gas-drag", p.central)
         check_not_negative(coefficient=p.coefficient, aspect=p.aspect)
-        if not any(p.pole):
-            raise InputError(f"pole: expected a vector with a direction, got {list(p.pole)}")
+        check_axis("pole", p.pole)
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("gas-drag", system)
-        central_body("gas-drag", p.central, system)
-        gravitational_constant("gas-drag", p.G, system)
-        if system.dimensions == 2 and any(p.pole[:2]):
-            raise InputError(f"pole: expected a vector along z in this two-dimensional system, got {list(p.pole)}")
+        check_around("gas-drag", p, system)
+        check_along_z("pole", p.pole, system)
 
     def bound(p: Any, system):
         """The gas around this System's central body."""
@@ -206,9 +201,7 @@ class DynamicalFriction(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("dynamical-friction", system)
-        central_body("dynamical-friction", p.central, system)
-        gravitational_constant("dynamical-friction", p.G, system)
+        check_around("dynamical-friction", p, system)
 
     def bound(p: Any, system):
         """The background of this System's bodies."""

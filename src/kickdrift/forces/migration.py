@@ -14,11 +14,11 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_along_z,
+    check_around,
+    check_axis,
     check_central,
-    check_open,
     check_positive,
-    gravitational_constant,
 )
 from kickdrift.forces.oblateness import axis
 from kickdrift.model.state import Floats
@@ -108,16 +108,12 @@ class Migration(NamedTuple):
         check_not_negative(tau_e=p.tau_e, tau_i=p.tau_i)
         if p.edge is not None and number("migration", "width", p.width) >= 1.0:
             raise InputError(f"width must be under 1, got {p.width}")
-        if not any(p.pole):
-            raise InputError(f"pole: expected a vector with a direction, got {list(p.pole)}")
+        check_axis("pole", p.pole)
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("migration", system)
-        central_body("migration", p.central, system)
-        gravitational_constant("migration", p.G, system)
-        if system.dimensions == 2 and any(p.pole[:2]):
-            raise InputError(f"pole: expected a vector along z in this two-dimensional system, got {list(p.pole)}")
+        check_around("migration", p, system)
+        check_along_z("pole", p.pole, system)
 
     def bound(p: Any, system):
         """The damping of this System's bodies."""

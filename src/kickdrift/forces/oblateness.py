@@ -14,11 +14,10 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_around,
+    check_axis,
     check_central,
-    check_open,
     check_positive,
-    gravitational_constant,
 )
 from kickdrift.model.state import Floats
 
@@ -120,8 +119,7 @@ class Oblateness(NamedTuple):
     def check(p):
         check_positive("j2", radius=p.radius, G=p.G)
         check_central("j2", p.central)
-        if not any(p.pole):
-            raise InputError(f"pole: expected a vector with a direction, got {list(p.pole)}")
+        check_axis("pole", p.pole)
         angles = {"longitude": p.longitude, "latitude": p.latitude}
         for key, other in (("longitude", "latitude"), ("latitude", "longitude")):
             if angles[key] is None:
@@ -134,14 +132,12 @@ class Oblateness(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("j2", system)
+        check_around("j2", p, system)
         pole = pole_of(p)
         if system.dimensions == 2 and pole[2] and any(pole[:2]):
             raise InputError(
                 f"pole: expected a vector along z or in the plane of this two-dimensional system, got {list(pole)}"
             )
-        central_body("j2", p.central, system)
-        gravitational_constant("j2", p.G, system)
 
     def bound(p, system):
         """The harmonics of this System's flattened body."""

@@ -14,7 +14,8 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_along_z,
+    check_around,
     check_central,
     check_open,
     check_positive,
@@ -231,14 +232,8 @@ class LenseThirring(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("lense-thirring", system)
-        if system.dimensions == 2 and any(p.angular_momentum[:2]):
-            raise InputError(
-                "angular_momentum: expected a vector along z in this two-dimensional system, got "
-                f"{list(p.angular_momentum)}"
-            )
-        central_body("lense-thirring", p.central, system)
-        gravitational_constant("lense-thirring", p.G, system)
+        check_around("lense-thirring", p, system)
+        check_along_z("angular_momentum", p.angular_momentum, system)
         light("lense-thirring", p.c, system)
 
     def bound(p, system):

@@ -15,10 +15,10 @@ from kickdrift.forces.central import (
     Attraction,
     Central,
     central_body,
+    check_around,
     check_central,
     check_open,
     check_positive,
-    gravitational_constant,
     light,
 )
 from kickdrift.forces.relativity import FORMS
@@ -104,9 +104,7 @@ class RadiationPressure(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("radiation-pressure", system)
-        central_body("radiation-pressure", p.central, system)
-        gravitational_constant("radiation-pressure", p.G, system)
+        check_around("radiation-pressure", p, system)
         if p.form == "full":
             light("radiation-pressure", p.c, system)
 

@@ -11,11 +11,9 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_around,
     check_central,
-    check_open,
     check_positive,
-    gravitational_constant,
     light,
 )
 from kickdrift.model.state import Floats
@@ -109,9 +107,7 @@ class PostNewtonian(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("relativity-1pn", system)
-        central_body("relativity-1pn", p.central, system)
-        gravitational_constant("relativity-1pn", p.G, system)
+        check_around("relativity-1pn", p, system)
         light("relativity-1pn", p.c, system)
 
     def bound(p, system):

@@ -14,11 +14,9 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    central_body,
+    check_around,
     check_central,
-    check_open,
     check_positive,
-    gravitational_constant,
 )
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
@@ -135,9 +133,7 @@ class Tides(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("tides", system)
-        central_body("tides", p.central, system)
-        gravitational_constant("tides", p.G, system)
+        check_around("tides", p, system)
 
     def bound(p: Any, system):
         """The tides of this System's bodies; an InputError names a body without mass or without a spin."""

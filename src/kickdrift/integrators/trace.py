@@ -24,13 +24,13 @@ METHODS = ("gauss-radau15", "bulirsch-stoer")
 
 @dataclass(frozen=True)
 class Trace(Method):
-    """The Wisdom-Holman map in democratic heliocentric coordinates, which hands what it cannot follow to a method of
-    high order inside the step.
+    """The Wisdom-Holman map in democratic heliocentric coordinates, with a method of high order for close encounters
+    and pericentre passages inside the step.
 
     Two bodies within ``hill_radii`` of their hand-over radius r (m / (3 m_0))^(1/3), now or within half a step, move
     together for the step, with their attraction in place of a kick. A body whose Kepler motion changes within less than
     a step passes its pericentre: with ``pericentre`` "full" all massive bodies then move together by all forces of
-    gravity, with "partial" by the central body's and that of near bodies. A massless body moves with copies of the
+    gravity, with "partial" by that of the central body and of near bodies. A massless body moves with copies of the
     bodies that it meets. A step whose end shows further encounters is done again with them, so the map is reversible.
     Other velocity-independent forces join the kicks.
     """

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.model.system import System
 
+NAMED = 3  # most bodies that a warning names
+
 
 class TraceStepper(WisdomHolmanStepper):
     """Integration in democratic heliocentric coordinates that follows encounters and pericentre passages.
@@ -136,8 +138,11 @@ class TraceStepper(WisdomHolmanStepper):
 
     @property
     def warnings(self) -> list[str]:
+        if not self._wide:
+            return []
+        more = len(self._wide) - NAMED
+        names = ", ".join(self._system.body(i) for i in self._wide[:NAMED]) + (f" and {more} more" if more > 0 else "")
         return [
-            f"{self._system.body(i)}: its hand-over radius, hill_radii = {self._hill_radii:g}, covers its whole orbit, "
-            "so that every step is an encounter; take fewer"
-            for i in self._wide
+            f"{names}: the hand-over radius, hill_radii = {self._hill_radii:g}, covers the whole orbit, "
+            "so every step is an encounter; take a smaller hill_radii"
         ]

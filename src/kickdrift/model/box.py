@@ -30,15 +30,14 @@ class Box:
 
     Parameters
     ----------
-    lengths : None (open space), three edge lengths (Lx, Ly, Lz), or a matrix
+    lengths : None (open space), three edge lengths (Lx, Ly, Lz), or a matrix. Two lengths, or a matrix (2, 2), make the
+        box of a plane, which is open along z
     matrix : (3, 3), in place of lengths
         The rows are the edge vectors a = (ax, 0, 0), b = (bx, by, 0), c = (cx, cy, cz), the convention of GROMACS and
         LAMMPS, with ax, by, cz > 0 and tilts |bx| and |cx| up to ax / 2, |cy| up to by / 2.
     periodic : True, or three of True and False, default True along each axis
         The edge along an axis that is not periodic is perpendicular to the other edges. Its length bounds nothing and
         may be zero.
-
-    Two lengths, or a matrix (2, 2), make the box of a plane: it is open along z.
 
     Attributes
     ----------

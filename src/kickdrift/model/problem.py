@@ -45,7 +45,8 @@ class Problem(ShownProblem):
     y0 : (n,)
     jacobian : jacobian(t, y, *args) -> (n, n), df_i / dy_j; finite differences stand in where it is not given
     args : further arguments of f, jacobian, energy, and the functions of `Crossing` events. Compiled code takes numbers
-        and arrays of numbers as parameters, so that other values need no compilation; all else is constant in the code
+        and arrays of numbers as parameters, so that other values need no compilation; all else is constant in the code.
+        The attributes f, jacobian and energy are functions of t and y alone
     t0 : time at the start
     separable : y is n/2 positions followed by their n/2 velocities, and the accelerations depend on positions and time
         alone; needed by the splitting methods
@@ -56,8 +57,6 @@ class Problem(ShownProblem):
         therefore compared with plain Python's, at the start and at states around it
     name, run, invariants, source : as in a System
     equation, parameters : name in ``kickdrift.odes.ODES`` from a system file, and the parameters of its factory
-
-    With args, the attributes f, jacobian and energy are functions of t and y alone.
 
     Raises
     ------
