@@ -9,6 +9,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import check_open, check_positive, gravitational_constant
 from kickdrift.forces.fields import Hill
+from kickdrift.model.patch import Patch
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
@@ -50,7 +51,7 @@ class GravitySheet(NamedTuple):
     softening : float
         Length; default 0.
     G : float, optional
-        Default the unit system's own.
+        Default the unit system's own. 0 makes a patch without self-gravity, whose boundaries collisions see.
     """
 
     omega: float
@@ -96,7 +97,9 @@ class GravitySheet(NamedTuple):
         return energy
 
     def check(p):
-        check_positive("gravity-sheet", width=p.width, length=p.length, G=p.G)
+        check_positive("gravity-sheet", width=p.width, length=p.length)
+        if p.G is not None and p.G < 0:
+            raise InputError(f"G must be zero or more, got {shown(p.G)}")
         if not 0 <= p.ghosts <= MOST_GHOSTS:
             raise InputError(f"ghosts must be 0 to {MOST_GHOSTS}, got {shown(p.ghosts)}")
         if p.softening < 0:
@@ -114,6 +117,10 @@ class GravitySheet(NamedTuple):
         """The sheet with this System's masses."""
         gm = gravitational_constant("gravity-sheet", p.G, system) * system.state.masses
         return Sheet(p.omega, p.width, p.length, p.ghosts, p.softening**2, gm)
+
+    def patch(p):
+        """The patch, which collisions see too."""
+        return Patch(p.omega, p.width, p.length)
 
     def reversed(p):
         """The sheet of the motion backwards in time, which shears the other way."""

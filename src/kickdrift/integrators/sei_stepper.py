@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
 
+BITS = 256
 TURN = 2 * Fraction("3.14159265358979323846264338327950288419716939937510582097494")
 
 
@@ -30,6 +32,7 @@ class SeiStepper(FixedStepper):
         kicks = copy(flow)
         others = system.under(force for force in system.forces if force is not hill)
         kicks.forces = BoundForces(others, flow.forces.threads, jumps=False)
+        self._hill = hill
         assert options.dt is not None
         super().__init__(
             kicks,
@@ -40,6 +43,11 @@ class SeiStepper(FixedStepper):
             kept=True,
         )
 
+    def retimed(self, dt: float) -> SeiStepper:
+        """This stepper with steps of another length. Call ``reset`` before the next step."""
+        self.dt, self._stages = dt, _epicycles(self._hill, dt)
+        return self
+
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """See Stepper."""
         super().reset(y, time, steps)
@@ -48,8 +56,15 @@ class SeiStepper(FixedStepper):
 
 def _epicycles(hill: Any, dt: float) -> Epicycles:
     """Rates and phases of a run; half a step adds ``dt`` Omega / 2 to the phase, here exact to far beyond rounding."""
-    omega = Fraction(hill.omega)
-    vertical = abs(omega) * Fraction(hill.vertical)
-    parts = [rate * Fraction(dt) / 2 / TURN % 1 * 2**64 for rate in (omega, vertical)]
-    phase, rest = np.array([int(part) for part in parts], np.uint64), np.array([float(part % 1) for part in parts])
-    return Epicycles(float(omega), float(vertical), phase, rest)
+    omega, vertical = float(hill.omega), Fraction(abs(hill.omega)) * Fraction(hill.vertical)
+    above, below = dt.as_integer_ratio()
+    units = [_units(Fraction(rate)) * above // below for rate in (omega, vertical)]  # 2^-BITS turns
+    phase = np.array([each >> (BITS - 64) & (2**64 - 1) for each in units], np.uint64)
+    rest = np.array([(each & (2 ** (BITS - 64) - 1)) / 2 ** (BITS - 64) for each in units])
+    return Epicycles(omega, float(vertical), phase, rest)
+
+
+@lru_cache
+def _units(rate: Fraction) -> int:
+    """Turns in half a unit of time at a rate, in 2^-BITS turns."""
+    return int(rate / 2 / TURN * 2**BITS)

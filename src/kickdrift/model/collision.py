@@ -32,7 +32,8 @@ class Collision:
     The moment of contact is found on the cubic through both ends of a step, then on the method's own solution. The
     event acts at that moment, and the rest of the step is taken and searched again. So the collisions of a step act in
     the order of their times. An adaptive method begins anew from there. A method of fixed steps completes the step
-    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other.
+    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch of a
+    `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the first.
 
     Attributes
     ----------
@@ -47,6 +48,9 @@ class Collision:
     restitution : float or "bridges"
         Ratio of the normal speeds after and before a bounce, from 0 to 1; 1 conserves energy. "bridges" is that of
         frosty ice, 0.32 v^-0.234 with v in cm/s and at most 1 (Bridges, Hatzes & Lin 1984, doi:10.1038/309333a0).
+    elastic_below : float
+        Approach speed below which a bounce is elastic; default 0. With a constant restitution below 1, crowded bodies
+        else come to rest on each other, and the run stops.
     fragment_mass : float
         Smallest mass of a fragment; required by "fragment".
     c_star, mu_bar : float
@@ -65,6 +69,7 @@ class Collision:
     radii: Radii | None = None
     action: str = "merge"
     restitution: float | str = 1.0
+    elastic_below: float = 0.0
     fragment_mass: float | None = None
     c_star: float = C_STAR
     mu_bar: float = MU_BAR
@@ -95,6 +100,12 @@ class Collision:
             raise InputError(f"{self.kind}: restitution must be a number from 0 to 1{known}, got {shown(given)}")
         if given != 1 and self.action != "bounce":
             raise InputError(f"{self.kind}: restitution needs action 'bounce', not {self.action!r}")
+        if not (math.isfinite(number(self.elastic_below)) and self.elastic_below >= 0):
+            raise InputError(
+                f"{self.kind}: elastic_below must be a speed, zero or more, got {shown(self.elastic_below)}"
+            )
+        if self.elastic_below and self.action != "bounce":
+            raise InputError(f"{self.kind}: elastic_below needs action 'bounce', not {self.action!r}")
 
     def _check_own_keys(self) -> None:
         """Check the keys that belong to one action."""

@@ -9,6 +9,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.arguments import misfit
 from kickdrift.model.capacity import check_room
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.patch import check_patch, patch_of
 from kickdrift.model.scaling import check_action
 from kickdrift.model.subject import Bodies, Subject, index_of
 from kickdrift.text import shown
@@ -34,7 +35,9 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             if len(set(bodies)) < len(bodies):
                 raise InputError(f"{event.kind}: bodies: a body is named twice in {shown(event.bodies)}")
         elif isinstance(event, Collision):
-            event.radii_in(system)
+            radii, patch = event.radii_in(system), patch_of(system)
+            if patch is not None:
+                check_patch(event.kind, patch, radii)
             if event.adds:
                 check_room(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))

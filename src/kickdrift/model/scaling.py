@@ -50,6 +50,8 @@ def material_of(event: Collision, system: Bodies, gravity: Any) -> tuple[float, 
 
 def restitution_of(event: Collision, system: Bodies, speed: float) -> float:
     """Restitution at a normal speed."""
+    if speed < event.elastic_below:
+        return 1.0
     if event.restitution != BRIDGES:
         return float(event.restitution)
     if not speed > 0:

@@ -51,6 +51,7 @@ class CollisionTable(Table):
     radii: Annotated[Any, BeforeValidator(_radii)] = None
     action: Literal["merge", "bounce", "fragment", "rule", "stop"] = "merge"
     restitution: Any = 1.0
+    elastic_below: Annotated[float, BeforeValidator(In("velocity", "non-negative"))] = 0.0
     fragment_mass: Annotated[float, BeforeValidator(In("mass", "positive"))] | None = None
     c_star: float = C_STAR
     mu_bar: float = MU_BAR

@@ -29,6 +29,7 @@ from kickdrift.run.watch.scaling_laws import (
     oblique_disruption_energy,
     remnants,
 )
+from kickdrift.run.watch.span import Part
 from kickdrift.systemfile.reading import loads
 
 FREE = 1e-30  # a G so small that bodies move straight
@@ -465,10 +466,10 @@ def test_the_tree_finds_what_the_search_of_all_pairs_finds(seed, n, size, bounce
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(contacts, "ALL_PAIRS", most)
             found = Contacts(event, system)
-            count = found.scan(y0, 0.0, y1, 0.3, 1)
+            count = found.scan([Part(y0, 0.0, y1, 0.3)], 1)
             rows.append([(*found._pairs[:, int(p)], *rest) for p, *rest in found._rows[:count].tolist()])
             found.touch((0, n - 1))  # a known contact is not reported again, in either search
-            again = found.scan(y0, 0.0, y1, 0.3, 2)
+            again = found.scan([Part(y0, 0.0, y1, 0.3)], 2)
             rows.append([(*found._pairs[:, int(p)], *rest) for p, *rest in found._rows[:again].tolist()])
     assert rows[0] == rows[2]
     assert rows[1] == rows[3]
@@ -503,7 +504,7 @@ def test_a_run_with_the_tree_has_the_bits_of_a_run_with_all_pairs(monkeypatch):
         (lambda: kd.Collision(action="fragment", fragment_mass=0), "fragment_mass must be a positive number, got 0"),
         (lambda: kd.Collision(fragment_mass=0.1), "fragment_mass needs action 'fragment', not 'merge'"),
         (lambda: kd.Collision(c_star=5.0), "c_star needs action 'fragment', not 'merge'"),
-        (lambda: kd.Collision(action="rule"), "rule: expected a function of two bodies, got None"),
+        (lambda: kd.Collision(action="rule"), "rule: required by action 'rule'"),
         (lambda: kd.Collision(rule=3), "rule: expected a function of two bodies, got 3"),
         (lambda: kd.Collision(rule=lambda body: []), "rule must take (heavier, lighter); it takes (body)"),
         (lambda: kd.Collision(action="bounce", rule=merge), "rule needs action 'rule', not 'bounce'"),

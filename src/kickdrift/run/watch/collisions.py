@@ -66,9 +66,16 @@ class Change:
 
 
 def changed(
-    event: Collision | Escape, system: System, y: Floats, bodies: tuple[int, ...], radii: Floats, new: New
+    event: Collision | Escape,
+    system: System,
+    y: Floats,
+    bodies: tuple[int, ...],
+    radii: Floats,
+    new: New,
+    offset: Floats | float = 0.0,
 ) -> Change:
-    """Act on the bodies at y. ``radii`` (n,) are the event's, and ``new`` says which new body comes next.
+    """Act on the bodies at y. ``radii`` (n,) are the event's, and ``new`` says which new body comes next. The first of
+    two bodies meets the image of the second at the ``offset`` (2, 3): all but bounces leave the result there.
 
     Raises RunError for a rule that fails."""
     if isinstance(event, Escape):
@@ -77,8 +84,10 @@ def changed(
     i, j = bodies
     masses = system.state.masses
     if event.action == "bounce":
-        restitution = restitution_of(event, system, approach_speed(y, i, j))
-        return Change(system, bounced(masses, y, i, j, restitution), "bounced")
+        restitution = restitution_of(event, system, approach_speed(y, i, j, offset))
+        return Change(system, bounced(masses, y, i, j, restitution, offset), "bounced")
+    y = y.copy()
+    y[:, :, j] += offset
     pair = (i, j) if masses[i] >= masses[j] else (j, i)
     if event.action == "merge":
         survivor, gone = pair
@@ -134,9 +143,9 @@ def _named(system: System, parent: str, new: Sequence[Sphere], number: int) -> l
     return names
 
 
-def approach_speed(y: Floats, i: int, j: int) -> float:
-    """Speed at which two bodies approach along the line of centres."""
-    x, v = y[:, :, i] - y[:, :, j]
+def approach_speed(y: Floats, i: int, j: int, offset: Floats | float = 0.0) -> float:
+    """Speed at which a body and another one's image approach along the line of centres."""
+    x, v = y[:, :, i] - y[:, :, j] - offset
     return -float(x @ v) / float(np.linalg.norm(x))
 
 
@@ -164,15 +173,15 @@ def joined(radii: Floats, survivor: int, absorbed: int) -> Floats:
     return radii
 
 
-def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float) -> Floats:
-    """Copy of y (2, 3, n) after the bounce of two hard spheres.
+def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float, offset: Floats | float = 0.0) -> Floats:
+    """Copy of y (2, 3, n) after the bounce of two hard spheres, of which the second is an image at the ``offset``.
 
     The normal part of their relative velocity is reversed and multiplied by ``restitution``. Momentum is conserved.
     """
     y = y.copy()
-    normal = y[0, :, i] - y[0, :, j]
+    normal, velocity = y[:, :, i] - y[:, :, j] - offset
     normal /= np.linalg.norm(normal)
-    speed = float((y[1, :, i] - y[1, :, j]) @ normal)
+    speed = float(velocity @ normal)
     impulse = -(1.0 + restitution) * speed / (masses[i] + masses[j])  # divided by m_i m_j
     y[1, :, i] += impulse * masses[j] * normal
     y[1, :, j] -= impulse * masses[i] * normal

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.collision import Collision
 from kickdrift.model.memory import Checkpointed, Memory, put_back
+from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import contacts
@@ -53,17 +56,19 @@ class Contacts(Checkpointed):
         begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
         for part in step_parts:
             h = part.t1 - part.t0
-            if self._many:
-                self._take_near(overlapping(part.y0, part.y1, h, self.radii, self._massive))
-            self._count = contacts(
-                part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows
-            )
+            self._count = self._found_in(part, h, step)
             if self._count:
                 if len(step_parts) > 1:  # fractions of the step
                     rows = self._rows[: self._count, 1:]
                     rows[...] = (part.t0 - begin + rows * h) / length
                 break
         return self._count
+
+    def _found_in(self, part: Part, h: float, step: int) -> int:
+        """Search a part of a step. Return the number of pairs in contact."""
+        if self._many:
+            self._take_near(overlapping(part.y0, part.y1, h, self.radii, self._massive))
+        return contacts(part.y0, part.y1, h, self._pairs, self.radii, self._approaching, self._touching, self._rows)
 
     @property
     def watches_all(self) -> bool:
@@ -91,11 +96,11 @@ class Contacts(Checkpointed):
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
         """Contact on the method's own solution, or None."""
-        i, j = (int(k) for k in self._pairs[:, int(pair)])
+        i, j, *image = (int(k) for k in self._pairs[:, int(pair)])
         reach = self.radii[i] + self.radii[j]
 
         def gap(time: float) -> float:
-            return separation(span.inside(time), i, j) - reach
+            return self._distance(span.inside(time), time, i, j, image) - reach
 
         begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
         time = begin
@@ -104,20 +109,24 @@ class Contacts(Checkpointed):
                 return None
             if gap(begin) > 0:
                 time = span.zero(gap, begin, end, 1e-13)
-        return Act(self.event, time, (i, j), gap(time) + reach)
+        return Act(self.event, time, (i, j), gap(time) + reach, *([(image[0], image[1])] if image else []))
+
+    def _distance(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> float:
+        """Distance of two bodies."""
+        return separation(y, i, j)
 
     def follow(self, system: System) -> None:
         """Watch other bodies; known contacts stay known."""
-        known = self._system.state.ids[self._known].T.tolist()
+        known, images = self._system.state.ids[self._known[:2]].T.tolist(), self._known[2:].T.tolist()
         self.begin(system)
         row_of = {int(each): row for row, each in enumerate(system.state.ids)} if known else {}
-        for pair in known:
+        for pair, image in zip(known, images, strict=True):
             rows = sorted(row_of.get(each, -1) for each in pair)
             if rows[0] >= 0:
-                self.touch(tuple(rows))
+                self.touch(tuple(rows), *([(image[0], image[1])] if image else []))
 
-    def touch(self, bodies: tuple[int, ...]) -> None:
-        """Mark two bodies as touching, until they separate."""
+    def touch(self, bodies: tuple[int, ...], image: Image = HERE) -> None:
+        """Mark two bodies as touching, until they separate. In open space there are no images."""
         pair = np.array(bodies, np.int64)[:, None]
         same = (self._pairs == pair).all(axis=0)
         if self._many and not same.any():
@@ -137,7 +146,7 @@ class Contacts(Checkpointed):
             super().recall(memory)
             return
         put_back(self, "radii", memory["radii"])
-        known = np.array(memory["touching"], dtype=np.int64).reshape(2, -1)
-        if known.size and not (known.min() >= 0 and known.max() < n):
+        known = np.array(memory["touching"], dtype=np.int64).reshape(len(self._pairs), -1)
+        if known.size and not (known[:2].min() >= 0 and known[:2].max() < n):
             raise InputError("checkpoint: a known contact is not of two bodies")
         self._take(known, np.ones(known.shape[1], dtype=np.bool_))

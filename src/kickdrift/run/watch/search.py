@@ -12,13 +12,14 @@ import numpy as np
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
+from kickdrift.model.patch import HERE
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import Change
-from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts, separation
 from kickdrift.run.watch.trials import Trials, Watched
@@ -46,7 +47,7 @@ class Search:
         self.span: Span | None = None
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
-        self._contacts = [Contacts(e, subject) for e in events if isinstance(e, Collision)]
+        self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
@@ -106,7 +107,7 @@ class Search:
         """Report this contact, or this escape, only once."""
         if isinstance(act.event, Collision):
             for contacts in self._contacts:
-                contacts.touch(act.bodies)
+                contacts.touch(act.bodies, act.image)
         elif isinstance(act.event, Escape):
             for escapes in self._escapes:
                 escapes.know(act.bodies[0])
@@ -197,6 +198,6 @@ class Search:
         self.log.recall(memory["waiting"])
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
-            self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"])
+            self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))
             ends = (span[key] for key in ("y0", "t0", "y1", "t1"))
             self.span = replace(self._span_of(inner, *ends), step=span["step"])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.model.events import CloseApproach, Collision, Escape
+from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Act(NamedTuple):
     time: float
     bodies: tuple[int, ...]  # rows
     distance: float
+    image: Image = HERE  # of the second body, in a patch
 
 
 def separation(y: Floats, i: int, j: int) -> float:

@@ -47,14 +47,22 @@ class Trials:
     def __init__(self, run: Watched) -> None:
         self._run = run
         self._flow = flow_of(run.system, run.threads, jumps=True)
+        self._last: Any = None
 
     def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
         """Take one step from y at ``begin`` to ``end``. Return the status, y at the end, and the counts."""
-        run = self._run
-        stepper = run.method.stepper(self._flow, run.options.changed(dt=end - begin))
+        stepper = self._stepper(end - begin)
         stepper.reset(y.copy(), begin, 0)
+        before = stepper.counts
         status = stepper.advance(1, float("inf"))
-        return status, stepper.y, stepper.counts
+        return status, stepper.y, stepper.counts - before
+
+    def _stepper(self, dt: float) -> Stepper:
+        """A stepper for steps of this length: the last one, where it can change their length."""
+        if hasattr(self._last, "retimed"):
+            return self._last.retimed(dt)
+        self._last = self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
+        return self._last
 
     def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:
         """y at a time inside the run's ``step``, which began at y."""

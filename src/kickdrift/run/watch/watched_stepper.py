@@ -22,6 +22,7 @@ from kickdrift.integrators.stepper import Counts
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
+from kickdrift.model.patch import HERE, patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import Change, changed
@@ -225,7 +226,8 @@ class WatchedStepper:
             pair = " and ".join(self._system.body(i) for i in act.bodies)
             raise RunError(
                 f"step {step} (t = {act.time:.9g}): more than {MOST_ACTS} collisions at one time, the last of {pair}: "
-                f"bodies come to rest on each other, which bounces cannot describe"
+                f"bodies come to rest on each other, which bounces cannot describe; elastic_below is a speed under "
+                f"which bounces are elastic"
             )
         if event.action == "stop":
             self._stop(act, span)
@@ -272,7 +274,7 @@ class WatchedStepper:
         self.inner.reset(y, act.time, step)
         after = self._run.sample_at(y, act.time)
         row["energy"] = before.energies.total - after.energies.total
-        if event.action != "bounce" or event.restitution != 1:  # type: ignore[union-attr]
+        if event.action != "bounce" or event.restitution != 1 or act.image != HERE:  # type: ignore[union-attr]
             self._run.record.take(before, after)
         self._search.log.add(row)
         self._run.bodies_changed()
@@ -283,7 +285,9 @@ class WatchedStepper:
         assert not isinstance(event, CloseApproach)  # which only ends runs
         radii = self._search.radii(event) if isinstance(event, Collision) else np.zeros(0)
         try:
-            change = changed(event, self._system, y, act.bodies, radii, self.roster.next)
+            patch = patch_of(self._system)
+            offset = 0.0 if patch is None else patch.offset(act.image, act.time)
+            change = changed(event, self._system, y, act.bodies, radii, self.roster.next, offset)
             self.roster.check_room(len(change.born))
         except RunError as error:
             names = " and ".join(self._system.body(i) for i in act.bodies)

@@ -1,0 +1,52 @@
+"""The shear-periodic patch of a System: its size, and the displacement of its images."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.state import Floats
+
+Image = tuple[int, int]  # columns outwards along x, rows along y
+HERE: Image = (0, 0)
+
+
+class Patch(NamedTuple):
+    """A patch that repeats along x and y, with images that move with the shear.
+
+    The image (k, l) of a body lies k widths further out and l lengths further along the orbit, less the shear since
+    t = 0 (Wisdom & Tremaine 1988, doi:10.1086/114690).
+    """
+
+    omega: float
+    width: float
+    length: float
+
+    @property
+    def shear(self) -> float:
+        """Speed along y of the next column outwards."""
+        return -1.5 * self.omega * self.width
+
+    def offset(self, image: Any, time: float) -> Floats:
+        """Position and velocity (2, 3) of an image relative to its body; of images (2, m), (2, 3, m)."""
+        k, row = image
+        along, none = k * self.shear * time + row * self.length, 0.0 * k
+        return np.array([[k * self.width, along, none], [none, k * self.shear, none]])
+
+
+def patch_of(system: Any) -> Patch | None:
+    """The patch of a System, or None. Its forces declare it."""
+    laws = (force.law for force in system.forces if hasattr(getattr(force, "Parameters", None), "patch"))
+    return next((law.patch() for law in laws), None)
+
+
+def check_patch(kind: str, patch: Patch, radii: Floats) -> None:
+    """Refuse a patch in which a body could touch an image of itself, or two images of another body at once."""
+    reach = 4.0 * float(radii.max(initial=0.0))
+    for key, size in (("width", patch.width), ("length", patch.length)):
+        if size <= reach:
+            raise InputError(
+                f"{kind}: the patch has the {key} {size:g}; it must exceed 4 radii of the largest body, {reach:g}"
+            )

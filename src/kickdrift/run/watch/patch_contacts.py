@@ -1,0 +1,146 @@
+"""Contacts of a `Collision` among the bodies of a shear-periodic patch and their images.
+
+The positions of a run are not wrapped. The search maps the ways of all bodies in a step into the patch, adds the images
+that reach into the patch, and searches these bodies as those of open space. A pair is then two bodies i < j and the
+image of j that i meets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import RunError
+from kickdrift.model.collision import Collision
+from kickdrift.model.patch import HERE, Image, Patch, patch_of
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.watch.contacts import Contacts
+from kickdrift.run.watch.encounters import contacts
+from kickdrift.run.watch.overlaps import boxes, overlapping
+from kickdrift.run.watch.span import Act, Part, Span
+
+NEAR = 1e-6  # of a step: the square of a shorter time is below rounding
+MOST = 20  # patches that the ways of a step may cover along x or y
+
+Whole = NDArray[np.int64]
+
+
+class Crowd(NamedTuple):
+    """Bodies in the patch and images beside them: their bodies (m,), their images (2, m) and their ways."""
+
+    bodies: Whole
+    images: Whole
+    y0: Floats
+    y1: Floats
+
+
+def contacts_of(event: Collision, system: System) -> Contacts:
+    """The contacts of an event, in a patch if the system has one."""
+    return Contacts(event, system) if patch_of(system) is None else PatchContacts(event, system)
+
+
+class PatchContacts(Contacts):
+    """Contacts in a patch. Pairs (4, P) are two bodies, and the image of the second one."""
+
+    _patch: Patch
+
+    def begin(self, system: System) -> None:
+        """Watch these bodies, without any known contact."""
+        found = patch_of(system)
+        assert found is not None
+        self._system, self._massive, self._patch = system, system.state.masses > 0, found
+        self._many = True
+        self._take(np.zeros((4, 0), np.int64), np.zeros(0, np.bool_))
+
+    def _found_in(self, part: Part, h: float, step: int) -> int:
+        """Search a part of a step. Return the number of pairs in contact."""
+        if not (np.isfinite(part.y0).all() and np.isfinite(part.y1).all()):
+            return 0
+        crowd = crowd_of(self._patch, *part, self.radii, step)
+        radii, n = self.radii[crowd.bodies], len(self._system)
+        places = overlapping(crowd.y0, crowd.y1, h, radii, self._massive[crowd.bodies])
+        places = places[:, places[0] < n]  # two images meet as their bodies do
+        pairs, places = _once(crowd, places)
+        known = set(map(tuple, self._known.T.tolist()))
+        touching = np.array([tuple(pair) in known for pair in pairs.T.tolist()] if known else [False] * pairs.shape[1])
+        self._take(pairs, touching.astype(np.bool_))
+        return contacts(crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows)
+
+    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
+        """Contact on the method's own solution, or None.
+
+        Crowded patches have many contacts. A step of Newton's method from the contact on the cubic curve is exact to
+        rounding if it is short; other contacts, such as grazing ones, are searched as in open space."""
+        i, j, k, row = (int(each) for each in self._pairs[:, int(pair)])
+        reach, time = self.radii[i] + self.radii[j], span.t0 + s * span.length
+        y = span.inside(time)
+        x, v = y[:, :, i] - y[:, :, j] - self._patch.offset((k, row), time)
+        if (inwards := -float(x @ v)) > 0 and s > a:
+            distance = float(np.linalg.norm(x))
+            later = (distance - reach) * distance / inwards
+            if abs(later) <= NEAR * span.length and span.t0 <= time + later <= span.t1:
+                return Act(self.event, time + later, (i, j), reach, (k, row))
+        return super()._confirmed(span, pair, s, a, b)
+
+    def _distance(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> float:
+        """Distance of a body and the image of another one."""
+        return float(np.linalg.norm(y[0, :, i] - y[0, :, j] - self._patch.offset(image, time)[0]))
+
+    def touch(self, bodies: tuple[int, ...], image: Image = HERE) -> None:
+        """Mark two bodies as touching, until they separate."""
+        pair = np.array([*bodies, *image], np.int64)[:, None]
+        same = (self._pairs == pair).all(axis=0)
+        if same.any():
+            self._touching |= same
+        else:
+            self._take(np.concatenate([self._pairs, pair], axis=1), np.append(self._touching, True))
+
+
+def crowd_of(patch: Patch, y0: Floats, t0: float, y1: Floats, t1: float, radii: Floats, step: int) -> Crowd:
+    """Bodies mapped into the patch at t0, and the images that may meet them until t1.
+
+    Raises RunError for ways across many patches."""
+    column = -np.round(y0[0, 0] / patch.width)
+    along = y0[0, 1] + patch.offset((column, 0.0), t0)[0, 1]
+    home = np.array([column, -np.round(along / patch.length)])
+    y0, y1 = y0 + patch.offset(home, t0), y1 + patch.offset(home, t1)
+    low, high = (side[:2] for side in boxes(y0, y1, t1 - t0, radii))
+    least, most = low.min(axis=1), high.max(axis=1)
+    if not ((most - least) / (patch.width, patch.length) < MOST).all():
+        raise RunError(
+            f"step {step} (t = {t0:.9g}): a body crosses many widths or lengths of the patch in one step; take a "
+            f"smaller dt"
+        )
+    span, bodies, images = most - least, [np.arange(y0.shape[2])], [np.zeros(home.shape)]
+    columns = int(span[0] / patch.width)
+    for k in range(-columns, columns + 1):
+        begin = k * patch.shear * t0
+        base = -round(begin / patch.length)
+        shift = begin + base * patch.length
+        first, last = sorted((shift, shift + k * patch.shear * (t1 - t0)))
+        inside = (low[0] + k * patch.width <= most[0]) & (high[0] + k * patch.width >= least[0])
+        for row in range(math.ceil((-span[1] - last) / patch.length), math.floor((span[1] - first) / patch.length) + 1):
+            if k == row == 0:
+                continue
+            up = row * patch.length
+            (reach,) = np.nonzero(inside & (low[1] + first + up <= most[1]) & (high[1] + last + up >= least[1]))
+            bodies.append(reach)
+            images.append(np.repeat([[float(k)], [float(base + row)]], len(reach), axis=1))
+    who, image = np.concatenate(bodies), np.concatenate(images, axis=1)
+    ways = (np.ascontiguousarray(y[:, :, who] + patch.offset(image, t)) for y, t in ((y0, t0), (y1, t1)))
+    return Crowd(who, (image + home[:, who]).astype(np.int64), *ways)
+
+
+def _once(crowd: Crowd, places: Whole) -> tuple[Whole, Whole]:
+    """Pairs (4, P) of the bodies at these places (2, Q) of a crowd, each pair once, and one place (2, P) of each."""
+    places = places[:, crowd.bodies[places[0]] != crowd.bodies[places[1]]]
+    turned = crowd.bodies[places[0]] > crowd.bodies[places[1]]
+    places = np.where(turned, places[::-1], places)
+    image = crowd.images[:, places[1]] - crowd.images[:, places[0]]
+    pairs, first = np.unique(np.concatenate([crowd.bodies[places], image]), axis=1, return_index=True)
+    return np.ascontiguousarray(pairs), np.ascontiguousarray(places[:, first])
