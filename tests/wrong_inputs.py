@@ -139,7 +139,7 @@ PYTHON = [
     ('kd.resume("none.h5md")', "none.h5md: no such file"),
     (
         'kd.export("none.h5md", "x.gro")',
-        "x.gro: the name of an export must end in .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, .traj, .bin, not '.gro'",
+        "x.gro: the name of an export must end in .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, .traj, .data, .bin, not '.gro'",
     ),
     ('kd.load("lj-1000", snapshot=1)', "snapshot: is for archives of rebound, and …"),
     (
@@ -232,7 +232,7 @@ FILES = [
     (
         'type = "lennard-jones"',
         'type = "LJ"',
-        "system: force[0].type: expected one of lennard-jones, gravity, gravity-tree, eam, stillinger-weber, tersoff, relativity-1pn…",
+        "system: force[0].type: expected one of lennard-jones, gravity, gravity-tree, gravity-sheet, eam, stillinger-weber, tersoff…",
     ),
     ('type = "lennard-jones"', 'type = "lennard-jones"\nrc = 2.5', "system: force[0].rc: unknown key…"),
     ("dt = 0.005", 'dt = "0.005 fs"', "system: run.dt: lj quantities are plain numbers, got '0.005 fs'"),

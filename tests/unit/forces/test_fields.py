@@ -292,7 +292,11 @@ def test_terminal_velocity():
 
 
 def test_what_can_depend_on_velocity():
-    depends = {cls.name: getattr(cls, "velocity_dependent", False) for cls in kd.forces.FORCES.values()}
+    depends = {
+        cls.name: getattr(cls, "velocity_dependent", False)
+        for cls in kd.forces.FORCES.values()
+        if cls.__module__.startswith("kickdrift.")
+    }
     assert [name for name, yes in depends.items() if yes] == [
         "relativity-1pn", "relativity-eih", "lense-thirring", "relativity-2.5pn", "tides", "radiation-pressure",
         "non-gravitational", "migration", "gas-drag", "dynamical-friction", "hill", "linear-drag",

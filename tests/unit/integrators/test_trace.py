@@ -127,7 +127,7 @@ def test_the_pythagorean_problem_survives():
     )  # fmt: skip
     sim = kd.Simulation(system, "trace", dt=0.01)
     report = sim.run(until=70.0)
-    assert "covers its whole orbit" in " ".join(report.warnings)
+    assert "covers the whole orbit" in " ".join(report.warnings)
     assert abs(energy(system, sim.state) / energy(system) - 1) < 0.1
     momentum = sim.state.masses @ sim.state.velocities
     assert np.abs(momentum).max() < 1e-11

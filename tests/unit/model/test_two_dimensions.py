@@ -180,7 +180,7 @@ X = np.array([[1.0, 1.0, 0.5], [4.0, 4.0, 0.5], [7.0, 7.0, 0.5]])
         ({"forces": [kd.DrivenField((0, 0, 1.0), 2.0)]}, "driven-field: amplitude has a z component of 1"),
         ({"forces": [kd.HarmonicTrap(1.0)]}, "harmonic-trap: centre has z = 0, but the particles of this two-dimens"),
         ({"forces": [kd.HarmonicTrap(1.0, (0, 0, 1.0))]}, "harmonic-trap: centre has z = 1, but the particles of"),
-        ({"forces": [kd.Oblateness(0.1, 0.2, pole=(1.0, 0, 1.0))]}, "j2: pole: expected a vector along z or in the"),
+        ({"forces": [kd.Oblateness(0.1, 0.2, pole=(1.0, 0, 1.0), G=1.0)]}, "j2: pole: expected a vector along z or in"),
     ],
 )  # fmt: skip
 def test_what_leaves_the_plane_is_refused(given, message):

@@ -21,7 +21,7 @@ from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.record import changed_sources, system_of
-from tests.systems import liquid, needed, pressed, tried_with
+from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 
 class Stopped(Exception):
@@ -114,7 +114,7 @@ def taken_by(name, given):
     options = given | ({"dt": 0.002} if method.needs_dt else {})
     options |= needed(name) | pressed(given) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
     try:
-        return kd.Simulation(trio().watched(()), name, **options)
+        return kd.Simulation(in_frame(name, trio().watched(())), name, **options)
     except InputError:
         return kd.Simulation(liquid(), name, **options)
 
