@@ -147,6 +147,8 @@ def simulation(case: Case, threads: int = 1) -> kd.Simulation:
     dt = 0.02 if system.units.name == "nbody" else 0.002
     if "iteration" in method.tunable:  # fixed-point iteration in a hot liquid converges for short steps alone
         dt *= 0.25
+    if case.method == "brownian":  # whose steps in a hot liquid are long
+        dt *= 0.05
     options: dict[str, Any] = {"dt": dt} if method.needs_dt else {}
     wanted = {"rtol": 1e-6, "temperature": 1.0, "friction": 1.0, "tau": 1.0, "collision_rate": 1.0}
     options |= {key: value for key, value in wanted.items() if key in method.tunable}
@@ -155,10 +157,11 @@ def simulation(case: Case, threads: int = 1) -> kd.Simulation:
 
 def cases(long: bool) -> list[Case]:
     """All pairs of a system and a method, in each precision; or each system with velocity-verlet (and rk4, where that
-    refuses a force), and each method with gravity and another system. A method may refuse a system."""
+    refuses a force), and each method with gravity, a liquid and another system. A method may refuse a system."""
     names = [name for name in systems() if name not in LARGE]
     chosen = {(names[5 * k % len(names)], method) for k, method in enumerate(METHODS)}
-    chosen |= {(name, "velocity-verlet") for name in names} | {("gravity", method) for method in METHODS}
+    chosen |= {(name, "velocity-verlet") for name in names} | {("hill", "sei")}
+    chosen |= {(name, method) for name in ("gravity", "lennard-jones cut 1 species") for method in METHODS}
     chosen |= {(name, "rk4") for name in names if name in FORCES}  # velocity-verlet refuses forces of velocities
     every = {(name, method) for name in names for method in METHODS}
     listed = [*sorted(every if long else chosen), *((name, "velocity-verlet") for name in LARGE)]

@@ -151,7 +151,11 @@ def transits(
     who, whom = (system.body(row) for row in pair)
     if not found:
         near = "" if most == math.inf else f" within {most:.6g} on the sky"
-        raise InputError(f"transits: {who} does not pass in front of {whom}{near} until t = {end:.10g}")
+        seen = ", ".join(f"{value:g}" for value in direction)
+        raise InputError(
+            f"transits: {who} does not pass in front of {whom}{near} until t = {end:.10g}, seen from ({seen}); "
+            "direction moves the observer"
+        )
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     first = 6 * len(columns.bodies)
     jacobian, by_masses, by_parameters = np.split(rates, [first, first + len(columns.masses)], axis=1)
