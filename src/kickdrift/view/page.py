@@ -20,6 +20,7 @@ POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inli
 START = """\
 const scene = JSON.parse(document.getElementById("scene").textContent);
 globalThis.view = await globalThis.kickdriftView.mount(document.getElementById("view"), scene, {live: false});
+globalThis.view.focus();
 """
 PAGE_TEXT = """\
 <!DOCTYPE html>
