@@ -38,7 +38,7 @@ button.tool[aria-pressed=true] { color: var(--mark); border-color: var(--mark) }
 button.tool svg { width: 16px; height: 16px; fill: none; stroke: currentColor; stroke-width: 1.7; stroke-linecap: round;
   stroke-linejoin: round }
 button.tool svg .solid { fill: currentColor }
-.legend { position: absolute; left: 12px; bottom: 76px; min-width: 150px; max-width: 240px }
+.legend { position: absolute; left: 12px; bottom: 76px; width: 196px }
 .legend label { display: flex; align-items: center; gap: 8px; color: var(--faint); font-size: 12px }
 .legend select { height: 26px; flex: 1; background: none }
 .classes { display: flex; flex-wrap: wrap; gap: 3px 12px; margin-top: 7px }
@@ -50,7 +50,7 @@ button.tool svg .solid { fill: currentColor }
   font-variant-numeric: tabular-nums }
 .size { margin-top: 7px }
 .size input { flex: 1; width: 60px; accent-color: var(--mark) }
-.compass { position: absolute; left: 14px; bottom: 0; width: 64px; height: 64px; pointer-events: none }
+.view > canvas.compass { inset: auto; left: 214px; bottom: 74px; width: 64px; height: 64px; pointer-events: none }
 .foot { position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
   padding: 0 10px }
 .foot .track { position: relative; flex: 1; min-width: 60px; height: 32px; display: flex; align-items: center }

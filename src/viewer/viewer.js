@@ -30,7 +30,7 @@ import {unpacked} from "./packed.js";
 import {STYLE} from "./style.js";
 
 const LASTS = 20; // seconds that a run lasts at speed 1, within the limits below
-const FEWEST = 8, MOST = 60; // frames a second
+const FEWEST = 8, MOST = 120; // frames a second
 const TURN = 0.35; // radians a second
 
 class View {
@@ -56,10 +56,11 @@ class View {
     shade.append(style, this.root);
     const canvas = element("canvas"), names = element("div", "names");
     this.root.append(canvas, names);
-    const [radii, pixels, species] = await Promise.all([scene.radii, scene.pixels, scene.speciesOf].map(unpacked));
+    const [radii, pixels, species, masses] =
+      await Promise.all([scene.radii, scene.pixels, scene.speciesOf, scene.masses].map(unpacked));
     this.species = species;
     this.parts = new Float32Array(scene.shown);
-    this.moments = new Moments(scene.shown);
+    this.moments = new Moments(masses);
     for (const chunk of scene.chunks) await this.moments.add(chunk);
     this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels);
     this.drawing.wake = () => this.wake();

@@ -23,7 +23,7 @@ from kickdrift.model.unit_systems import symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
-from kickdrift.text import counted, suggestion
+from kickdrift.text import counted, measured, suggestion
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.chosen import BLOCK_BYTES
 from kickdrift.trajectory.merged import masses_held
@@ -32,7 +32,8 @@ from kickdrift.trajectory.overview import overview_of
 from kickdrift.view.curves import curves_of
 from kickdrift.view.stage import Stage
 
-FRAMES = 500  # most frames of a view, spread evenly
+FRAMES = 501  # most frames of a view, spread evenly: the start and 500 more
+FRAMES_OF_FEW = 2001  # the same for a few bodies, whose trails need them
 MOST_PLACES = 5_000_000  # particles times frames of a view
 MOST_EVENTS = 500
 
@@ -41,7 +42,7 @@ Scene = dict[str, Any]
 
 def scene_of(
     given: reader.Run | System | Simulation | str | os.PathLike[str],
-    frames: int = FRAMES,
+    frames: int | None = None,
     colour: str | None = None,
     size: float = 1.0,
 ) -> Scene:
@@ -50,7 +51,7 @@ def scene_of(
     Parameters
     ----------
     given : Run, System, Simulation, or a path or the name of a shipped system
-    frames : most frames, spread evenly
+    frames : most frames, spread evenly; default 501, and 2001 for a few bodies under gravity
     colour : what colours the particles first: "species" or "body", "speed", "kinetic energy", or one of the run's own
         columns with a number for each particle
     size : factor of the spheres' sizes
@@ -60,7 +61,7 @@ def scene_of(
     InputError
         For a file that is no run and no system of particles, and for an unknown colour.
     """
-    if frames < 1:
+    if frames is not None and frames < 1:
         raise InputError(f"frames: expected 1 or more, got {frames}")
     if not 0.0 < size < np.inf:
         raise InputError(f"size: expected a positive number, got {size}")
@@ -78,7 +79,7 @@ def scene_of(
     return found | {"colour": colour or found["colour"], "size": float(size)}
 
 
-def scene_of_file(path: str | os.PathLike[str], frames: int = FRAMES) -> Scene:
+def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Scene:
     """Scene of a run's file, or of the start of a system file or shipped system."""
     text = os.fspath(path)
     if text.endswith((".toml", ".py")) or (is_shipped(text) and not os.path.lexists(text)):
@@ -118,7 +119,7 @@ def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
     return x[stage.rows], v[stage.rows], m[stage.rows]
 
 
-def scene_of_run(run: reader.Run, frames: int = FRAMES, growing: bool = False) -> Scene:
+def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = False) -> Scene:
     """Scene of an open file. A run without frames shows its start."""
     stage = Stage.of(run.system(), run.masses, run.names, run.species_index)
     notes = stage.notes()
@@ -129,10 +130,11 @@ def scene_of_run(run: reader.Run, frames: int = FRAMES, growing: bool = False) -
         found = scene_of_system(run.system())
         return found | more | {"notes": [*notes, "The run has no frames: the view shows its start."]}
     shown = len(stage.masses[stage.rows])
-    every = -(-len(run) // max(1, min(frames, MOST_PLACES // shown)))
+    most = frames or (FRAMES_OF_FEW if stage.few else FRAMES)
+    every = -(-len(run) // max(1, min(most, MOST_PLACES // shown)))
     chosen = range(len(run))[::every]
     if every > 1:
-        notes.append(f"Shows {len(chosen):,} of {len(run):,} frames: every {every}th.")
+        notes.append(f"Shows {len(chosen):,} of {len(run):,} frames: one in {every}.")
     columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
     values = {name: np.asarray(run[::every].observables[name])[:, stage.rows] for name in columns}
     x, v = (_read(run, what, every, stage.rows) for what in ("positions", "velocities"))
@@ -145,7 +147,11 @@ def scene_of_run(run: reader.Run, frames: int = FRAMES, growing: bool = False) -
     boxes = run.boxes_of(chosen)
     chunk = stage.chunk(moments.steps, moments.times, x, v, boxes, values, held)
     more["columns"] = [{"name": name, "label": name, "unit": symbol_of(unit)} for name, unit in columns.items()]
-    return stage.scene([chunk], x[0], v[0], notes=notes, **more)
+    found = stage.scene([chunk], x[0], v[0], notes=notes, **more)
+    if stage.few:
+        far = np.linalg.norm(x - np.array(found["centre"]), axis=2)
+        found["reach"] = max(found["reach"], float(np.nanquantile(far, 0.8)))
+    return found
 
 
 def _read(run: reader.Run, what: str, every: int, rows: slice) -> Floats:
@@ -162,6 +168,7 @@ def _told(run: reader.Run) -> dict[str, Any]:
     events = run.whole_events()
     return {
         "curves": curves_of(samples.times, samples.observables, run.units, own),
+        "caption": _caption(run),
         "verdict": [list(line) for line in overview_of(run)],
         "events": [
             {"time": each["time"], "text": " and ".join([each["kind"].replace("-", " "), *each["bodies"]][:1])
@@ -169,6 +176,13 @@ def _told(run: reader.Run) -> dict[str, Any]:
             for each in events[:MOST_EVENTS]
         ],
     }  # fmt: skip
+
+
+def _caption(run: reader.Run) -> list[str]:
+    """Method and step of a run."""
+    method, dt = run.method.get("integrator"), run.method.get("dt")
+    step = measured(f"dt = {dt:g}", symbol_of(run.units.time)) if isinstance(dt, int | float) else ""
+    return [text for text in (str(method or ""), step) if text]
 
 
 @contextmanager
