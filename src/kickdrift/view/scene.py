@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.problem import Problem
@@ -123,29 +124,32 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
     """Scene of an open file. A run without frames shows its start."""
     stage = Stage.of(run.system(), run.masses, run.names, run.species_index)
     notes = stage.notes()
-    if growing:
-        notes.append(f"The run goes on: the view shows the {counted(len(run), 'frame')} written so far.")
+    if growing or not run.closed:
+        why = "goes on" if growing else "did not finish"
+        notes.append(f"The run {why}: the view shows the {counted(len(run), 'frame')} written so far.")
     more = _told(run)
     if not len(run):
         found = scene_of_system(run.system())
         return found | more | {"notes": [*notes, "The run has no frames: the view shows its start."]}
     shown = len(stage.masses[stage.rows])
     most = frames or (FRAMES_OF_FEW if stage.few else FRAMES)
-    every = -(-len(run) // max(1, min(most, MOST_PLACES // shown)))
-    chosen = range(len(run))[::every]
-    if every > 1:
-        notes.append(f"Shows {len(chosen):,} of {len(run):,} frames: one in {every}.")
-    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
-    values = {name: np.asarray(run[::every].observables[name])[:, stage.rows] for name in columns}
-    x, v = (_read(run, what, every, stage.rows) for what in ("positions", "velocities"))
+    kept = min(len(run), max(1, min(most, MOST_PLACES // shown)))
+    chosen = np.linspace(0, len(run) - 1, kept).round().astype(int)
+    if kept < len(run):
+        notes.append(f"Shows {kept:,} of {len(run):,} frames, spread evenly.")
+    x, v = (_read(run, what, chosen, stage.rows) for what in ("positions", "velocities"))
     held = np.broadcast_to(stage.masses[stage.rows], x.shape[:2])
     if stage.gravity is not None and stage.stride == 1:
-        held = masses_held(run, list(chosen), x, v)
+        held = masses_held(run, chosen, x, v)
         for y in (x, v):
             y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
-    moments = run[::every]
-    boxes = run.boxes_of(chosen)
-    chunk = stage.chunk(moments.steps, moments.times, x, v, boxes, values, held)
+    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
+    observed = run[:].observables if columns else {}
+    values = {name: np.asarray(observed[name])[chosen][:, stage.rows] for name in columns}
+    boxes = run.boxes_of(range(len(run)))
+    chunk = stage.chunk(
+        run.all_steps[chosen], run.all_times[chosen], x, v, [boxes[k] for k in chosen], values, held
+    )  # fmt: skip
     more["columns"] = [{"name": name, "label": name, "unit": symbol_of(unit)} for name, unit in columns.items()]
     found = stage.scene([chunk], x[0], v[0], notes=notes, **more)
     if stage.few:
@@ -154,11 +158,15 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
     return found
 
 
-def _read(run: reader.Run, what: str, every: int, rows: slice) -> Floats:
-    """Positions or velocities (f, k, 3) of the shown rows at every so many frames, read in blocks."""
-    size = max(1, BLOCK_BYTES // (24 * len(run.ids) * every)) * every
-    starts = range(0, len(run), size)
-    return np.concatenate([run.vectors(what, slice(k, min(k + size, len(run)), every), rows) for k in starts])
+def _read(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) -> Floats:
+    """Positions or velocities (f, k, 3) of the shown rows at the chosen frames, read in blocks."""
+    most = max(1, BLOCK_BYTES // (24 * len(run.ids)))  # frames of a block
+    starts = np.flatnonzero(np.diff(chosen // most, prepend=-1))
+    found = []
+    for part in np.split(chosen, starts[1:]):
+        block = run.vectors(what, slice(int(part[0]), int(part[-1]) + 1), rows)
+        found.append(block[part - part[0]])
+    return np.concatenate(found)
 
 
 def _told(run: reader.Run) -> dict[str, Any]:
@@ -195,7 +203,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[reader.Run, bool]]:
             raise
     else:
         with run:
-            yield run, not run.closed
+            yield run, False
         return
     with tempfile.TemporaryDirectory(prefix="kickdrift-") as folder:
         copy = Path(folder) / Path(path).name
