@@ -94,6 +94,13 @@ def run(
     processes: Annotated[
         int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
     ] = 1,
+    imd: Annotated[
+        int | None,
+        typer.Option(metavar="[PORT]", help="Stream the run to MDAnalysis: imd://localhost:PORT (default 8888)."),
+    ] = None,
+    imd_wait: Annotated[
+        bool, typer.Option("--imd-wait", help="With --imd: wait whenever no program reads the stream.")
+    ] = False,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -127,9 +134,13 @@ def run(
     ending = choices[exact or "false"]
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
+    if imd_wait and imd is None:
+        raise InputError("--imd-wait: needs --imd")
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
+    if imd is not None and isinstance(chosen, System):
+        announced(imd, imd_wait, quiet)
     warn_of_version(sim, quiet)
     with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
@@ -138,9 +149,17 @@ def run(
         stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(
             **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
-            progress=bar("running"),
+            progress=bar("running"), imd=imd, imd_wait=imd_wait,
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
+
+
+def announced(port: int, waits: bool, quiet: bool) -> None:
+    """Say where a run streams, once the port is known to be free."""
+    from kickdrift.run.watch.imd import HOST, listening
+
+    listening(port, "--imd").close()
+    say(f"streams to imd://{HOST}:{port}{'; waits for a program that reads' if waits else ''}", quiet)
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:

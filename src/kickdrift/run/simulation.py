@@ -35,6 +35,7 @@ from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
+from kickdrift.run.watch.imd import Imd
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -220,6 +221,8 @@ class Simulation(Present):
         observe: Observer | None = None,
         columns: Iterable[Column] = (),
         progress: bool | Callable[[int, int], Any] | None = None,
+        imd: int | None = None,
+        imd_wait: bool = False,
     ) -> Report:
         """Take ``steps`` steps, run ``until`` a time, or run for a ``time``: a number, or a text such as "5 ps".
 
@@ -243,6 +246,9 @@ class Simulation(Present):
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
 
+        ``imd`` is a port of this machine from which MDAnalysis reads the looks while the run goes on: see
+        docs/mdanalysis.md. With ``imd_wait`` the run waits whenever no client is there.
+
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
         """
@@ -263,6 +269,7 @@ class Simulation(Present):
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
+            None if imd is None else Imd(run, imd, imd_wait),
             written if written.columns else None,
             self._outputs.watcher(output, plan, overwrite, file, written.described, self.going_on),
             Observe(observe, self) if observe else None,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.disk.outputs import plain
+from kickdrift.display.card import Spark
 from kickdrift.display.showing import Lines, Shown, above
+from kickdrift.looks.energy_spark import energy_spark
 
 
 class ShownRun(Shown):
@@ -13,6 +15,12 @@ class ShownRun(Shown):
 
     def _lines(self) -> Lines:
         return above("run lines")(self)
+
+    def _spark(self: Any) -> Spark | None:
+        seen = self.whole_samples().observables
+        if not {"total_energy", "kinetic_energy"} <= seen.keys() or not len(seen["kinetic_energy"]):
+            return None
+        return energy_spark(seen["total_energy"] + seen.get("energy_taken", 0.0), seen["kinetic_energy"][0])
 
     def as_json(self) -> dict[str, Any]:
         """Content of the file in numbers and texts, as ``kickdrift info --json`` writes it."""
