@@ -72,6 +72,10 @@ def _figure(head: bytes, tail: bytes) -> bool:
     return known and (b"atplotlib" in head or b"atplotlib" in tail)
 
 
+def _page(head: bytes, tail: bytes) -> bool:
+    return b'<meta name="generator" content="kickdrift' in head
+
+
 def _problem(head: bytes, tail: bytes) -> bool:
     return head.startswith(_HDF5) and all(name in head for name in (b"kickdrift\0", b"problem\0", b"checkpoints\0"))
 
@@ -94,6 +98,7 @@ PROBLEM = Kind("the file of a Problem's run", (".h5",), _problem, streams=False)
 SERIES = Kind("the table of a Problem's run", (".csv", ".parquet"), _series, streams=False)
 JSON = Kind("a JSON object", (), _json)
 FIGURE = Kind("a figure", FIGURES, _figure)
+PAGE = Kind("a view", (".html",), _page)
 TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)
 JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startswith(b"{"), streams=False)
 

@@ -26,6 +26,7 @@ DEEPEST = 32  # groups within groups
 MOST = 10_000  # objects and attributes, each
 OURS = ("h5md", "kickdrift", "observables", "particles", "table")  # groups at the top that kickdrift reads
 FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # HDF5's own and h5py's LZF; for any other, HDF5 would load code from a folder
+BEING_WRITTEN = "a run is writing to it at this moment"
 SETTLED = 2.0  # seconds: if a file has not changed for so long, the next change will show in the times of its status
 _last: list[tuple[int, ...]] = [()]  # status of the file that was walked last, which need not be walked again
 _LINKS = {h5l.TYPE_SOFT: "a soft link", h5l.TYPE_EXTERNAL: "an external link"}
@@ -185,7 +186,7 @@ def _descriptor(path: str | os.PathLike[str]) -> int:
 def _why_not(name: str, error: Exception) -> str:
     """Reason why HDF5 cannot open a file."""
     if isinstance(error, BlockingIOError):
-        return "a run is writing to it at this moment; it can be read when that is over"
+        return f"{BEING_WRITTEN}; it can be read when that is over"
     if "truncated file" in str(error):
         return "is truncated: its end is missing (copied in part?)"
     if not h5py.is_hdf5(name):

@@ -1,0 +1,96 @@
+"""One self-contained HTML page of a scene. It works from a file, without a network."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from kickdrift.disk.kinds import PAGE
+from kickdrift.disk.outputs import checked_target, written_whole
+from kickdrift.run.simulation import Simulation
+from kickdrift.trajectory import reader
+from kickdrift.view.scene import FRAMES, Scene, scene_of
+
+# A page may run its own two scripts and styles, and may load nothing.
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+START = """\
+const scene = JSON.parse(document.getElementById("scene").textContent);
+globalThis.view = await globalThis.kickdriftView.mount(document.getElementById("view"), scene, {live: false});
+globalThis.view.focus();
+"""
+PAGE_TEXT = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="kickdrift view">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{title}</title>
+<style>html, body, #view {{ height: 100%; margin: 0; overflow: hidden }}</style>
+</head>
+<body>
+<div id="view"></div>
+<noscript>This page needs JavaScript to show the particles.</noscript>
+<script type="application/json" id="scene">{scene}</script>
+<script type="module">{bundle}</script>
+<script type="module">{start}</script>
+</body>
+</html>
+"""
+
+
+def bundle() -> str:
+    """Text of the viewer, an ES module with three.js inside; it exports ``mount``."""
+    return (files("kickdrift.view") / "assets" / "viewer.js").read_text(encoding="utf-8")
+
+
+def page(scene: Scene) -> str:
+    """The page of a scene, as HTML text. Names and titles appear as text, whatever marks they hold."""
+    return PAGE_TEXT.format(
+        policy=POLICY,
+        title=html.escape(f"{scene['title']} · kickdrift"),
+        scene=as_json(scene),
+        bundle=bundle(),
+        start=START,
+    )
+
+
+def as_json(value: Any) -> str:
+    """JSON that may stand inside a script element: no text in it can end the element or begin a comment."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def write_page(
+    given: reader.Run | Any | Simulation | str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    frames: int = FRAMES,
+    color: str | None = None,
+    size: float = 1.0,
+    overwrite: bool = False,
+) -> Path:
+    """Write the page of a run, a System, a Simulation or a file. Return the page's path.
+
+    Parameters
+    ----------
+    given, frames, color, size : as in `scene_of`
+    output : path that ends in .html
+    overwrite : replace a page that kickdrift wrote
+
+    Raises
+    ------
+    InputError
+        For bad input, an existing file, and a missing folder. Nothing is written.
+    """
+    inputs = [given] if isinstance(given, str | os.PathLike) else [getattr(given, "path", None)]
+    target = checked_target(output, PAGE, overwrite, inputs)
+    text = page(scene_of(given, frames, color, size))
+    with written_whole(target, PAGE, overwrite=overwrite) as part:
+        part.write_text(text, encoding="utf-8")
+    return target

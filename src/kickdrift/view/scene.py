@@ -1,0 +1,190 @@
+"""Scenes: plain descriptions of what a view shows, from a run's file, a System or a Simulation.
+
+A scene is made of texts, numbers and lists, so it fits into JSON. ``src/viewer/README.md`` lists its keys.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.run.simulation import Simulation
+from kickdrift.systemfile.files import is_shipped
+from kickdrift.systemfile.reading import load
+from kickdrift.text import counted, suggestion
+from kickdrift.trajectory import reader
+from kickdrift.trajectory.chosen import BLOCK_BYTES
+from kickdrift.trajectory.merged import masses_held
+from kickdrift.trajectory.opening import BEING_WRITTEN
+from kickdrift.trajectory.overview import overview_of
+from kickdrift.view.curves import curves_of
+from kickdrift.view.stage import Stage
+
+FRAMES = 500  # most frames of a view, spread evenly
+MOST_PLACES = 5_000_000  # particles times frames of a view
+MOST_EVENTS = 500
+
+Scene = dict[str, Any]
+
+
+def scene_of(
+    given: reader.Run | System | Simulation | str | os.PathLike[str],
+    frames: int = FRAMES,
+    colour: str | None = None,
+    size: float = 1.0,
+) -> Scene:
+    """Scene of a run's file, a System, a Simulation as it stands, or the path or name of a file.
+
+    Parameters
+    ----------
+    given : Run, System, Simulation, or a path or the name of a shipped system
+    frames : most frames, spread evenly
+    colour : what colours the particles first: "species" or "body", "speed", "kinetic energy", or one of the run's own
+        columns with a number for each particle
+    size : factor of the spheres' sizes
+
+    Raises
+    ------
+    InputError
+        For a file that is no run and no system of particles, and for an unknown colour.
+    """
+    if frames < 1:
+        raise InputError(f"frames: expected 1 or more, got {frames}")
+    if not 0.0 < size < np.inf:
+        raise InputError(f"size: expected a positive number, got {size}")
+    if isinstance(given, str | os.PathLike):
+        found = scene_of_file(given, frames)
+    elif isinstance(given, reader.Run):
+        found = scene_of_run(given, frames)
+    elif isinstance(given, Simulation | System):
+        found = scene_of_system(given)
+    else:
+        raise InputError(f"view: expected a run, a System or a Simulation, got {type(given).__name__}")
+    names = [each["name"] for each in found["colours"]]
+    if colour is not None and colour not in names:
+        raise InputError(f"color: expected one of {', '.join(names)}, got {colour!r}{suggestion(colour, names)}")
+    return found | {"colour": colour or found["colour"], "size": float(size)}
+
+
+def scene_of_file(path: str | os.PathLike[str], frames: int = FRAMES) -> Scene:
+    """Scene of a run's file, or of the start of a system file or shipped system."""
+    text = os.fspath(path)
+    if text.endswith((".toml", ".py")) or (is_shipped(text) and not os.path.lexists(text)):
+        system = load(text)
+        if isinstance(system, Problem):
+            raise InputError(f"{text}: is a Problem, which has no particles to show; kickdrift plot draws Problems")
+        return scene_of_system(system)
+    with _opened(path) as (run, growing):
+        return scene_of_run(run, frames, growing)
+
+
+def scene_of_system(given: System | Simulation) -> Scene:
+    """Scene of one moment: the start of a System, or a Simulation as it stands."""
+    if isinstance(given, Simulation):
+        system, state = given.system, given.state
+    else:
+        system, state = given, getattr(given, "state", None)
+    if not isinstance(system, System):
+        raise InputError("view: a Problem has no particles to show; its plot() draws it")
+    stage = Stage.of(system)
+    x, v, held = phase_of(stage, state)
+    chunk = stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
+    notes = [] if isinstance(given, Simulation) else ["Shows the start: a system file holds no frames."]
+    return stage.scene([chunk], x, v, notes=stage.notes() + notes)
+
+
+def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
+    """Positions and velocities (k, 3) and masses (k,) of the shown rows; bodies that are gone have nan and mass 0."""
+    rows = len(stage.masses)
+    x, v, m = np.full((rows, 3), np.nan), np.full((rows, 3), np.nan), np.zeros(rows)
+    there = state.ids < rows
+    place = state.ids[there]
+    x[place], v[place], m[place] = state.positions[there], state.velocities[there], state.masses[there]
+    if stage.gravity is not None and len(place):
+        x -= m[place] @ x[place] / m.sum()
+        v -= m[place] @ v[place] / m.sum()
+    return x[stage.rows], v[stage.rows], m[stage.rows]
+
+
+def scene_of_run(run: reader.Run, frames: int = FRAMES, growing: bool = False) -> Scene:
+    """Scene of an open file. A run without frames shows its start."""
+    stage = Stage.of(run.system(), run.masses, run.names, run.species_index)
+    notes = stage.notes()
+    if growing:
+        notes.append(f"The run goes on: the view shows the {counted(len(run), 'frame')} written so far.")
+    more = _told(run)
+    if not len(run):
+        found = scene_of_system(run.system())
+        return found | more | {"notes": [*notes, "The run has no frames: the view shows its start."]}
+    shown = len(stage.masses[stage.rows])
+    every = -(-len(run) // max(1, min(frames, MOST_PLACES // shown)))
+    chosen = range(len(run))[::every]
+    if every > 1:
+        notes.append(f"Shows {len(chosen):,} of {len(run):,} frames: every {every}th.")
+    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
+    values = {name: np.asarray(run[::every].observables[name])[:, stage.rows] for name in columns}
+    x, v = (_read(run, what, every, stage.rows) for what in ("positions", "velocities"))
+    held = np.broadcast_to(stage.masses[stage.rows], x.shape[:2])
+    if stage.gravity is not None and stage.stride == 1:
+        held = masses_held(run, list(chosen), x, v)
+        for y in (x, v):
+            y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
+    moments = run[::every]
+    boxes = run.boxes_of(chosen)
+    chunk = stage.chunk(moments.steps, moments.times, x, v, boxes, values, held)
+    more["columns"] = [{"name": name, "label": name, "unit": symbol_of(unit)} for name, unit in columns.items()]
+    return stage.scene([chunk], x[0], v[0], notes=notes, **more)
+
+
+def _read(run: reader.Run, what: str, every: int, rows: slice) -> Floats:
+    """Positions or velocities (f, k, 3) of the shown rows at every so many frames, read in blocks."""
+    size = max(1, BLOCK_BYTES // (24 * len(run.ids) * every)) * every
+    starts = range(0, len(run), size)
+    return np.concatenate([run.vectors(what, slice(k, min(k + size, len(run)), every), rows) for k in starts])
+
+
+def _told(run: reader.Run) -> dict[str, Any]:
+    """Curves, verdict and events of a run."""
+    samples = run.whole_samples()
+    own = {name: unit for name, (shape, unit) in run.columns.items() if shape == ()}
+    events = run.whole_events()
+    return {
+        "curves": curves_of(samples.times, samples.observables, run.units, own),
+        "verdict": [list(line) for line in overview_of(run)],
+        "events": [
+            {"time": each["time"], "text": " and ".join([each["kind"].replace("-", " "), *each["bodies"]][:1])
+             + (": " + " and ".join(each["bodies"]) if each["bodies"] else "")}
+            for each in events[:MOST_EVENTS]
+        ],
+    }  # fmt: skip
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[reader.Run, bool]]:
+    """A run's file, and whether a run is writing to it; then the file is a copy of this moment."""
+    try:
+        run = reader.open(path)
+    except InputError as error:
+        if BEING_WRITTEN not in str(error):
+            raise
+    else:
+        with run:
+            yield run, not run.closed
+        return
+    with tempfile.TemporaryDirectory(prefix="kickdrift-") as folder:
+        copy = Path(folder) / Path(path).name
+        shutil.copyfile(path, copy)
+        with reader.open(copy) as run:
+            yield run, True

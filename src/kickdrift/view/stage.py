@@ -1,0 +1,232 @@
+"""What a view shows at every moment: the particles, their sizes and names. A Stage turns moments into packed chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kickdrift.model.box import Box
+from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
+from kickdrift.model.state import Floats
+from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.view import ellipses
+from kickdrift.view.packing import packed, quantised, scaled
+from kickdrift.view.sizes import pixels_of, radii_of
+
+if TYPE_CHECKING:
+    from kickdrift.model.system import System
+
+MOST_PARTICLES = 50_000  # on a page; a larger system shows every k-th particle
+FINE = 500_000  # coordinates outside of a box; up to this number they have 32 bits, beyond it and in a box 16
+FEW = 24  # most bodies with an own colour, trail, ellipse and name
+DIMENSIONS = ("length", "time", "energy", "velocity", "temperature", "mass")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Particles of a view, of which every ``stride``-th is shown.
+
+    Attributes
+    ----------
+    system : System
+        Gives masses, species, names, radii, forces, units and the first box.
+    masses, names, species_index : of all rows, which collisions may have made more than the System has
+    stride : int
+    """
+
+    system: System
+    masses: Floats
+    names: tuple[str, ...]
+    species_index: np.ndarray
+    stride: int
+
+    @classmethod
+    def of(cls, system: System, masses: Floats | None = None, names: Sequence[str] = (), index: Any = None) -> Stage:
+        """Stage of a System, or of a run of this System with other rows."""
+        held = system.state.masses if masses is None else masses
+        kinds = system.species_index if index is None else index
+        stride = -(-len(held) // MOST_PARTICLES)
+        return cls(system, held, tuple(names or system.names), np.asarray(kinds), stride)
+
+    @property
+    def units(self) -> UnitSystem:
+        return self.system.units
+
+    @property
+    def rows(self) -> slice:
+        """Rows that are shown."""
+        return slice(0, len(self.masses), self.stride)
+
+    @property
+    def gravity(self) -> float | None:
+        """G of the forces, if the bodies attract one another in open space."""
+        attracts = any("Gravity" in type(force).__name__ for force in self.system.forces)
+        return G_given(self.system.forces, self.units) if attracts and not self.system.box.periodic else None
+
+    @property
+    def few(self) -> bool:
+        """Whether each body has an own colour and name."""
+        return self.gravity is not None and len(self.masses) <= FEW
+
+    @property
+    def kind(self) -> str:
+        """ "box" for a periodic box, "orbits" for a few bodies under gravity, else "open"."""
+        return "box" if self.system.box.periodic else "orbits" if self.few else "open"
+
+    def chunk(
+        self,
+        steps: Sequence[int] | Any,
+        times: Sequence[float] | Any,
+        positions: Floats,
+        velocities: Floats,
+        boxes: Sequence[Box] | None = None,
+        columns: dict[str, Floats] | None = None,
+        held: Floats | None = None,
+    ) -> dict[str, Any]:
+        """Some moments, packed: what ``append`` of the browser takes.
+
+        Parameters
+        ----------
+        steps, times : (f,)
+        positions, velocities : (f, k, 3) of the shown rows (``rows``); nan for a body that is not there
+        boxes : box of each moment; default that of the System
+        columns : further numbers (f, k) for colours, by name
+        held : masses (f, k); default those of the stage
+        """
+        x, v = np.asarray(positions, "f8"), np.asarray(velocities, "f8")
+        m = self.masses[None, self.rows] if held is None else held
+        places = _Places.of(x, boxes or [self.system.box] * len(x))
+        bits = 32 if x.size <= FINE and self.kind != "box" else 16
+        speed = np.linalg.norm(v, axis=2)
+        values = {"speed": speed, "kinetic energy": 0.5 * self.units.coherent_mass * m * speed**2, **(columns or {})}
+        found: dict[str, Any] = {
+            "count": len(x),
+            "steps": packed(np.asarray(steps, "f8")),
+            "times": packed(np.asarray(times, "f8")),
+            "origin": places.origin,
+            "matrix": packed(places.matrices),
+            "positions": packed(quantised(np.moveaxis(places.parts, 2, 1), bits), delta=True),
+            "values": {name: _ranged(each) for name, each in values.items()},
+        }
+        if self.few and self.gravity is not None and len(self.masses) > 1:
+            paths = Paths(np.asarray(times), x, v, self.masses, np.broadcast_to(m, x.shape[:2]), (), self.gravity,
+                          central_row(self.masses))  # fmt: skip
+            if paths.central is not None:
+                found["ellipses"] = packed(ellipses.axes_of(paths).astype("f4"))
+        return found
+
+    def scene(self, chunks: Sequence[dict[str, Any]], x: Floats, v: Floats, **more: Any) -> dict[str, Any]:
+        """The scene of these chunks; x and v (k, 3) are the first moment, which sets sizes and the point of view."""
+        system, m = self.system, self.masses[self.rows]
+        units = {each: symbol_of(self.units.unit(each)).replace("angstrom", "Å") for each in DIMENSIONS}
+        central = central_row(self.masses) if self.few and len(m) > 1 else None
+        there = np.isfinite(x[:, 0])
+        label = "body" if self.few else "species"
+        colours = [{"name": label, "label": label, "unit": "", "kind": "class"}]
+        colours += [
+            {"name": name, "label": name, "unit": unit, "kind": "range"}
+            for name, unit in (("speed", units["velocity"]), ("kinetic energy", units["energy"]))
+        ]
+        colours += [{**each, "kind": "range"} for each in more.pop("columns", [])]
+        named = self.names or tuple(f"particle {i}" for i in range(len(m))) if self.few else ()
+        found: dict[str, Any] = {
+            "version": 1,
+            "title": system.name,
+            "kind": self.kind,
+            "flat": system.dimensions == 2,
+            "total": len(self.masses),
+            "shown": len(m),
+            "units": units,
+            "species": list(system.species),
+            "speciesOf": packed(self.species_index[self.rows].astype("u2")),
+            "names": list(named),
+            "radii": packed(radii_of(system, x[there], len(m), self.rows).astype("f4")),
+            "pixels": packed(pixels_of(m, central, self.kind).astype("f4")),
+            "central": central,
+            "toScale": self.kind == "box" or (system.radii is not None and not self.few),
+            "periodic": list(system.box.periodic_axes) if system.box.periodic else None,
+            "up": _up(self, x, v, central),
+            "centre": _centre(x[there], central, self.kind, system.box),
+            "reach": _reach(x[there], self.kind, system.box),
+            "colours": colours,
+            "colour": label,
+            "size": 1.0,
+            "curves": [],
+            "verdict": [],
+            "notes": self.notes(),
+            "events": [],
+            "chunks": list(chunks),
+        }
+        return found | more
+
+    def notes(self) -> list[str]:
+        """What the view leaves out, as text."""
+        if self.stride == 1:
+            return []
+        shown = len(self.masses[self.rows])
+        return [f"Shows {shown:,} of {len(self.masses):,} particles: every {self.stride}th."]
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Positions as parts of a cell: x = origin + parts @ matrix."""
+
+    parts: Floats  # (f, k, 3), from 0 to 1
+    origin: list[float]
+    matrices: Floats  # (f, 9), or (1, 9) for all moments
+
+    @classmethod
+    def of(cls, x: Floats, boxes: Sequence[Box]) -> _Places:
+        """Cell of the box along periodic axes, and the range of the positions along the others."""
+        low, high = (edge(x, axis=(0, 1)) if np.isfinite(x).any() else np.zeros(3) for edge in (np.nanmin, np.nanmax))
+        open_axes = ~np.array(boxes[0].periodic_axes)
+        middle, wide = (low + high) / 2, np.maximum(high - low, 1e-9 * np.maximum(1e-9, np.abs(high)))
+        wide = np.maximum(wide, np.max(wide) * 1e-6) * 1.000001
+        origin = np.where(open_axes, middle - wide / 2, 0.0)
+        same = all(box is boxes[0] or box == boxes[0] for box in boxes)
+        matrices = np.array([box.matrix for box in (boxes[:1] if same else boxes)])
+        matrices[:, open_axes] = np.diag(wide)[open_axes]
+        parts = np.einsum("fnk,fkj->fnj", x - origin, np.broadcast_to(np.linalg.inv(matrices), (len(x), 3, 3)))
+        parts[..., ~open_axes] %= 1.0
+        return cls(parts, origin.tolist(), matrices.reshape(-1, 9))
+
+
+def _ranged(values: Floats) -> dict[str, Any]:
+    """Numbers (f, k) for a colour in 8 bits, with their range."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    parts = np.where(np.isfinite(values), scaled(np.nan_to_num(values), low, high), np.nan)
+    return {"low": low, "high": high, "data": packed(quantised(parts, 8), delta=True)}
+
+
+def _up(stage: Stage, x: Floats, v: Floats, central: int | None) -> list[float]:
+    """Direction that is up on the page: that of the total angular momentum of bodies under gravity, else z."""
+    if stage.gravity is None or len(x) < 2:
+        return [0.0, 0.0, 1.0]
+    m = stage.masses[stage.rows]
+    paths = Paths(np.zeros(1), x[None], v[None], m, m[None], (), stage.gravity, central)
+    axis: list[float] = invariable_axes(paths)[2].tolist()
+    return axis
+
+
+def _centre(x: Floats, central: int | None, kind: str, box: Box) -> list[float]:
+    """Point at which the view looks first."""
+    middle = (x.min(axis=0) + x.max(axis=0)) / 2 if len(x) else np.zeros(3)
+    if kind == "box":
+        return np.where(box.periodic_axes, box.matrix.sum(axis=0) / 2, middle).tolist()
+    if central is not None or kind == "open":
+        return np.zeros(3).tolist() if central is not None else np.median(x, axis=0).tolist()
+    return middle.tolist()
+
+
+def _reach(x: Floats, kind: str, box: Box) -> float:
+    """Radius that the view shows first."""
+    if kind == "box":
+        corners = np.where(box.periodic_axes, 1.0, 0.0) @ box.matrix
+        open_part = np.ptp(x, axis=0)[~np.array(box.periodic_axes)] if len(x) else np.zeros(0)
+        return 0.5 * float(np.hypot(np.linalg.norm(corners), np.linalg.norm(open_part))) or 1.0
+    far = np.linalg.norm(x - (np.median(x, axis=0) if kind == "open" else 0.0), axis=1)
+    return float(np.quantile(far, 0.97 if kind == "open" else 1.0)) or 1.0 if len(far) else 1.0
