@@ -27,7 +27,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "overwrite", "quiet",
     ),
     "Machine": ("threads", "engine", "processes", "workers", "scheduler"),
-    "Watching": ("imd", "imd_wait"),
+    "Watching": ("live", "imd", "imd_wait"),
     REST: (),
 }  # fmt: skip
 FEW = 9  # options that need no groups
@@ -35,7 +35,7 @@ COLUMN = 24  # where the help of an option begins
 
 
 # Values of options that may stand without a value, by the word on the command line.
-ALONE = {"--imd": "8888"}
+ALONE = {"--imd": "8888", "--live": "0"}
 
 
 class Command(TyperCommand):

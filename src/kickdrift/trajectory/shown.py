@@ -26,6 +26,12 @@ class ShownRun(Shown):
         """Content of the file in numbers and texts, as ``kickdrift info --json`` writes it."""
         return plain(above("run content")(self))
 
+    def view(self, **options: Any) -> Any:
+        """Show the frames in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
+
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md. ``frames`` is the most of them."""
+        return above("view")(self, **options)
+
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
         """Draw the run; a matplotlib Figure.
 

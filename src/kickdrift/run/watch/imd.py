@@ -197,11 +197,13 @@ class Imd(Watcher):
         run = self._run
         state = run.flow.shared_state(run.y, run.time, run.steps_done)  # type: ignore[union-attr]
         seen = run.record.looks.observables(run.record.looks.count - 1)
-        values = (float(seen.get(name, np.nan)) for name in ("temperature", "total_energy", "potential_energy"))
+        temperature, total, potential = (
+            float(seen.get(name, np.nan)) for name in ("temperature", "total_energy", "potential_energy")  # type: ignore[arg-type]
+        )
         dt = run.dt if run.dt is not None else run.stepper.last_step
         box = state.box.matrix if self._boxed else None
-        vectors = (self._in_order(state.ids, each) for each in (state.positions, state.velocities, forces_at(run)))
-        return Frame(dt, run.time, run.steps_done, *values, box, *vectors)
+        x, v, f = (self._in_order(state.ids, each) for each in (state.positions, state.velocities, forces_at(run)))
+        return Frame(dt, run.time, run.steps_done, temperature, total, potential, box, x, v, f)
 
     def _in_order(self, ids: np.ndarray, values: Floats) -> Floats:
         """The rows of the bodies of the start; nan for bodies that have left. Bodies that came are not sent."""

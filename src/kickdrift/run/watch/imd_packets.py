@@ -1,7 +1,7 @@
 """Packets of IMD, the protocol for interactive molecular dynamics, in version 3.
 
-Source: the specification of imdclient, https://imdclient.readthedocs.io/en/latest/protocol_v3.html. Heads of packets are
-big-endian, bodies have the byte order of this machine.
+Source: the specification of imdclient, https://imdclient.readthedocs.io/en/latest/protocol_v3.html. Heads of packets
+are big-endian, bodies have the byte order of this machine.
 """
 
 from __future__ import annotations
