@@ -297,12 +297,14 @@ ABOVE.update(
         "sampling figure": _loader("plots.compare", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
+        "live page": _loader("view.server", "live_page"),
         "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),
+        "view": _loader("view.shown", "view_of"),
     }
 )
 

@@ -27,14 +27,29 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "overwrite", "quiet",
     ),
     "Machine": ("threads", "engine", "processes", "workers", "scheduler"),
+    "Watching": ("live", "imd", "imd_wait"),
     REST: (),
 }  # fmt: skip
 FEW = 9  # options that need no groups
 COLUMN = 24  # where the help of an option begins
 
 
+# Values of options that may stand without a value, by the word on the command line.
+ALONE = {"--imd": "8888", "--live": "0"}
+
+
 class Command(TyperCommand):
     """A command with a help page of kickdrift's own."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments; an option of ``ALONE`` takes the next word only if that is a number."""
+        known = {word: ALONE[word] for option in self.params for word in option.opts if word in ALONE}
+        given = [
+            f"{word}={known[word]}" if word in known and not (after.isascii() and after.isdigit()) else word
+            for word, after in zip(args, [*args[1:], ""], strict=True)
+        ]
+        parsed: list[str] = super().parse_args(ctx, given)
+        return parsed
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help page."""

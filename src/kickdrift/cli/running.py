@@ -94,6 +94,17 @@ def run(
     processes: Annotated[
         int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
     ] = 1,
+    imd: Annotated[
+        int | None,
+        typer.Option(metavar="[PORT]", help="Stream the run to MDAnalysis: imd://localhost:PORT (default 8888)."),
+    ] = None,
+    imd_wait: Annotated[
+        bool, typer.Option("--imd-wait", help="With --imd: wait whenever no program reads the stream.")
+    ] = False,
+    live: Annotated[
+        int | None,
+        typer.Option(metavar="[PORT]", help="Show the run in a browser; the terminal says the address (default: any)."),
+    ] = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -127,9 +138,17 @@ def run(
     ending = choices[exact or "false"]
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
+    if imd_wait and imd is None:
+        raise InputError("--imd-wait: needs --imd")
+    if live is not None and quiet:
+        raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
+    if imd is not None and isinstance(chosen, System):
+        announced(imd, imd_wait, quiet)
+    if live:
+        check_port(live, "--live")
     warn_of_version(sim, quiet)
     with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
@@ -138,9 +157,25 @@ def run(
         stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
         report = sim.run(
             **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
-            progress=bar("running"),
+            progress=bar("running"), imd=imd, imd_wait=imd_wait,
+            live=False if live is None else live,
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
+
+
+def announced(port: int, waits: bool, quiet: bool) -> None:
+    """Say where a run streams, once the port is known to be free."""
+    from kickdrift.run.watch.imd import HOST
+
+    check_port(port, "--imd")
+    say(f"streams to imd://{HOST}:{port}{'; waits for a program that reads' if waits else ''}", quiet)
+
+
+def check_port(port: int, option: str) -> None:
+    """Raise InputError before anything runs, if the port is taken or no port."""
+    from kickdrift.run.watch.imd import listening
+
+    listening(port, option).close()
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:

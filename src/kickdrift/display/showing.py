@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any
 
 from kickdrift.display import layout
+from kickdrift.display.card import Spark, card
 from kickdrift.text import CELL, clean
 
 KEY = 17  # width of a line's key
@@ -40,6 +41,10 @@ class Shown:
         """Return the tables above the lines."""
         return []
 
+    def _spark(self) -> Spark | None:
+        """Return the series that a notebook shows as a sparkline, or None."""
+        return None
+
     def __str__(self) -> str:
         lines = "\n".join(clean(f"{key:{KEY}} {text}").rstrip() for key, text in self._lines())
         tables = [text_table(*each) for each in self._tables()]
@@ -48,7 +53,8 @@ class Shown:
     def _repr_html_(self) -> str:
         lines = [html_table(None, [], found)] if (found := self._lines()) else []
         tables = [html_table(*each) for each in self._tables()]
-        return "\n".join(lines + tables if self._lines_first else tables + lines)
+        inside = "\n".join(lines + tables if self._lines_first else tables + lines)
+        return card(inside, self._spark())
 
 
 def lines_of(shown: Shown) -> Lines:

@@ -34,12 +34,12 @@ WHOLE = 2**63  # larger numbers are floats
 
 def frame(rows: Iterable[Row], provenance: dict[str, Any]) -> DataFrame:
     """Rows as a table, by member. Missing numbers are NaN."""
-    import pandas as pd
+    from kickdrift.ensemble.shown import Table
 
     ordered = sorted(rows, key=lambda row: row[MEMBER])
     names = dict.fromkeys(name for row in ordered for name in row)
     names = dict.fromkeys([*(name for name in names if name not in LAST), *(name for name in LAST if name in names)])
-    table = pd.DataFrame({name: _column(name, [row.get(name) for row in ordered]) for name in names})
+    table = Table({name: _column(name, [row.get(name) for row in ordered]) for name in names})
     table.attrs[PROVENANCE] = provenance
     return table
 
@@ -194,7 +194,11 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
         raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
     if not isinstance(table.attrs.get(PROVENANCE), dict) or not {MEMBER, "status"} <= set(table.columns):
         raise InputError(f"{path}: is no table of an ensemble")
-    return table
+    from kickdrift.ensemble.shown import Table
+
+    shown = Table(table)
+    shown.attrs.update(table.attrs)
+    return shown
 
 
 def checked_output(output: str | os.PathLike[str]) -> Path:

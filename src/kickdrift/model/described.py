@@ -14,6 +14,12 @@ class ShownSystem(Shown):
     def __repr__(self: Any) -> str:
         return f"<System {self.name}: {counted(len(self), 'particle')}>"
 
+    def view(self, **options: Any) -> Any:
+        """Show the particles in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
+
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md."""
+        return above("view")(self, **options)
+
     def _lines(self: Any) -> Lines:
         units = self.units
         lines = [

@@ -70,6 +70,10 @@ class Integration:
         Number of steps that compiled code takes in about a tenth of a second.
     running : bool
         Whether steps are being taken. Meanwhile the state cannot be replaced.
+    pressed : callable
+        Whether Ctrl-C was pressed in this run.
+    ended : str
+        Who ended the run before its end; "" if nobody did.
     replaced : bool
         Whether the state was replaced since a file was begun. A file that continues needs a new checkpoint then.
     changes : int
@@ -92,7 +96,8 @@ class Integration:
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes = 1, 0
-        self.running, self.replaced = False, True
+        self.running, self.replaced, self.ended = False, True, ""
+        self.pressed: Callable[[], bool] = bool
         self._from_start = False  # whether the first step begins at the System's own positions
         self.at: float | None = None
         self._present: tuple[float, Floats] | None = None  # a time inside a step, and y at that time
@@ -292,6 +297,7 @@ class Integration:
         self.running = True
         try:
             with interruptible() as interrupted:
+                self.pressed = interrupted
                 yield interrupted
         finally:
             self.running = False

@@ -38,6 +38,7 @@ def run_through(
 
     ``alone`` says that only the record needs the looks during the run. ``report`` makes the report."""
     begun: list[Watcher] = []
+    run.ended = ""
     with run.busy() as interrupted, compiling_for(run.purpose):
         try:
             for watcher in watchers:
@@ -86,7 +87,7 @@ def _go(
     file = file if len(watchers) == 2 else None
     began, spent_before = perf_counter(), run.record.wall_seconds
     looked = True
-    while not (plan.over(run) or interrupted() or (run.events and run.events.stopped)):
+    while not (plan.over(run) or interrupted() or run.ended or (run.events and run.events.stopped)):
         if plan.only_shortened(run):
             run.look_ahead(plan.end_time, counted=True)
             look()

@@ -97,8 +97,9 @@ class Present(ShownSimulation):
 
     @property
     def stopped(self) -> str:
-        """Description of the event that ended the last run; "" if none did."""
-        return self.integration.events.stopped if self.integration.events else ""
+        """Description of what ended the last run before its end, such as an event; "" if nothing did."""
+        run = self.integration
+        return (run.events.stopped if run.events else "") or run.ended
 
     def going_on(self) -> list[dict[str, Any]]:
         """Return the close approaches that have not ended, as entries like those in ``events``."""

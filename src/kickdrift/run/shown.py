@@ -6,7 +6,9 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from kickdrift.display.showing import Lines, Shown, lines_of
+from kickdrift.display.card import Spark
+from kickdrift.display.showing import Lines, Shown, above, lines_of
+from kickdrift.looks.energy_spark import energy_spark
 from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.unit_systems import symbol_of
@@ -18,6 +20,10 @@ class ShownReport(Shown):
 
     def __repr__(self) -> str:
         return str(self)
+
+    def _spark(self: Any) -> Spark | None:
+        series = self.about.series
+        return energy_spark(series.total, series.kinetic)
 
     def _lines(self: Any) -> Lines:
         units, output = self.about.units, self.about.output
@@ -81,6 +87,19 @@ class ShownSimulation(Shown):
 
     def __repr__(self: Any) -> str:
         return f"<Simulation of {self.system.name} with {self.integrator}: {counted(self.steps_done, 'step')} done>"
+
+    def view(self, **options: Any) -> Any:
+        """Show the particles in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
+
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md.
+        In a notebook, the picture goes on while the Simulation runs."""
+        return above("view")(self, **options)
+
+    def _spark(self: Any) -> Spark | None:
+        if not self.record.looks:
+            return None
+        series = self.record.series()
+        return energy_spark(series.total, series.kinetic)
 
     def _lines(self: Any) -> Lines:
         units = getattr(self.system, "units", None)

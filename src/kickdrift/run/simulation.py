@@ -27,6 +27,7 @@ from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns, with_body_columns
 from kickdrift.run.equilibration import equilibrate
 from kickdrift.run.failed_atoms import keeping_failed_atoms
+from kickdrift.run.followers import Follower, followed
 from kickdrift.run.lengths import Exact, begin, goal_of, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
@@ -35,6 +36,7 @@ from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
+from kickdrift.run.watch.imd import Imd
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watch.watcher import Observe, Watcher
@@ -114,6 +116,7 @@ class Simulation(Present):
         self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
         self._outputs = Outputs(self.integration, self.checkpoint)
+        self.followers: list[Follower] = []  # views that show this Simulation while it runs
         self.plan: Plan | None = None  # the plan of `run` without arguments
         self.state = system.state
 
@@ -220,6 +223,9 @@ class Simulation(Present):
         observe: Observer | None = None,
         columns: Iterable[Column] = (),
         progress: bool | Callable[[int, int], Any] | None = None,
+        imd: int | None = None,
+        imd_wait: bool = False,
+        live: bool | int = False,
     ) -> Report:
         """Take ``steps`` steps, run ``until`` a time, or run for a ``time``: a number, or a text such as "5 ps".
 
@@ -243,6 +249,10 @@ class Simulation(Present):
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
 
+        ``imd`` is a port of this machine from which MDAnalysis reads the looks while the run goes on: see
+        docs/mdanalysis.md. With ``imd_wait`` the run waits whenever no client is there. ``live=True``, or a port,
+        serves a page on this machine that shows the run as it goes on; standard error says the address.
+
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
         """
@@ -263,6 +273,7 @@ class Simulation(Present):
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
+            None if imd is None else Imd(run, imd, imd_wait),
             written if written.columns else None,
             self._outputs.watcher(output, plan, overwrite, file, written.described, self.going_on),
             Observe(observe, self) if observe else None,
@@ -272,7 +283,8 @@ class Simulation(Present):
         run.prepare()
         if alone:
             self._sampler.prepare(plan)
-        with following(progress, "running") as told, keeping_failed_atoms(run, output):
+        failing = keeping_failed_atoms(run, output)
+        with following(progress, "running") as bar, followed(self, bar, live) as told, failing:
             found = run_through(run, self._sampler, plan, watchers, alone, self.report, told)
         return found.written_to(output)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.disk.outputs import plain
+from kickdrift.display.card import Spark
 from kickdrift.display.showing import Lines, Shown, above
+from kickdrift.looks.energy_spark import energy_spark
 
 
 class ShownRun(Shown):
@@ -14,9 +16,21 @@ class ShownRun(Shown):
     def _lines(self) -> Lines:
         return above("run lines")(self)
 
+    def _spark(self: Any) -> Spark | None:
+        seen = self.whole_samples().observables
+        if not {"total_energy", "kinetic_energy"} <= seen.keys() or not len(seen["kinetic_energy"]):
+            return None
+        return energy_spark(seen["total_energy"] + seen.get("energy_taken", 0.0), seen["kinetic_energy"][0])
+
     def as_json(self) -> dict[str, Any]:
         """Content of the file in numbers and texts, as ``kickdrift info --json`` writes it."""
         return plain(above("run content")(self))
+
+    def view(self, **options: Any) -> Any:
+        """Show the frames in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
+
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md. ``frames`` is the most of them."""
+        return above("view")(self, **options)
 
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
         """Draw the run; a matplotlib Figure.

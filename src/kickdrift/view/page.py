@@ -51,12 +51,17 @@ def bundle() -> str:
 
 def page(scene: Scene) -> str:
     """The page of a scene, as HTML text. Names and titles appear as text, whatever marks they hold."""
+    return page_of(scene, START, POLICY)
+
+
+def page_of(scene: Scene, start: str, policy: str) -> str:
+    """The page of a scene that the script ``start`` shows, under a content security policy."""
     return PAGE_TEXT.format(
-        policy=POLICY,
+        policy=policy,
         title=html.escape(f"{scene['title']} · kickdrift"),
         scene=as_json(scene),
         bundle=bundle(),
-        start=START,
+        start=start,
     )
 
 

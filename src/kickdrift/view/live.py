@@ -1,0 +1,139 @@
+"""What a live view is told of a run: frames, curves and a line of text, a few times a second.
+
+The run's own thread packs them between two calls of compiled code. No further look is taken, so the run keeps its bits.
+The time between two frames is at least a hundred times what a frame costs, so the run keeps its speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Lock
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, TEMPERATURE, TIME, TOTAL
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.run.simulation import Simulation
+from kickdrift.statistics.drift import energy_error
+from kickdrift.text import duration
+from kickdrift.view.curves import curve
+from kickdrift.view.scene import Scene, phase_of, scene_of
+from kickdrift.view.stage import Stage
+
+APART = 0.25  # seconds between two frames
+SHARE = 0.01  # largest part of the time that frames may take
+FEWER = 1000.0  # a run of hours has a frame each time that a thousandth of it has passed
+
+FRAME, TOLD, END = "frame", "told", "end"  # kinds of messages
+Send = Callable[[str, dict[str, Any]], None]
+
+
+class Feed:
+    """Follows a Simulation, and sends what a view shows.
+
+    Parameters
+    ----------
+    sim : Simulation of particles
+    send : takes the kind of a message and its content: a chunk of ``Stage.chunk``, or step, text and curves
+    listened : whether anyone takes messages now
+    """
+
+    def __init__(self, sim: Simulation, send: Send, listened: Callable[[], bool] = lambda: True) -> None:
+        if not isinstance(sim.system, System):
+            raise InputError("live: a Problem has no particles to show")
+        self._sim, self._send, self._listened = sim, send, listened
+        self._stage = Stage.of(sim.system)
+        self._row, self._record = 0, sim.record  # looks that were sent, of this record
+        self._next = self._began = 0.0
+        self._from: tuple[float, int] | None = None  # when the first progress was told, and the step then
+        self._start = 0
+        self._said, self._scene = "", scene_of(sim)
+        self.lock = Lock()  # held while messages are made
+
+    def scene(self) -> Scene:
+        """The scene of the last frame, with the curves up to there. Any thread may ask for it, with the lock."""
+        return self._scene | {"curves": self._curves(0, self._row), "status": self._said}
+
+    # --- a follower of the run ---
+
+    def begin(self) -> None:
+        """Begin with a run."""
+        self._began, self._next, self._from = monotonic(), 0.0, None
+        with self.lock:
+            self._said, self._scene = f"step {self._sim.steps_done:,}", scene_of(self._sim)
+
+    def follow(self, done: int, of: int) -> None:
+        """Send a frame, if one is due and anyone listens."""
+        now = monotonic()
+        if self._from is None:
+            self._from, self._start = (now, self._sim.steps_done), done
+        if now < self._next or not self._listened():
+            return
+        if not self.lock.acquire(blocking=False):
+            return
+        try:
+            self._tell(self._pace(done, of, now))
+        finally:
+            self.lock.release()
+        took = monotonic() - now
+        self._next = now + max(APART, took / SHARE, (now - self._began) / FEWER)
+
+    def end(self, whole: bool) -> None:
+        """Send the last frame."""
+        if not self._listened():
+            return
+        sim = self._sim
+        word = "finished" if whole and not sim.stopped else "stopped"
+        reason = f": {sim.stopped}" if sim.stopped else ""
+        with self.lock:
+            self._tell(f"{word} at step {sim.steps_done:,}{reason}")
+            self._send(END, {})
+
+    def _pace(self, done: int, of: int, now: float) -> str:
+        """Step, steps a second and the time left, as text."""
+        assert self._from is not None
+        since, first = self._from
+        parts = [f"step {self._sim.steps_done:,}"]
+        if now - since > 0.2 and self._sim.steps_done > first:
+            parts.append(f"{(self._sim.steps_done - first) / (now - since):,.0f} steps/s")
+        if now - since > 0.2 and done > self._start:
+            parts.append(f"{100 * done / of:.0f} %")
+            parts.append(f"{duration((now - since) * (of - done) / (done - self._start))} left")
+        return " · ".join(parts)
+
+    def _tell(self, text: str) -> None:
+        """Send the present frame, and the looks that were not sent."""
+        sim, run = self._sim, self._sim.integration
+        if sim.record is not self._record:  # a new record begins with new energies
+            self._record, self._row = sim.record, 0
+        state = run.flow.shared_state(run.y, run.time, run.steps_done)  # type: ignore[union-attr]
+        x, v, held = phase_of(self._stage, state)
+        frame = self._stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
+        row, self._row = self._row, sim.record.looks.count
+        self._said, self._scene = text, self._scene | {"chunks": [frame]}
+        self._send(TOLD, {"step": sim.steps_done, "text": text, "curves": self._curves(row, self._row)})
+        self._send(FRAME, frame)
+
+    def _curves(self, first: int, last: int) -> list[dict[str, Any]]:
+        """Energy error and temperature of the looks from ``first`` to ``last``."""
+        rows = self._record.looks.rows[:last]
+        if last <= first:
+            return []
+        units, times, new = self._sim.system.units, rows[first:, TIME], rows[first:]
+        total: Floats = rows[:, TOTAL] + np.nan_to_num(rows[:, ENERGY_TAKEN])
+        found = []
+        if np.isfinite(total).all():
+            error = energy_error(total[:1], rows[0, KINETIC])
+            scale = {"initial energy": abs(error.initial), "kinetic energy": float(rows[0, KINETIC])}
+            unit = f"of {error.relative_to}" if error.relative_to in scale else symbol_of(units.energy)
+            values = (total[first:] - total[0]) / scale.get(error.relative_to, 1.0)
+            found.append(curve("energy error", "energy error", unit, times, values))
+        if np.isfinite(new[:, TEMPERATURE]).all():
+            unit = symbol_of(units.temperature)
+            found.append(curve("temperature", "temperature", unit, times, new[:, TEMPERATURE]))
+        return found

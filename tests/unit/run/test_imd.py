@@ -1,0 +1,210 @@
+"""Runs that stream by IMD, read by imdclient and MDAnalysis, which we did not write."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.model import constants
+from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.run.watch import imd
+from kickdrift.run.watch.imd_packets import Frame, Kind, Units, head, packets
+from tests.systems import liquid
+
+imdclient = pytest.importorskip("imdclient.IMDClient")
+
+
+class Port:
+    """A free port, and the moment from which a run listens there."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.number = int(probe.getsockname()[1])
+        self.open, before = threading.Event(), imd.listening
+
+        def listening(*given: Any) -> socket.socket:
+            found = before(*given)
+            self.open.set()
+            return found
+
+        monkeypatch.setattr(imd, "listening", listening)
+
+    def wait(self) -> int:
+        assert self.open.wait(60)
+        return self.number
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> Port:
+    return Port(monkeypatch)
+
+
+def in_thread(port: Port, work: Callable[[], Any]) -> Callable[[], Any]:
+    """Start the work; the returned function waits for its end and returns what it made. A failure ends the run."""
+    found: list[Any] = []
+
+    def go() -> None:
+        try:
+            found.append(work())
+        except BaseException as error:
+            found.append(error)
+            with suppress(OSError), socket.create_connection(("127.0.0.1", port.number), timeout=5) as last:
+                kill(last)
+
+    thread = threading.Thread(target=go, daemon=True)
+    thread.start()
+
+    def result() -> Any:
+        thread.join(60)
+        assert not thread.is_alive()
+        if isinstance(found[0], BaseException):
+            raise found[0]
+        return found[0]
+
+    return result
+
+
+def kill(client: socket.socket) -> None:
+    """End the run, and read what it still sends: unread bytes would cut the connection before the word is read."""
+    client.sendall(head(Kind.KILL, 0))
+    while client.recv(65536):
+        pass
+
+
+def client_of(port: Port, n: int) -> Any:
+    return imdclient.IMDClient("127.0.0.1", port.wait(), n, multithreaded=False)
+
+
+def test_mdanalysis_reads_every_look_and_the_run_keeps_its_bits(port):
+    mda = pytest.importorskip("MDAnalysis")
+    system = liquid()
+
+    def read() -> list[Any]:
+        universe = mda.Universe.empty(len(system))
+        universe.load_new(f"imd://127.0.0.1:{port.wait()}", multithreaded=False)
+        steps = universe.trajectory
+        return [(ts.data["step"], ts.time, ts.copy(), dict(ts.data)) for ts in steps]
+
+    def see(sim: kd.Simulation) -> None:
+        looks.append((sim.state, sim.forces(), sim.energy()))
+
+    reader, looks = in_thread(port, read), []
+    sim = kd.Simulation(system, dt=0.001)
+    sim.run(20, every=5, observe=see, imd=port.number, imd_wait=True)
+    frames = reader()
+    assert [step for step, *_ in frames] == [0, 5, 10, 15, 20]
+    for (state, forces, energies), (_, now, ts, data) in zip(looks, frames, strict=True):
+        assert now == state.time
+        np.testing.assert_array_equal(ts.positions, state.positions.astype("f4"))
+        np.testing.assert_array_equal(ts.velocities, state.velocities.astype("f4"))
+        np.testing.assert_allclose(ts.forces, forces, rtol=1e-5, atol=1e-5 * np.abs(forces).max())
+        np.testing.assert_allclose(ts.dimensions, [*np.diag(system.box.matrix), 90, 90, 90], rtol=1e-6)
+        assert data["total_energy"] == pytest.approx(energies.total, rel=1e-6)
+        assert data["potential_energy"] == pytest.approx(energies.potential, rel=1e-6)
+        assert data["dt"] == 0.001
+    alone = kd.Simulation(system, dt=0.001)
+    alone.run(20, every=5)
+    np.testing.assert_array_equal(alone.state.phase, sim.state.phase)
+
+
+def test_a_client_pauses_thins_and_ends_the_run(port, tmp_path):
+    system, done = liquid(), []
+
+    def command() -> list[int]:
+        client = client_of(port, len(system))
+        seen = [client.get_imdframe().step]
+        client._conn.sendall(head(Kind.PAUSE, 0) + head(Kind.TRATE, 20))
+        time.sleep(0.2)
+        before = len(done)
+        time.sleep(0.2)
+        assert len(done) == before, "a paused run goes on"
+        client._conn.sendall(head(Kind.RESUME, 0))
+        seen += [client.get_imdframe().step for _ in range(4)]
+        client._conn.sendall(head(Kind.KILL, 0))
+        with suppress(EOFError):
+            while True:
+                client.get_imdframe()
+        return seen
+
+    commands = in_thread(port, command)
+    sim = kd.Simulation(system, dt=0.001)
+    path = tmp_path / "run.h5md"
+    report = sim.run(
+        10**6, every=5, observe=lambda sim: done.append(sim.steps_done), imd=port.number, imd_wait=True, output=path
+    )
+    seen = commands()
+    assert np.all(np.diff(seen)[1:] == 20), "a frame each 20 steps"
+    assert sim.stopped == report.stopped == "by the IMD client"
+    assert sim.steps_done < 10**6
+    with kd.open(path) as run:
+        assert run.closed
+        assert run.steps[-1] == sim.steps_done
+    sim.run(2)
+    assert sim.stopped == ""
+
+
+def test_a_run_outlives_clients_that_go_or_speak_another_language(port):
+    system = liquid()
+
+    def visit() -> None:
+        for words in (b"GET / HTTP/1.1\r\n\r\n", head(Kind.MDCOMM, 10**9), head(Kind.GO, 0)[:5]):
+            with socket.create_connection(("127.0.0.1", port.wait()), timeout=10) as stranger:
+                stranger.sendall(words)
+                with suppress(ConnectionError):  # dropped
+                    while stranger.recv(4096) and len(words) > 5:
+                        pass
+        client = client_of(port, len(system))
+        client.get_imdframe()
+        client._conn.sendall(head(Kind.MDCOMM, 1) + b"\0" * 16 + head(Kind.TRATE, 1000) + head(Kind.WAIT, 0))
+        before, step = 0, 0
+        while step - before < 1000:
+            before, step = step, client.get_imdframe().step
+        client.stop()
+        with client_of(port, len(system))._conn as last:
+            kill(last)
+
+    visits = in_thread(port, visit)
+    sim = kd.Simulation(system, dt=0.001)
+    report = sim.run(10**6, every=2, imd=port.number, imd_wait=True)
+    visits()
+    assert any("does not apply" in each for each in report.warnings)
+    assert report.stopped == "by the IMD client"
+
+
+def test_real_units_become_angstrom_ps_and_kilojoule_per_mole():
+    per_mol = constants.AVOGADRO / 1000
+    assert Units.of(UNIT_SYSTEMS["lj"]) == Units.of(UNIT_SYSTEMS["astro"]) == (1.0, 1.0, 1.0)
+    assert Units.of(UNIT_SYSTEMS["metal"]) == pytest.approx((1.0, 1.0, 96.4853321))
+    assert Units.of(UNIT_SYSTEMS["si"]) == pytest.approx((1e10, 1e12, per_mol))
+    vectors = np.ones((1, 3))
+    frame = Frame(1e-15, 2e-12, 5, 300.0, 2.0, 1.0, None, 1e-10 * vectors, 1e2 * vectors, vectors)
+    sent = np.frombuffer(packets(frame, Units.of(UNIT_SYSTEMS["si"]))[-12:], "f4")
+    np.testing.assert_allclose(sent, per_mol * 1e-10, rtol=1e-6)
+
+
+@pytest.mark.parametrize("given", [0, 70000, "x", True])
+def test_a_port_that_is_none_is_refused(given):
+    with pytest.raises(kd.InputError, match="imd"):
+        kd.Simulation(liquid(), dt=0.001).run(2, imd=given)
+
+
+def test_a_taken_port_is_one_line_and_nothing_is_written(tmp_path):
+    path = tmp_path / "run.h5md"
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(kd.InputError, match=f"imd: port {port} of 127.0.0.1: .*; give another port"):
+            kd.Simulation(liquid(), dt=0.001).run(2, imd=port, output=path)
+    assert not path.exists()
+    with pytest.raises(kd.InputError, match="a Problem has no particles"):
+        kd.Simulation(kd.load("ode-harmonic")).run(2, imd=port)
