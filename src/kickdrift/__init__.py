@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
     from kickdrift.statistics.quasi_periodic import frequencies
+    from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
@@ -112,6 +113,7 @@ _HOMES = {
     "field_law": "forces.field_law",
     "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
+    "json_schema": "systemfile.json_schema",
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
@@ -219,6 +221,7 @@ __all__ = [
     "improper_law",
     "integrator",
     "integrators",
+    "json_schema",
     "listing",
     "load",
     "megno",

@@ -167,6 +167,7 @@ OPTIONS: dict[str, dict[str, str]] = {
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)", "--frame": "open().system"},
     "new": {"kind": "template(kind)", "--quiet": "template"},
+    "schema": {},
     "cite": {"name": "cite(name_or_path)"},
     "doctor": {"--json": "Installation.as_json"},
     "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
@@ -203,6 +204,7 @@ ELSEWHERE = {
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
     "doctor": ("doctor",),
+    "schema": ("json_schema",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, orbits of the present, and series of one's own": (
         "Column", "Energies", "Orbit", "OrbitTable", "Sphere", "State", "frequencies",

@@ -23,7 +23,7 @@ from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import certify, chaos, compare, transits
 from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
-from kickdrift.cli.starting import cite, doctor, new
+from kickdrift.cli.starting import cite, doctor, new, schema
 from kickdrift.cli.usage import plain
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
@@ -31,8 +31,8 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, export, info, show, cite,
-    validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, export, info, show, schema,
+    cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(
