@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
     from kickdrift.model.topology import Topology
     from kickdrift.plots.figures import stability
+    from kickdrift.plots.movie import movie
     from kickdrift.run.listing import Listing, listing
     from kickdrift.run.minimization import Minimum
     from kickdrift.run.report import Report
@@ -117,6 +118,7 @@ _HOMES = {
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
+    "movie": "plots.movie",
     "open": "trajectory.opened",
     "angle_law": "forces.bonded_law",
     "bond_law": "forces.bonded_law",
@@ -225,6 +227,7 @@ __all__ = [
     "listing",
     "load",
     "megno",
+    "movie",
     "open",
     "pair_law",
     "register_force",

@@ -51,6 +51,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),
         ("kickdrift plot --stability rk4 --stability yoshida6", "Stability regions, without a run."),
     ),
+    "movie": (
+        ("kickdrift movie run.h5md run.mp4 --turn 90 --duration 10", "Ten seconds, while the camera turns."),
+        ("kickdrift movie planets.h5md planets.gif --elevation 60 --zoom 8", "The inner planets, from above."),
+    ),
     "export": (("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),),
     "info": (
         ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),

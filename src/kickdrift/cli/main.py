@@ -17,6 +17,7 @@ from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
+from kickdrift.cli.filming import movie
 from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
@@ -31,8 +32,8 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, export, info, show, schema,
-    cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, movie, export, info, show,
+    schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(
