@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
     from kickdrift.model.topology import Topology
     from kickdrift.plots.figures import stability
+    from kickdrift.plots.movie import movie
     from kickdrift.run.listing import Listing, listing
     from kickdrift.run.minimization import Minimum
     from kickdrift.run.report import Report
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve import Solution, solve
     from kickdrift.statistics.quasi_periodic import frequencies
+    from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
@@ -112,9 +114,11 @@ _HOMES = {
     "field_law": "forces.field_law",
     "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
+    "json_schema": "systemfile.json_schema",
     "listing": "run.listing",
     "load": "systemfile.reading",
     "megno": "analysis.chaos",
+    "movie": "plots.movie",
     "open": "trajectory.opened",
     "angle_law": "forces.bonded_law",
     "bond_law": "forces.bonded_law",
@@ -219,9 +223,11 @@ __all__ = [
     "improper_law",
     "integrator",
     "integrators",
+    "json_schema",
     "listing",
     "load",
     "megno",
+    "movie",
     "open",
     "pair_law",
     "register_force",

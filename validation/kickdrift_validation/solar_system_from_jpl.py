@@ -19,6 +19,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.starts.ephemeris import SOLAR_SYSTEM, EphemerisStates, calendar, ephemeris_states
 from kickdrift.model.unit_systems import AU, YEAR
+from kickdrift.systemfile.json_schema import NAMED
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation.claim import Claim, claim, not_run, show
 
@@ -49,6 +50,7 @@ def system_file(found: EphemerisStates, moon: bool) -> str:
     names = ", ".join(f'"{name}"' for name in found.names)
     date = f"{calendar(found.julian_date)} TDB (Julian date {found.julian_date!r})"
     text = f"""\
+{NAMED}
 # The Sun, the eight planets and Pluto from JPL's ephemeris DE421 on {date}
 #
 # Coordinates are in the ICRF (axes of the Earth's equator of 2000), in AU and AU per year of 365.25 days.

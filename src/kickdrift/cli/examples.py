@@ -56,6 +56,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift view solar-system -o planets.html", "The start of a shipped system."),
         ("kickdrift view run.h5md --color speed --frames 100", "Coloured by speed, with 100 frames."),
     ),
+    "movie": (
+        ("kickdrift movie run.h5md run.mp4 --turn 90 --duration 10", "Ten seconds, while the camera turns."),
+        ("kickdrift movie planets.h5md planets.gif --elevation 60 --zoom 8", "The inner planets, from above."),
+    ),
     "export": (("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),),
     "info": (
         ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),
@@ -69,6 +73,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     "new": (
         ("kickdrift new", "Write liquid.toml, with a comment on each choice."),
         ("kickdrift new planets --output mine.toml", "A star with planets, under another name."),
+    ),
+    "schema": (
+        ("kickdrift schema > system-file.schema.json", "The schema, beside your own system files."),
+        ("kickdrift --load mine.py schema", "With the forces and methods of a file of yours."),
     ),
     "cite": (
         ("kickdrift cite run.h5md > run.bib", "The method, the forces and the system of a run."),

@@ -19,8 +19,9 @@ from kickdrift.integrators.option import DT, MIXED
 INTEGRATOR, REST = "Integrator", "Options"
 # Options by name; an option of an integrator is in the group INTEGRATOR, and every other option in the last group.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "How long": ("steps", "time", "exact", "length"),
+    "How long": ("steps", "time", "exact", "length", "fps", "duration"),
     INTEGRATOR: ("integrator", "accuracy", DT.name, MIXED, "o"),
+    "Camera": ("azimuth", "elevation", "turn", "zoom", "colour", "size", "dark"),
     "Start": ("seed", "equilibrate", "vary", "replicas", "measure"),
     "Output": (
         "output", "every", "interval", "write", "store", "compress", "flush", "trajectories", "json_file", "plot",

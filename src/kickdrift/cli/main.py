@@ -17,13 +17,14 @@ from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import export, info, plot
+from kickdrift.cli.filming import movie
 from kickdrift.cli.help import Command, Group
 from kickdrift.cli.interruption import INTERRUPTED, Interrupted
 from kickdrift.cli.listing import list_, show
 from kickdrift.cli.measuring import certify, chaos, compare, transits
 from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
-from kickdrift.cli.starting import cite, doctor, new
+from kickdrift.cli.starting import cite, doctor, new, schema
 from kickdrift.cli.usage import plain
 from kickdrift.cli.viewing import view
 from kickdrift.disk.interrupt import heard_everywhere
@@ -32,8 +33,8 @@ from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, export, info, show, cite,
-    validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,
+    show, schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(

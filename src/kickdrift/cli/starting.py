@@ -1,4 +1,4 @@
-"""The commands ``new``, ``cite`` and ``doctor``."""
+"""The commands ``new``, ``schema``, ``cite`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -34,6 +34,14 @@ def new(
     refuse_outputs({"output": target}, False, output=SYSTEM)
     write_system(target, text, overwrite=False)
     say(f"wrote {target}; run it with: kickdrift run {target}", quiet)
+
+
+def schema() -> None:
+    """Print the JSON schema of system files, by which editors complete keys and check values. A file names its schema
+    in the first line: #:schema ./system-file.schema.json is the file of that name in the same folder."""
+    from kickdrift.systemfile.json_schema import json_schema_text
+
+    verbatim(json_schema_text())
 
 
 def cite(

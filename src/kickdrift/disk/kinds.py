@@ -12,6 +12,7 @@ from kickdrift.errors import InputError
 
 HEAD = TAIL = 256 * 1024  # bytes at each end of a file that are examined
 FIGURES = (".png", ".pdf", ".svg")
+FILMS = (".mp4", ".webm", ".gif")
 REBOUND = b"REBOUND Binary File. Version:"  # at the beginning of a Simulationarchive
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
@@ -76,6 +77,12 @@ def _page(head: bytes, tail: bytes) -> bool:
     return b'<meta name="generator" content="kickdrift' in head
 
 
+def _film(head: bytes, tail: bytes) -> bool:
+    """Recognise a film, whose comment names kickdrift."""
+    known = head[4:8] == b"ftyp" or head.startswith((b"GIF8", b"\x1aE\xdf\xa3"))
+    return known and (b"kickdrift" in head or b"kickdrift" in tail)
+
+
 def _problem(head: bytes, tail: bytes) -> bool:
     return head.startswith(_HDF5) and all(name in head for name in (b"kickdrift\0", b"problem\0", b"checkpoints\0"))
 
@@ -99,6 +106,7 @@ SERIES = Kind("the table of a Problem's run", (".csv", ".parquet"), _series, str
 JSON = Kind("a JSON object", (), _json)
 FIGURE = Kind("a figure", FIGURES, _figure)
 PAGE = Kind("a view", (".html",), _page)
+FILM = Kind("a film", FILMS, _film, streams=False)
 TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)
 JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startswith(b"{"), streams=False)
 

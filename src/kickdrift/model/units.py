@@ -19,7 +19,7 @@ from kickdrift.model.unit_systems import UnitSystem as UnitSystem
 from kickdrift.model.unit_systems import unit_system as unit_system
 from kickdrift.text import shown, suggestion
 
-_EXAMPLES = {
+EXAMPLES = {
     "length": "3.4 angstrom",
     "inverse length": "2 angstrom^-1",
     "time": "10 fs",
@@ -145,7 +145,7 @@ def _example(dimension: str, units: UnitSystem) -> str:
         return ""
     if units.reduced:
         return " as a plain number"
-    return f' such as "{_EXAMPLES.get(name, "1 " + units.unit(name))}"'
+    return f' such as "{EXAMPLES.get(name, "1 " + units.unit(name))}"'
 
 
 @lru_cache(maxsize=1)

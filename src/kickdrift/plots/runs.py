@@ -284,7 +284,7 @@ def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str
 
 
 @contextmanager
-def _own_matplotlib_folder() -> Iterator[None]:
+def own_matplotlib_folder() -> Iterator[None]:
     """Let matplotlib, if first loaded here, keep its font list in kickdrift's cache, not in the user's home."""
     own = folders.folder()
     if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
@@ -300,7 +300,7 @@ def _own_matplotlib_folder() -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    with _own_matplotlib_folder():
+    with own_matplotlib_folder():
         import matplotlib.font_manager  # noqa: F401 (reads or builds its list on import)
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 

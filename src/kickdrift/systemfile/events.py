@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 
-def _radii(value: Any, info: Any) -> Any:
+def radii_given(value: Any, info: Any) -> Any:
     convert = In("length", "non-negative")
     if isinstance(value, dict):
         return {name: convert(radius, info) for name, radius in value.items()}
@@ -48,7 +48,7 @@ class CollisionTable(Table):
     """Table of collisions. A rule is the import path of a function in a module that ``--load`` names."""
 
     type: str
-    radii: Annotated[Any, BeforeValidator(_radii)] = None
+    radii: Annotated[Any, BeforeValidator(radii_given)] = None
     action: Literal["merge", "bounce", "fragment", "rule", "stop"] = "merge"
     restitution: Any = 1.0
     elastic_below: Annotated[float, BeforeValidator(In("velocity", "non-negative"))] = 0.0

@@ -16,13 +16,15 @@ from kickdrift.model.checks import path_text
 from kickdrift.model.other_names import other_name
 from kickdrift.text import shown, suggestion
 
+SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
+
 
 class Description(NamedTuple):
     """Entry in a list of systems."""
 
     name: str
     path: Path
-    title: str  # the key ``title``, else the comment on the first line
+    title: str  # the key ``title``, else the first comment, if the file begins with one
     units: str
 
 
@@ -46,7 +48,7 @@ def describe(path: str | os.PathLike[str]) -> Description:
     """Name, title and units of a system file; the rest of the file is not checked."""
     path = Path(path)
     text, data = parsed(path)
-    first = text.split("\n", 1)[0]
+    first = next((line for line in text.split("\n") if not line.startswith(SCHEMA)), "")
     comment = first.lstrip("# ").strip() if first.startswith("#") else ""
     return Description(path.stem, path, str(data.get("title", comment)), str(data.get("units", "")))
 

@@ -49,12 +49,12 @@ from kickdrift.systemfile.topology import TopologyTable
 from kickdrift.text import VALUE, clean, shown
 
 
-def _mass(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+def mass_given(value: Any, info: ValidationInfo) -> float | dict[str, float]:
     convert = In("mass", "non-negative")
     return {k: convert(v, info) for k, v in value.items()} if isinstance(value, dict) else convert(value, info)
 
 
-def _species(value: Any) -> dict[str, float] | list[str]:
+def species_given(value: Any) -> dict[str, float] | list[str]:
     """Species: one name, a list of names, or fractions that add up to one."""
     if isinstance(value, str):
         return {value: 1.0}
@@ -68,15 +68,15 @@ def _species(value: Any) -> dict[str, float] | list[str]:
     raise InputError(f"expected a name, a list of names, or fractions such as {{A = 0.8, B = 0.2}}, got {shown(value)}")
 
 
-def _density(value: Any) -> Any:
+def density_given(value: Any) -> Any:
     if isinstance(value, str) or (isinstance(value, int | float) and not isinstance(value, bool)):
         return value  # converted later, when the mass is known
     raise InputError(f"expected a number density or a mass density, got {shown(value)}")
 
 
-Masses = Annotated[Any, BeforeValidator(_mass)]
-Species = Annotated[Any, BeforeValidator(_species)]
-Density = Annotated[Any, BeforeValidator(_density)]
+Masses = Annotated[Any, BeforeValidator(mass_given)]
+Species = Annotated[Any, BeforeValidator(species_given)]
+Density = Annotated[Any, BeforeValidator(density_given)]
 
 
 class LatticeTable(Table):

@@ -92,8 +92,7 @@ def run_keys() -> list[str]:
 
 def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
     """Checked values of ``[run]``; without ``units``, of an ODE."""
-    table = _table(tuple(known_options().values()), units is not None)
-    found = RunDefaults(**checked(table, given, units, "run").model_dump())
+    found = RunDefaults(**checked(run_table(units is not None), given, units, "run").model_dump())
     if found.integrator in INTEGRATORS:
         refuse_other_baths(INTEGRATORS[found.integrator], found.options, "run.")
     return found
@@ -101,14 +100,18 @@ def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefau
 
 def equilibration_of(given: Mapping[str, Any], units: UnitSystem) -> Equilibration:
     """Checked values of ``[equilibrate]``."""
+    return Equilibration.of(checked(equilibrate_table(), given, units, "equilibrate").model_dump())
+
+
+def run_table(units: bool) -> type[Table]:
+    """Table ``[run]`` with the options of all methods; without ``units``, of an ODE."""
+    return _options_table("run", RunTable if units else OdeRunTable, tuple(known_options().values()), units)
+
+
+def equilibrate_table() -> type[Table]:
+    """Table ``[equilibrate]`` with the options of all methods."""
     options = tuple(each for name, each in known_options().items() if name not in EquilibrateTable.model_fields)
-    table = checked(_options_table("equilibrate", EquilibrateTable, (DT, *options), True), given, units, "equilibrate")
-    return Equilibration.of(table.model_dump())
-
-
-def _table(options: tuple[Option, ...], units: bool) -> type[Table]:
-    """Table of these options, with or without units."""
-    return _options_table("run", RunTable if units else OdeRunTable, options, units)
+    return _options_table("equilibrate", EquilibrateTable, (DT, *options), True)
 
 
 @cache

@@ -1,0 +1,176 @@
+"""What a film shows: a liquid as spheres in its box, or a few bodies with trails and names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.orbits import gravity_of, paths
+from kickdrift.errors import InputError
+from kickdrift.model.orbits import invariable_axes
+from kickdrift.model.state import Floats
+from kickdrift.model.unit_systems import symbol_of
+from kickdrift.plots.camera import Camera
+from kickdrift.plots.orbits import BODY_COLOURS
+from kickdrift.plots.runs import COLOURS, own_matplotlib_folder
+from kickdrift.plots.scene import Scene
+from kickdrift.text import clean, measured, shown, suggestion
+from kickdrift.trajectory import reader
+
+BODIES = 30  # most bodies under gravity with a trail and a name each
+MOST = 20_000  # most spheres; of more particles, evenly chosen ones are shown
+COLOURINGS = ("species", "speed", "body")
+LOOKS = 12  # frames by which speeds and distances of a whole run are judged
+TRAIL = 0.25  # length of a trail, as a share of the film
+
+
+def has_trails(run: reader.Run) -> bool:
+    return gravity_of(run) is not None and 1 < len(run.ids) <= BODIES and not run.box.periodic
+
+
+class Filmed:
+    """What both kinds of films share: rows, notes, colours and the text of the time."""
+
+    def __init__(self, run: reader.Run, rows: list[int], colour: str | None, usual: str) -> None:
+        with own_matplotlib_folder():
+            from matplotlib.colors import is_color_like
+        self.run, self.rows, self.notes = run, rows, list[str]()
+        self.colouring = usual if colour is None else colour
+        if self.colouring not in COLOURINGS and not is_color_like(self.colouring):
+            raise InputError(
+                f"colour: expected {', '.join(COLOURINGS)} or a colour such as #0072B2, got {shown(colour)}"
+                f"{suggestion(str(colour), COLOURINGS)}"
+            )
+
+    def fixed_colours(self, kept: Any) -> Floats | None:
+        """Colours (n, 3) that do not change; None for those by speed."""
+        from matplotlib.colors import to_rgb
+
+        if self.colouring == "speed":
+            return None
+        ids = np.arange(len(self.run.ids))[kept]
+        if self.colouring == "species":
+            names = [COLOURS[k % len(COLOURS)] for k in self.run.species_index[kept]]
+        elif self.colouring == "body":
+            names = [BODY_COLOURS[k % len(BODY_COLOURS)] for k in ids]
+        else:
+            names = [self.colouring] * len(ids)
+        return np.array([to_rgb(each) for each in names])
+
+    def by_speed(self, v: Floats, fastest: float) -> Floats:
+        """Colours (n, 3) of particles with these velocities (n, 3)."""
+        import matplotlib
+
+        found: Floats = matplotlib.colormaps["viridis"](np.linalg.norm(v, axis=1) / fastest)[:, :3]
+        return found
+
+    def time_text(self, row: int) -> str:
+        """Text of a frame's time."""
+        span = float(self.run.all_times[-1] - self.run.all_times[0])
+        digits = max(0, 2 - math.floor(math.log10(span))) if span > 0 else 0
+        shown_time = f"{float(self.run.all_times[row]):.{min(digits, 12)}f}"
+        return f"t = {measured(shown_time, symbol_of(self.run.units.time))}"
+
+    def looks(self) -> list[int]:
+        """A few rows, spread over the film."""
+        return [self.rows[k] for k in np.unique(np.linspace(0, len(self.rows) - 1, LOOKS).astype(int))]
+
+
+class Particles(Filmed):
+    """Spheres, inside the box where it is periodic."""
+
+    def __init__(
+        self, run: reader.Run, rows: list[int], size: tuple[int, int], camera: Camera, colour: str | None,
+        dark: bool | None,
+    ) -> None:  # fmt: skip
+        super().__init__(run, rows, colour, "species" if len(run.species) > 1 else "speed")
+        n = len(run.ids)
+        self.kept = np.linspace(0, n - 1, min(n, MOST)).astype(int)
+        if n > MOST:
+            self.notes.append(f"the film shows {MOST:,} of {n:,} particles, evenly chosen")
+        self.periodic = bool(run.box.periodic)
+        looks = [run[k] for k in self.looks()]
+        self.colours = self.fixed_colours(self.kept)
+        speeds = np.concatenate([np.linalg.norm(each.velocities[self.kept], axis=1) for each in looks])
+        self.fastest = float(np.nanquantile(speeds, 0.99)) or 1.0
+        if self.periodic:
+            self.middle = np.zeros(3)
+            corners = [0.5 * np.linalg.norm(np.abs(each.box.matrix).sum(axis=0)) for each in looks]
+            reach = 1.04 * float(max(corners))
+            room = float(np.prod([edge for edge in np.diag(looks[0].box.matrix) if edge > 0]))
+            apart = float(room / n) ** (1 / int(np.count_nonzero(np.diag(looks[0].box.matrix))))
+        else:
+            x = np.concatenate([each.positions[self.kept] for each in looks])
+            self.middle = np.nanmedian(x, axis=0)
+            far = np.linalg.norm(x - self.middle, axis=1)
+            reach = 1.15 * float(np.nanquantile(far, 0.95)) or 1.0
+            apart = reach * (1.5 / n ** (1 / 3) if gravity_of(run) is None else 0.012)
+        self.radii = self._radii(0.5 * apart)
+        self.scene = Scene(size, camera, reach, dark=bool(dark), spheres=len(self.kept), boxed=self.periodic)
+
+    def _radii(self, usual: float) -> Floats:
+        """Radii of the spheres: the bodies' own, if the system has any, else half the usual distance."""
+        try:
+            own = self.run.system().radii
+        except InputError:  # a force of the user's own, say
+            own = None
+        if own is not None and len(own) == len(self.run.ids) and np.any(own > 0):
+            return np.asarray(own)[self.kept]
+        return np.full(len(self.kept), usual)
+
+    def pictures(self) -> Iterator[Floats]:
+        """Picture of each row."""
+        for k, row in enumerate(self.rows):
+            frame = self.run[row]
+            matrix = np.asarray(frame.box.matrix) if self.periodic else None
+            x = frame.wrapped() if self.periodic else frame.positions
+            x = x[self.kept] - (self.middle if matrix is None else matrix.sum(axis=0) / 2)
+            if self.colours is None:
+                colours = self.by_speed(np.nan_to_num(frame.velocities[self.kept]), self.fastest)
+            else:
+                colours = self.colours
+            share = k / max(len(self.rows) - 1, 1)
+            yield self.scene.picture(share, x, self.radii, colours, self.time_text(row), matrix)
+
+
+class Bodies(Filmed):
+    """A few bodies under gravity, with trails and names."""
+
+    def __init__(
+        self, run: reader.Run, rows: list[int], size: tuple[int, int], camera: Camera, colour: str | None,
+        dark: bool | None,
+    ) -> None:  # fmt: skip
+        super().__init__(run, rows, colour, "body")
+        found = paths(run)
+        axes = invariable_axes(found)
+        origin = found.positions[:, [found.central]] if found.central is not None else 0.0
+        self.x, self.v = (found.positions - origin) @ axes.T, found.velocities @ axes.T
+        bodies = self.x.shape[1]
+        kept = np.arange(len(run.ids))[:bodies]
+        fixed = self.fixed_colours(kept)
+        self.fastest = float(np.nanmax(np.linalg.norm(self.v, axis=2))) or 1.0
+        self.colours = fixed
+        if fixed is not None and found.central is not None and self.colouring == "body":
+            fixed[found.central] = (0.98, 0.78, 0.25)
+        reach = 1.08 * float(np.nanmax(np.linalg.norm(self.x, axis=2))) or 1.0
+        self.radii = np.full(bodies, 0.012 * reach / camera.zoom)
+        if found.central is not None:
+            self.radii[found.central] *= 1.8
+        self.trail = max(math.ceil(TRAIL * (rows[-1] - rows[0])), 1)
+        drawn = fixed if fixed is not None else np.full((bodies, 3), 0.6)
+        self.scene = Scene(
+            size, camera, reach, dark=dark is not False, spheres=bodies, names=[clean(each) for each in found.names],
+            trails=list(drawn),
+        )  # fmt: skip
+
+    def pictures(self) -> Iterator[Floats]:
+        """Picture of each row."""
+        for k, row in enumerate(self.rows):
+            past = self.x[max(row - self.trail, 0) : row + 1]
+            colours = self.by_speed(np.nan_to_num(self.v[row]), self.fastest) if self.colours is None else self.colours
+            trails = [past[:, i] for i in range(past.shape[1])]
+            share = k / max(len(self.rows) - 1, 1)
+            yield self.scene.picture(share, self.x[row], self.radii, colours, self.time_text(row), None, trails)
