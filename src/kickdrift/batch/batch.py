@@ -111,6 +111,10 @@ class Batch:
         """Copy of positions and velocities (members, 2, 3, n)."""
         return from_lanes(self._stepper.y, len(self))
 
+    def events(self, i: int) -> list[dict[str, Any]]:
+        """Entries in the log of events of member ``i``, as in a Report."""
+        return list(self._events.rows.get(i, ())) if self._events else []
+
     def states(self) -> list[State]:
         """Copies of the State of each member."""
         return [
@@ -214,7 +218,6 @@ class Member:
     """Member of a Batch in the form of a Simulation, for ``report``."""
 
     engine, threads, processes = NATIVE, 1, 1
-    events: tuple[dict[str, Any], ...] = ()
     state: Any = None  # needed for reports of Problems
 
     def __init__(self, batch: Batch, i: int) -> None:
@@ -222,6 +225,7 @@ class Member:
         self.integrator, self.method, self.dt = batch.integrator, batch.method, float(batch.dt[i])
         self.options = batch.options.changed(dt=self.dt)
         self.engine_version = engine(NATIVE).version
+        self.events: list[dict[str, Any]] = batch.events(i)
 
     def going_on(self) -> list[dict[str, Any]]:
         """Return no events."""

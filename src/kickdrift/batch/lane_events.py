@@ -103,6 +103,7 @@ class LaneEvents:
     ----------
     stopped : text of the event that ended each member's run, by number
     steps : step with which the run ended, by number
+    rows : entries of each member's log of events, by number
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class LaneEvents:
         self._systems, self._integrator, self._dt, self._options = systems, integrator, dt, options
         self.stopped: dict[int, str] = {}
         self.steps: dict[int, int] = {}
+        self.rows: dict[int, list[dict[str, Any]]] = {}
         found = [_reaches(system, row) for system, row in zip(systems, order, strict=True)]
         self.reaches = Reaches(*(np.array(part) for part in zip(*found, strict=True)))
 
@@ -132,6 +134,7 @@ class LaneEvents:
         if not sim.stopped:
             return None
         self.stopped[member], self.steps[member] = sim.stopped, step
+        self.rows[member] = [*sim.events, *sim.going_on()]
         return sim.state.phase
 
 
