@@ -26,7 +26,7 @@ EPSILON = np.finfo(float).eps
 BATCHED = sorted({method.name for method in INTEGRATORS.values() if method.batched})
 CHOICES = [(name, {}) for name in BATCHED]
 CHOICES += [(name, {"coordinates": "democratic-heliocentric"}) for name in ("wisdom-holman", "saba")]
-FEW = [choice for choice in CHOICES if choice[0] in ("velocity-verlet", "rk4", "wisdom-holman", "saba")]
+FEW = [choice for choice in CHOICES if choice[0] in ("velocity-verlet", "rk4", "wisdom-holman", "saba", "trace")]
 
 
 def ids(choice):
@@ -203,19 +203,20 @@ def odd_company() -> list[kd.System]:
 @pytest.mark.parametrize("choice", FEW, ids=ids)
 def test_bits_depend_on_no_company(choice):
     name, options = choice
+    count = 20 if name == "trace" else 200  # trace follows two bodies at one place as far as it can
     systems = [planets(seed) for seed in range(4)]
     dts = steps_for(systems)
     alone = []
     for system, dt in zip(systems, dts, strict=True):
         single = Batch([system], name, dt, **options)
-        single.run(200, every=10)
+        single.run(count, every=10)
         alone.append((single.phase[0], single.record(0).series()))
     strangers = odd_company()
     mixed = [*strangers[:3], systems[2], *strangers[3:], systems[0], systems[3], systems[1], strangers[0]]
     places = {3: 2, 6: 0, 7: 3, 8: 1}
     steps = np.array([dts[places[k]] if k in places else 0.3 for k in range(len(mixed))])
     together = Batch(mixed, name, steps, **options)
-    together.run(200, every=10)
+    together.run(count, every=10)
     for k, which in places.items():
         phase, series = alone[which]
         np.testing.assert_array_equal(together.phase[k], phase)
@@ -236,7 +237,8 @@ def test_bits_depend_on_no_cut(choice, monkeypatch):
     for steps in (7, 0, 43, 10):
         pieces.run(steps, every=5)
     np.testing.assert_array_equal(whole.phase, pieces.phase)
-    assert whole._stepper.evaluations == pieces._stepper.evaluations
+    for i in (0, 8):
+        assert whole._stepper.evaluations_of(i) == pieces._stepper.evaluations_of(i)
 
 
 # --- MEGNO ---

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.batch.lane_events import LaneEvents, run_with_events
 from kickdrift.batch.members import common, members_of
 from kickdrift.batch.sampling import momentum_scales, run_lanes, sampled_steps
 from kickdrift.engines import NATIVE, engine
@@ -46,8 +47,9 @@ class Batch:
     Parameters
     ----------
     systems : Systems with equal numbers of bodies and of steps done, under ``Gravity`` alone, softened or not;
-        starts, masses, G, units and softening may differ
-    integrator : a splitting, a fixed-step Runge-Kutta method, wisdom-holman or saba; default as in a Simulation
+        starts, masses, G, units and softening may differ. With trace, their events with action "stop" end the runs of
+        single members, which ``stopped`` shows
+    integrator : a splitting, a fixed-step Runge-Kutta method, wisdom-holman, saba or trace; default as in a Simulation
     dt : one step for all, or one for each; default from the system files
     options : as in a Simulation: coordinates, order
 
@@ -72,6 +74,12 @@ class Batch:
         self._start = from_lanes(members.start, len(self.systems))
         self._members = members
         self._stepper: LaneStepper = self.method.in_lanes(members, self.options)
+        self._events: LaneEvents | None = None
+        if any(system.events for system in self.systems):
+            stepper: Any = self._stepper
+            own = self.options.extras(self.method.tunable)
+            self._events = LaneEvents(self.systems, stepper.order, self.integrator, self.dt, own)
+            stepper.watch(self._events)
         self._begun = momentum_scales(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) from each run
@@ -83,18 +91,35 @@ class Batch:
     @property
     def time(self) -> Floats:
         """Time of each member (members,) in the systems' unit."""
-        return self._start + self.steps_done * self.dt
+        return self._start + self._steps_of * self.dt
+
+    @property
+    def _steps_of(self) -> NDArray[np.int64]:
+        """Step of each member (members,)."""
+        found = np.full(len(self), self.steps_done)
+        for i, step in self._events.steps.items() if self._events else ():
+            found[i] = step
+        return found
+
+    @property
+    def stopped(self) -> list[str]:
+        """Event that ended each member's run, as a text; "" for a member that goes on."""
+        return [self._events.stopped.get(i, "") if self._events else "" for i in range(len(self))]
 
     @property
     def phase(self) -> Floats:
         """Copy of positions and velocities (members, 2, 3, n)."""
         return from_lanes(self._stepper.y, len(self))
 
+    def events(self, i: int) -> list[dict[str, Any]]:
+        """Entries in the log of events of member ``i``, as in a Report."""
+        return list(self._events.rows.get(i, ())) if self._events else []
+
     def states(self) -> list[State]:
         """Copies of the State of each member."""
         return [
-            replace(system.state.copy(), phase=phase, time=float(time), steps_done=self.steps_done)
-            for system, phase, time in zip(self.systems, self.phase, self.time, strict=True)
+            replace(system.state.copy(), phase=phase, time=float(time), steps_done=int(done))
+            for system, phase, time, done in zip(self.systems, self.phase, self.time, self._steps_of, strict=True)
         ]
 
     @property
@@ -124,8 +149,10 @@ class Batch:
         compiled = perf_counter()
         self._compiling += compiled - began
         again = bool(self._steps) and self._steps[-1] == self.steps_done
-        looks = run_lanes(self._stepper, counts[again:], self.steps_done)[0]
-        self._looks.append(looks[:, :, : len(self)])
+        if self._events:
+            self._looks.append(run_with_events(self._stepper, counts[again:], self.steps_done, len(self)))
+        else:
+            self._looks.append(run_lanes(self._stepper, counts[again:], self.steps_done)[0][:, :, : len(self)])
         self._steps += stops[again:].tolist()
         self.steps_done += steps
         self._taken += steps
@@ -144,10 +171,14 @@ class Batch:
     def record(self, i: int) -> LaneRecord:
         """Samples of member ``i`` and its cost."""
         system, looks = self.systems[i], np.concatenate([looks[:, :, i] for looks in self._looks])
+        steps, taken, last = np.array(self._steps), self._taken, int(self._steps_of[i])
+        if last < self.steps_done:  # an event has ended the run between two samples
+            row = int(np.searchsorted(steps, last))
+            steps, looks, taken = np.append(steps[:row], last), looks[: row + 1], last - int(steps[0])
         massive = int(np.count_nonzero(system.state.masses))
         warning = start_warning(system, self.method, float(self.dt[i]))
         series = Series(
-            steps=(steps := np.array(self._steps)),
+            steps=steps,
             times=self._start[i] + steps * self.dt[i],
             total=looks[:, 0] + looks[:, 1],
             final=float(looks[-1, 0] + looks[-1, 1]),
@@ -161,8 +192,8 @@ class Batch:
             begun=True,
             momentum_scale=float(self._begun[0][i]),
             angular_momentum_scale=float(self._begun[1][i]),
-            steps=self._taken,
-            force_evaluations=self._stepper.evaluations,
+            steps=taken,
+            force_evaluations=self._stepper.evaluations_of(i),
             wall_seconds=self._seconds / len(self),
             compile_seconds=self._compiling / len(self),
             spent={BOTH: self._seconds / len(self)},
@@ -186,15 +217,15 @@ class LaneRecord(Record):
 class Member:
     """Member of a Batch in the form of a Simulation, for ``report``."""
 
-    engine, threads, processes, stopped = NATIVE, 1, 1, ""
-    events: tuple[dict[str, Any], ...] = ()
+    engine, threads, processes = NATIVE, 1, 1
     state: Any = None  # needed for reports of Problems
 
     def __init__(self, batch: Batch, i: int) -> None:
-        self.system, self.record = batch.systems[i], batch.record(i)
+        self.system, self.record, self.stopped = batch.systems[i], batch.record(i), batch.stopped[i]
         self.integrator, self.method, self.dt = batch.integrator, batch.method, float(batch.dt[i])
         self.options = batch.options.changed(dt=self.dt)
         self.engine_version = engine(NATIVE).version
+        self.events: list[dict[str, Any]] = batch.events(i)
 
     def going_on(self) -> list[dict[str, Any]]:
         """Return no events."""

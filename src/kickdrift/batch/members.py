@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.batch.lane_events import refusal_of
 from kickdrift.errors import InputError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
@@ -43,8 +44,8 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
         return "a batch needs open space, and the box is periodic"
     if [type(force) for force in system.forces] != [Gravity]:
         return f"a batch needs exactly one force, 'gravity'; {system.name!r} has others, or none"
-    if system.events:
-        return "a batch watches no events"
+    if (why := refusal_of(system, method)) is not None:
+        return why
     if len(system) > MOST_BODIES:
         return f"{len(system)} bodies are too many; a batch takes up to {MOST_BODIES}"
     try:

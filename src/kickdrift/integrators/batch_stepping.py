@@ -64,9 +64,8 @@ class LaneStepper(Protocol):
     def y(self) -> Floats:
         """State (blocks, 2, 3, rows, 8) at the last sample."""
 
-    @property
-    def evaluations(self) -> int:
-        """Force evaluations of one system so far."""
+    def evaluations_of(self, member: int) -> int:
+        """Force evaluations of a system so far."""
 
     def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:
         """Take ``counts`` (k,) steps after the ``done`` steps, and sample after each. Return samples (k, LOOK, 8), or
@@ -85,8 +84,8 @@ class FixedLanes:
         self._work = aligned((len(self.y), *room))
         self._cursor = np.zeros((len(self.y), SLOTS), np.int64)
 
-    @property
-    def evaluations(self) -> int:
+    def evaluations_of(self, member: int) -> int:
+        """See LaneStepper."""
         return int(self._cursor[0, EVALUATIONS])
 
     def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:

@@ -87,8 +87,8 @@ class WisdomHolmanLanes:
         back = np.argsort(self._order, axis=1)[:, None, None]
         return to_lanes(np.take_along_axis(from_lanes(self._y, full), back, 3))
 
-    @property
-    def evaluations(self) -> int:
+    def evaluations_of(self, member: int) -> int:
+        """See LaneStepper."""
         return int(self._cursor[0, EVALUATIONS])
 
     def run(self, block: int, counts: NDArray[np.int64], done: int, watch: Deviations | None = None) -> Any:

@@ -164,6 +164,11 @@ class Method:
         """Whether a batch can use this method (see ``kickdrift.batch``)."""
         return False
 
+    @property
+    def stops_in_lanes(self) -> bool:
+        """Whether a batch with this method watches events."""
+        return False
+
     def check(self, system: System) -> None:
         """Refuse a System that this method cannot move."""
 

@@ -13,6 +13,7 @@ from kickdrift.integrators.option import HILL_RADII, INNER, PERICENTRE
 from kickdrift.integrators.wisdom_holman import one_gravity
 
 if TYPE_CHECKING:
+    from kickdrift.integrators.batch_stepping import LaneStepper, Members
     from kickdrift.integrators.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepper import Stepper
@@ -64,6 +65,19 @@ class Trace(Method):
         from kickdrift.integrators.trace_stepper import TraceStepper
 
         return TraceStepper(flow, WAYS.index(options.pericentre), METHODS.index(options.inner), options)
+
+    @property
+    def batched(self) -> bool:
+        return True
+
+    @property
+    def stops_in_lanes(self) -> bool:
+        return True
+
+    def in_lanes(self, members: Members, options: Options) -> LaneStepper:
+        from kickdrift.integrators.batch_trace import TraceLanes
+
+        return TraceLanes(members, WAYS.index(options.pericentre), METHODS.index(options.inner), options)
 
 
 ROWS = (

@@ -238,8 +238,8 @@ def crossings(y, approach, bodies, signs, values):
     return count
 
 
-@driver
-def unbound(y, gm, softening2, about, distance, known, rows):
+@jit
+def unbound_bodies(y, gm, softening2, about, distance, known, rows):
     """Find unbound bodies beyond ``distance``; return how many ``rows`` (body, distance) were filled.
 
     The distance is from body ``about``, or from the centre of mass of the other bodies if ``about`` is -1. A body is
@@ -272,3 +272,9 @@ def unbound(y, gm, softening2, about, distance, known, rows):
             rows[count, 0], rows[count, 1] = i, np.sqrt(d2)
             count += 1
     return count
+
+
+@driver
+def unbound(y, gm, softening2, about, distance, known, rows):
+    """Call ``unbound_bodies`` from Python."""
+    return unbound_bodies(y, gm, softening2, about, distance, known, rows)
