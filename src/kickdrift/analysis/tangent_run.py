@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence
-from kickdrift.analysis.varied_run import DEFAULT, Columns
+from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity

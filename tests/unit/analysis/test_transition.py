@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.varied_run import Columns, VariedRun
+from kickdrift.analysis.columns import Columns
+from kickdrift.analysis.varied_run import VariedRun
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 
