@@ -96,6 +96,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--direction": "transits(direction)",
         "--within": "transits(within)",
         "--masses": "transits(masses)",
+        "--elements": "transits(elements)",
         "--integrator": "transits(integrator)",
         "--threads": "transits(threads)",
         "--json": "Transits.as_json",

@@ -7,11 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from numpy.typing import NDArray
+
 from kickdrift.analysis.element_slopes import Slopes, named, slopes_of
 from kickdrift.errors import InputError
 from kickdrift.forces.pushes import parameter_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+
+Indices = NDArray[np.int64]
 
 
 class Columns(NamedTuple):
@@ -44,11 +48,13 @@ class Columns(NamedTuple):
             made[..., self.total - len(self.elements) :] = self.of_elements.first
         return made
 
-    def second_start(self, n: int) -> Floats:
-        """Second derivatives of the start (2, 3, n, columns, columns): those by elements, the others being zero."""
-        made, width = np.zeros((2, 3, n, self.total, self.total)), len(self.elements)
+    def second_start(self, n: int, one: Indices, two: Indices) -> Floats:
+        """Second derivatives of the start (2, 3, n, p) by p pairs of columns: those by elements, the others being zero."""
+        made = np.zeros((2, 3, n, len(one)))
         if self.of_elements is not None:
-            made[..., self.total - width :, self.total - width :] = self.of_elements.second
+            first = self.total - len(self.elements)
+            both = np.flatnonzero((one >= first) & (two >= first))
+            made[..., both] = self.of_elements.second[..., one[both] - first, two[both] - first]
         return made
 
     def of_masses(self, n: int) -> Floats | None:

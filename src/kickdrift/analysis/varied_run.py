@@ -58,7 +58,7 @@ class VariedRun:
         start, masses = columns.start(n), columns.of_masses(n)
         heavy = 2.0 ** np.round(np.log2(system.state.masses.sum() or 1.0))
         pushes, sizes = _pushes(system, columns, heavy)
-        start = np.concatenate([start, columns.second_start(n)[..., *self._pairs]], axis=-1)
+        start = np.concatenate([start, columns.second_start(n, *self._pairs)], axis=-1)
         if masses is not None:
             masses = heavy * np.concatenate([masses, np.zeros((n, len(self._pairs[0])))], axis=1)
         made = varied(system, start.reshape(2, 3, -1), masses, pushes, count)

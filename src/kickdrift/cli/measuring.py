@@ -122,6 +122,10 @@ def transits(
         ),
     ] = None,
     masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
+    elements: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BODY.KEY", help="Orbital element to differentiate by, such as b.e; repeat for several."),
+    ] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it suits, else gauss-radau15.")
     ] = None,
@@ -140,7 +144,7 @@ def transits(
     with progress_bar(quiet) as bar:
         found = transits_of(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
-            within=_amount(within), masses=masses, integrator=integrator, threads=threads, progress=bar("running"),
+            within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads, progress=bar("running"),
             **options,
         )  # fmt: skip
     show_found(found, json_file, overwrite)
