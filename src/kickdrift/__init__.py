@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
     from kickdrift.analysis.doctor import Installation, doctor
+    from kickdrift.analysis.lyapunov import LyapunovSpectrum, lyapunov_spectrum
     from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
     from kickdrift.analysis.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
@@ -89,6 +90,7 @@ _HOMES = {
     "KickdriftError": "errors",
     "Installation": "analysis.doctor",
     "Listing": "run.listing",
+    "LyapunovSpectrum": "analysis.lyapunov",
     "Minimum": "run.minimization",
     "Option": "integrators.option",
     "Orbit": "model.orbit_table",
@@ -114,6 +116,7 @@ _HOMES = {
     "integrator": "integrators.asked",
     "listing": "run.listing",
     "load": "systemfile.reading",
+    "lyapunov_spectrum": "analysis.lyapunov",
     "megno": "analysis.chaos",
     "open": "trajectory.opened",
     "angle_law": "forces.bonded_law",
@@ -170,6 +173,7 @@ __all__ = [
     "LenseThirring",
     "LinearDrag",
     "Listing",
+    "LyapunovSpectrum",
     "MassChange",
     "Migration",
     "Minimum",
@@ -221,6 +225,7 @@ __all__ = [
     "integrators",
     "listing",
     "load",
+    "lyapunov_spectrum",
     "megno",
     "open",
     "pair_law",

@@ -82,6 +82,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "system": "megno(system)",
         "--time": "megno(time)",
         "--integrator": "megno(integrator)",
+        "--spectrum": "lyapunov_spectrum(count)",
         "--dt": "megno(dt)",
         "--seed": "megno(seed)",
         "--threads": "megno(threads)",

@@ -115,11 +115,30 @@ class TangentRun:
         back = np.argsort(self._order)
         return phase[:, :, back], slopes[:, :, back]
 
+    def advance_and_look(self, steps: int, every: int, visit: Callable[[], Any]) -> None:
+        """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
+        goal = self.steps + steps
+        while self.steps < goal:
+            self.advance(min(every, goal - self.steps))
+            if visit():
+                return
+
     def scale(self, factor: float) -> None:
         """Multiply all deviations."""
         from kickdrift.integrators.wisdom_holman_tangent import slopes_in
 
         slopes_in(self._rows)[...] *= factor
+
+    def mix(self, matrix: Floats) -> None:
+        """Replace the deviations by their sums with these weights (columns, columns)."""
+        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
+
+        slopes = slopes_in(self._rows)
+        blocks, width = len(slopes), slopes.shape[-1]
+        padded = np.zeros((blocks * width, blocks * width))
+        padded[: len(matrix), : len(matrix)] = matrix
+        flat = np.moveaxis(slopes, 0, 2).reshape(*slopes.shape[1:3], -1) @ padded
+        slopes[...] = np.moveaxis(flat.reshape(*slopes.shape[1:3], blocks, width), 2, 0)
 
     def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
         """Run for a length of time, in whole steps. Return phase, derivatives and the time."""
