@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.comparing import compare
     from kickdrift.analysis.comparison import Comparison
     from kickdrift.analysis.doctor import Installation, doctor
+    from kickdrift.analysis.lyapunov import LyapunovSpectrum, lyapunov_spectrum
     from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
     from kickdrift.analysis.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
@@ -91,6 +92,7 @@ _HOMES = {
     "KickdriftError": "errors",
     "Installation": "analysis.doctor",
     "Listing": "run.listing",
+    "LyapunovSpectrum": "analysis.lyapunov",
     "Minimum": "run.minimization",
     "Option": "integrators.option",
     "Orbit": "model.orbit_table",
@@ -117,6 +119,7 @@ _HOMES = {
     "json_schema": "systemfile.json_schema",
     "listing": "run.listing",
     "load": "systemfile.reading",
+    "lyapunov_spectrum": "analysis.lyapunov",
     "megno": "analysis.chaos",
     "movie": "plots.movie",
     "open": "trajectory.opened",
@@ -174,6 +177,7 @@ __all__ = [
     "LenseThirring",
     "LinearDrag",
     "Listing",
+    "LyapunovSpectrum",
     "MassChange",
     "Migration",
     "Minimum",
@@ -226,6 +230,7 @@ __all__ = [
     "json_schema",
     "listing",
     "load",
+    "lyapunov_spectrum",
     "megno",
     "movie",
     "open",

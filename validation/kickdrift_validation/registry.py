@@ -132,6 +132,12 @@ SCRIPTS = (
         peers=("heyoka", "mpmath", "rebound"),
     ),
     Script(
+        "derivatives_further.py",
+        "second derivatives, orbital elements, tangent maps with other forces, Lyapunov spectra",
+        40,
+        peers=("heyoka", "mpmath"),
+    ),
+    Script(
         "secular_frequencies.py",
         "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
         20,

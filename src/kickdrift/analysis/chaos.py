@@ -58,7 +58,7 @@ def megno(
         periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method.
-        ``wisdom-holman`` and ``saba`` move the deviation by their tangent map, for gravity alone
+        ``wisdom-holman`` and ``saba`` move the deviation by their tangent map
     seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
         Problem, a random direction of y
     progress : True shows a bar; a function is called as ``progress(done, of)``
@@ -72,7 +72,7 @@ def megno(
     """
     if not isinstance(system, System | Problem):
         raise InputError(f"megno: takes a System or a Problem, got {type(system).__name__}")
-    seed = _checked_seed(seed)
+    seed = checked_seed(seed)
     asked, given = unpacked(integrator, {"dt": dt, **options})
     length = length_of(system, time)
     if isinstance(system, Problem):
@@ -179,7 +179,7 @@ def megnos(
         raise InputError(
             f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
         )
-    drawn = [_checked_seed(seed) for seed in _each("seeds", seeds, count)]
+    drawn = [checked_seed(seed) for seed in _each("seeds", seeds, count)]
     lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
     found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
     reports: list[ChaosReport | None] = []
@@ -203,7 +203,8 @@ def _each(key: str, value: Any, count: int) -> list[Any]:
     return values
 
 
-def _checked_seed(seed: Any) -> int:
+def checked_seed(seed: Any) -> int:
+    """The seed as an int. Raises InputError unless it is a whole number, zero or more."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
     return int(seed)

@@ -40,11 +40,7 @@ class DeviationOfMap:
 
     def advance(self, steps: int, *, every: int, visit: Callable[[Any], Any]) -> None:
         """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
-        goal = self._run.steps + steps
-        while self._run.steps < goal:
-            self._run.advance(min(every, goal - self._run.steps))
-            if visit(self):
-                return
+        self._run.advance_and_look(steps, every, lambda: visit(self))
 
     def size(self) -> float:
         """Length of the deviation, in units of the start's distances and speeds."""

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence
-from kickdrift.analysis.varied_run import DEFAULT, Columns
+from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
-from kickdrift.integrators.option import JACOBI
+from kickdrift.forces.variations import Varied
+from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.jit.notices import compiling_for
@@ -21,7 +23,7 @@ from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 
 PIECE = 1000  # steps between two reports of progress
-KNOWN = ("coordinates", "corrector", "compensated", "order")  # options that the map follows, or that only round
+KNOWN = ("coordinates", "corrector", "kernel", "compensated", "order")  # options that the map follows, or that round
 
 
 class TangentRun:
@@ -36,17 +38,22 @@ class TangentRun:
     def __init__(
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
     ) -> None:
-        others = [force.name for force in system.forces if not isinstance(force, Gravity)]
-        if others:
-            raise InputError(
-                f"{name}: its tangent map takes gravity alone, not {', '.join(others)}; {DEFAULT} takes all"
-            )
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
         if columns is not None and columns.parameters:
             raise InputError(f"parameters: the tangent map of {name} has none; {DEFAULT} takes them")
+        if columns is not None and others and columns.of_masses(len(system)) is not None:
+            raise InputError(
+                f"masses: the tangent map of {name} takes them for gravity alone, not with {others[0].name}; {DEFAULT} "
+                "takes them"
+            )
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
+        for force in others:
+            Varied(force, system)  # refuses a force without slopes
+        self._others = others
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)
+        self._modified = sim.options.get(KERNEL.name) == MODIFIED_KICK
         if columns is not None:
             self.start(columns.start(len(system)), columns.of_masses(len(system)))
 
@@ -63,14 +70,20 @@ class TangentRun:
         phase = system.state.phase[:, :, order]
         with compiling_for(self.sim.integration.purpose):
             made = tangents(phase, slopes[:, :, order], G * masses[order], by_mass[order])
+            self._slopes = _bound(self._others, system, self.sim.threads)
+        self._table = np.array([(each.address, each.work) for each in self._slopes], np.int64).reshape(-1, 2)
         self._rows, self._columns = made.rows, made.columns
         self.steps = 0
 
     def _take(self, rows: Floats, row: Floats, steps: int) -> None:
         from kickdrift.integrators.wisdom_holman_tangent import tangent_steps
 
-        if row.size and steps:
-            tangent_steps(rows, len(self.system), *row, self.dt, steps)
+        if not (row.size and steps):
+            return
+        given = self.dt, self.system.state.time, self.steps, steps, self._table, self._order
+        if tangent_steps(rows, len(self.system), row, self._modified, *given):
+            names = ", ".join(force.name for force in self._others)
+            raise InputError(f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not")
 
     def advance(self, steps: int) -> None:
         """Take steps."""
@@ -78,9 +91,8 @@ class TangentRun:
             if steps and not self.steps:
                 self._take(self._rows, self._correct, 1)
                 self._take(self._rows, self._begin, 1)
-                self._take(self._rows, self._step, steps - 1)
-            else:
-                self._take(self._rows, self._step, steps)
+                self.steps, steps = 1, steps - 1
+            self._take(self._rows, self._step, steps)
         self.steps += steps
 
     @property
@@ -103,11 +115,30 @@ class TangentRun:
         back = np.argsort(self._order)
         return phase[:, :, back], slopes[:, :, back]
 
+    def advance_and_look(self, steps: int, every: int, visit: Callable[[], Any]) -> None:
+        """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
+        goal = self.steps + steps
+        while self.steps < goal:
+            self.advance(min(every, goal - self.steps))
+            if visit():
+                return
+
     def scale(self, factor: float) -> None:
         """Multiply all deviations."""
         from kickdrift.integrators.wisdom_holman_tangent import slopes_in
 
         slopes_in(self._rows)[...] *= factor
+
+    def mix(self, matrix: Floats) -> None:
+        """Replace the deviations by their sums with these weights (columns, columns)."""
+        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
+
+        slopes = slopes_in(self._rows)
+        blocks, width = len(slopes), slopes.shape[-1]
+        padded = np.zeros((blocks * width, blocks * width))
+        padded[: len(matrix), : len(matrix)] = matrix
+        flat = np.moveaxis(slopes, 0, 2).reshape(*slopes.shape[1:3], -1) @ padded
+        slopes[...] = np.moveaxis(flat.reshape(*slopes.shape[1:3], blocks, width), 2, 0)
 
     def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
         """Run for a length of time, in whole steps. Return phase, derivatives and the time."""
@@ -119,8 +150,18 @@ class TangentRun:
         return *self.now(), self.time
 
 
+def _bound(forces: list[Any], system: System, threads: int) -> list[Any]:
+    """Slopes of these forces as machine code."""
+    if not forces:
+        return []
+    from kickdrift.forces.bound_slopes import BoundSlopes
+
+    return [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
+
+
 def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats]:
-    """Drifts and kicks of the corrector, of the first step, of a later step, and of the drift at the end."""
+    """Stages of the corrector, of the first step, of a later step, and of the drift at the end: rows of drifts, kicks,
+    fractions of dt at the kicks, and weights of the kernel's correction."""
     assert isinstance(method, WisdomHolman)
     if options.coordinates != JACOBI:
         raise InputError(
@@ -129,21 +170,27 @@ def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats
     for option in method.declared:
         if option.name not in KNOWN and options.get(option.name) not in (None, False, option.default):
             raise InputError(f"{option.name}: the tangent map of {method.name} takes {option.default!r} alone")
-    table = method.table(options)
+    table, kernel = method.table(options), options.get(KERNEL.name) or STANDARD
     drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
-    begin = np.array([drift[:-1], kick[:-1]])
-    step = begin.copy()
+    weight = 1.0 / 12.0 if kernel in (LAZY, MODIFIED_KICK) else 0.0
+    begin = np.array([drift, kick, np.cumsum(drift), np.full(len(kick), weight)])
+    step = begin[:, :-1].copy()
     step[0, 0] += drift[-1]
-    return _corrector(options.get("corrector")), begin, step, np.array([drift[-1:], [0.0]])
+    return _corrector(options.get("corrector"), kernel != STANDARD), begin[:, :-1].copy(), step, begin[:, -1:].copy()
 
 
-def _corrector(order: Any) -> Floats:
+def _corrector(order: Any, mirrored: bool) -> Floats:
     from kickdrift.integrators.wisdom_holman_corrector import corrector
 
-    return corrector(order) if order else np.zeros((2, 0))
+    return _staged(corrector(order, mirrored)) if order else np.zeros((4, 0))
 
 
-def _undone(row: Floats) -> Floats:
+def _undone(stages: Floats) -> Floats:
     from kickdrift.integrators.wisdom_holman_corrector import undone
 
-    return undone(row) if row.size else row
+    return _staged(undone(stages[:2])) if stages.size else stages
+
+
+def _staged(row: Floats) -> Floats:
+    """Drifts and kicks at no time and without correction, as stages."""
+    return np.concatenate([row, np.zeros_like(row)])

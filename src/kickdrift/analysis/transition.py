@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
+from kickdrift.analysis.columns import columns_of
 from kickdrift.analysis.tangent_run import TangentRun
-from kickdrift.analysis.varied_run import DEFAULT, Columns, VariedRun, rows_of
+from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pushes import parameter_of
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.integrators.wisdom_holman import WisdomHolman
@@ -35,6 +35,8 @@ class TransitionMatrix:
     matrix : (6 n, 6 k) for k varied bodies
     by_masses : (6 n, n), derivatives with respect to the masses; None if not asked for
     by_parameters : (6 n, p), derivatives with respect to the parameters; None if not asked for
+    by_elements : (6 n, q), derivatives with respect to the orbital elements; None if not asked for
+    second : (6 n, c, c), second derivatives by each two of the c columns above, in this order; None if not asked for
     bodies : rows of the varied bodies in the system
     start, end : State
     integrator : name of the method
@@ -46,6 +48,8 @@ class TransitionMatrix:
     matrix: Floats
     by_masses: Floats | None
     by_parameters: Floats | None
+    by_elements: Floats | None
+    second: Floats | None
     bodies: tuple[int, ...]
     start: State
     end: State
@@ -83,6 +87,11 @@ class TransitionMatrix:
     def __str__(self) -> str:
         rows, columns = self.matrix.shape
         words = [f"transition matrix {rows} x {columns} from t = {self.start.time:.6g} to {self.end.time:.6g}"]
+        for name, found in (("masses", self.by_masses), ("parameters", self.by_parameters), ("elements", self.by_elements)):
+            if found is not None:
+                words.append(f"{found.shape[1]} columns by {name}")
+        if self.second is not None:
+            words.append("second derivatives {} x {} x {}".format(*self.second.shape))
         words.append(f"{self.integrator}, {self.steps} steps")
         if self.by_differences:
             words.append(f"by central differences: {', '.join(self.by_differences)}")
@@ -98,6 +107,9 @@ def transition_matrix(
     bodies: Iterable[str | int] | str | int | None = None,
     masses: bool = False,
     parameters: Iterable[str] = (),
+    elements: Iterable[str] = (),
+    primary: str | int | None = None,
+    second: bool = False,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
@@ -116,11 +128,18 @@ def transition_matrix(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
-        alone
-    bodies : names or numbers of the bodies whose start varies; default all
+        and forces with exact slopes
+    bodies : names or numbers of the bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
         Their slopes, and those of masses in other forces than gravity, are central differences of order 4 of the force
+    elements : orbital elements of bodies at the start, such as ``"b.e"``: ``a`` or ``P``; ``e``, ``inc``, ``Omega``,
+        ``omega`` and one of ``M``, ``f``, ``E``; or Pal's ``h``, ``k``, ``ix``, ``iy``, ``lambda`` (Pal 2009,
+        doi:10.1111/j.1365-2966.2009.14853.x); and ``mass``. Angles are in degrees, as in system files. The other
+        elements of the body's set stay the same, and so do the other bodies
+    primary : the body that those with elements orbit; default the body that dominates the system
+    second : whether to return second derivatives as well, for gravity alone and without ``parameters``; c columns take
+        the time of c (c + 1) / 2 more
 
     Returns
     -------
@@ -134,15 +153,26 @@ def transition_matrix(
         If the run blows up.
     """
     system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
-    length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters)
+    length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters, elements, primary)
+    if second and columns.parameters:
+        raise InputError("second: goes without parameters, whose slopes are central differences")
     mapped = _mapped(system, asked, given)
+    if mapped and second:
+        if asked:
+            raise InputError(f"second: the tangent map of {mapped} has none; {DEFAULT} takes it")
+        mapped = None
     name = mapped or carrier(system, asked, DEFAULT)
-    run = (TangentRun if mapped else VariedRun)(system, columns, name, threads, given)
+    run: TangentRun | VariedRun
+    if mapped:
+        run = TangentRun(system, columns, name, threads, given)
+    else:
+        run = VariedRun(system, columns, name, threads, given, second)
     with following(progress, "running") as told:
         phase, slopes, end = run.to(length, told)
-    parts = as_matrices(slopes, columns)
+    parts = columns.split(_flat(slopes))
+    twice = _flat(run.second()) if second and isinstance(run, VariedRun) else None
     reached = system.at(phase, end, run.steps).state
-    return TransitionMatrix(*parts, columns.bodies, system.state, reached, name, run.steps, run.by_differences)
+    return TransitionMatrix(*parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences)
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
@@ -175,21 +205,6 @@ def given_run(
     return own.at(now.phase, sim.time), asked, given
 
 
-def columns_of(system: System, bodies: Any, masses: bool, parameters: Iterable[str]) -> Columns:
-    """The numbers to differentiate by."""
-    named = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    for text in named:
-        parameter_of(system, text)
-    return Columns(rows_of(system, bodies, "bodies"), tuple(range(len(system))) if masses else (), named)
-
-
-def as_matrices(slopes: Floats, columns: Columns) -> tuple[Floats, Floats | None, Floats | None]:
-    """The matrix (6 n, 6 k), and the derivatives by masses and by parameters, from derivatives (2, 3, n, columns)."""
-    flat = slopes.transpose(0, 2, 1, 3).reshape(-1, columns.total)
-    first = 6 * len(columns.bodies)
-    matrix, by_masses, by_parameters = np.split(flat, [first, first + len(columns.masses)], axis=1)
-    return (
-        np.ascontiguousarray(matrix),
-        np.ascontiguousarray(by_masses) if columns.masses else None,
-        np.ascontiguousarray(by_parameters) if columns.parameters else None,
-    )
+def _flat(slopes: Floats) -> Floats:
+    """Derivatives (2, 3, n, …) with rows in the order of a TransitionMatrix, (6 n, …)."""
+    return slopes.swapaxes(1, 2).reshape(-1, *slopes.shape[3:])

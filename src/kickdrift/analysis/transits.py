@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier
-from kickdrift.analysis.transition import columns_of, given_run
-from kickdrift.analysis.varied_run import DEFAULT, VariedRun, rows_of
+from kickdrift.analysis.columns import columns_of, rows_of
+from kickdrift.analysis.transition import given_run
+from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import Lines, Shown, Table, following
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
@@ -42,6 +43,7 @@ class Transits(Shown):
         velocities, as in a `TransitionMatrix`
     by_masses : (k, n), derivatives with respect to the masses; None if not asked for
     by_parameters : (k, p), derivatives with respect to the parameters; None if not asked for
+    by_elements : (k, q), derivatives with respect to the orbital elements; None if not asked for
     distances : (k,) distances on the sky at these times
     speeds : (k,) speeds on the sky at these times
     planet, star : names
@@ -54,6 +56,7 @@ class Transits(Shown):
     jacobian: Floats
     by_masses: Floats | None
     by_parameters: Floats | None
+    by_elements: Floats | None
     distances: Floats
     speeds: Floats
     planet: str
@@ -75,7 +78,9 @@ class Transits(Shown):
         return [(f"transits of {self.planet} in front of {self.star}", columns, rows[:MOST_SHOWN])]
 
     def _lines(self) -> Lines:
-        lines = [("transits", f"{len(self)}, with derivatives by {self.jacobian.shape[1]} numbers of the start")]
+        given = (self.jacobian, self.by_masses, self.by_parameters, self.by_elements)
+        count = sum(0 if part is None else part.shape[1] for part in given)
+        lines = [("transits", f"{len(self)}, with derivatives by {count} numbers of the start")]
         if len(self) > MOST_SHOWN:
             lines.append(("", f"the first {MOST_SHOWN} are shown"))
         lines.append(("integrator", self.integrator))
@@ -101,6 +106,8 @@ def transits(
     bodies: Iterable[str | int] | str | int | None = None,
     masses: bool = False,
     parameters: Iterable[str] = (),
+    elements: Iterable[str] = (),
+    primary: str | int | None = None,
     integrator: str | Integrator | None = None,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
@@ -120,9 +127,10 @@ def transits(
     until : last time
     direction : from the system towards the observer; default z
     within : largest distance on the sky that counts; default the sum of both radii if the system has radii, else any
-    bodies : bodies whose start varies; default all
+    bodies : bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
-    parameters : parameters of forces to differentiate by, as in ``transition_matrix``
+    parameters, elements, primary : parameters of forces, and orbital elements at the start, to differentiate by, as in
+        ``transition_matrix``
     integrator, options : a method that knows the state inside its steps; default the system file's if it does, else
         gauss-radau15
 
@@ -144,7 +152,7 @@ def transits(
     if not (math.isfinite(end) and end > system.state.time):
         raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
     most = _within(system, pair, within)
-    columns = columns_of(system, bodies, masses, parameters)
+    columns = columns_of(system, bodies, masses, parameters, elements, primary)
     with following(progress, "running") as told:
         run = VariedRun(system, columns, name, threads, given if name == asked else options)
         found = _Search(run, pair, sight, end, most, told).found()
@@ -157,11 +165,8 @@ def transits(
             "direction moves the observer"
         )
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
-    first = 6 * len(columns.bodies)
-    jacobian, by_masses, by_parameters = np.split(rates, [first, first + len(columns.masses)], axis=1)
     return Transits(
-        times, jacobian, by_masses if columns.masses else None, by_parameters if columns.parameters else None,
-        distances, speeds, who, whom, name, run.by_differences, system.units,
+        times, *columns.split(rates), distances, speeds, who, whom, name, run.by_differences, system.units,
     )  # fmt: skip
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence, scale_of
-from kickdrift.errors import InputError, RunError
+from kickdrift.errors import RunError
 from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import varied
 from kickdrift.jit.notices import compiling_for
@@ -21,62 +22,14 @@ LARGEST = 2.0**10  # growth of a deviation before it is scaled back: errors coun
 EVERY = 16  # steps between two checks of that growth
 
 
-class Columns(NamedTuple):
-    """The variables of the derivatives: coordinates and velocities of bodies, masses, parameters."""
-
-    bodies: tuple[int, ...]  # rows of the System whose start varies
-    masses: tuple[int, ...] = ()  # rows of the System whose mass varies
-    parameters: tuple[str, ...] = ()  # of forces, "j2.radius"
-
-    @property
-    def total(self) -> int:
-        return 6 * len(self.bodies) + len(self.masses) + len(self.parameters)
-
-    def start(self, n: int) -> Floats:
-        """Unit deviations (2, 3, n, columns): positions body by body, velocities body by body, then masses, which
-        deviate from nothing."""
-        made = np.zeros((2, 3, n, self.total))
-        for half in range(2):
-            for place, body in enumerate(self.bodies):
-                for axis in range(3):
-                    made[half, axis, body, 3 * (half * len(self.bodies) + place) + axis] = 1.0
-        return made
-
-    def of_masses(self, n: int) -> Floats | None:
-        """Slopes of the masses (n, columns) along the columns; None if no mass varies."""
-        if not self.masses:
-            return None
-        made = np.zeros((n, self.total))
-        made[list(self.masses), 6 * len(self.bodies) + np.arange(len(self.masses))] = 1.0
-        return made
-
-
-def rows_of(system: System, bodies: Any, what: str) -> tuple[int, ...]:
-    """Rows of the bodies with these names or numbers; None is all bodies."""
-    if bodies is None:
-        return tuple(range(len(system)))
-    given = [bodies] if isinstance(bodies, str | int | np.integer) else list(bodies)
-    rows = []
-    for each in given:
-        whole = isinstance(each, int | np.integer) and not isinstance(each, bool)
-        if isinstance(each, str) and each in system.names:
-            rows.append(system.names.index(each))
-        elif whole and each in system.state.ids:
-            rows.append(int(np.flatnonzero(system.state.ids == each)[0]))
-        else:
-            known = f"names are {', '.join(system.names)}" if system.names else f"numbers are 0 to {len(system) - 1}"
-            raise InputError(f"{what}: there is no body {each!r}; {known}")
-    if len(set(rows)) != len(rows) or not rows:
-        raise InputError(f"{what}: expected one body or more, each once, got {bodies!r}")
-    return tuple(rows)
-
-
 def _pushes(system: System, columns: Columns, heavy: float) -> tuple[list[Push], list[float]]:
     """What the masses and parameters do in each force, and the size of each parameter as a power of two."""
-    first = 6 * len(columns.bodies)
-    made = [push for k, body in enumerate(columns.masses) for push in pushes_of_mass(system, body, first + k, heavy)]
+    made, of_masses = [], columns.of_masses(len(system))
+    if of_masses is not None:
+        for body, column in np.argwhere(of_masses):
+            made += pushes_of_mass(system, int(body), int(column), heavy)
     sizes = []
-    for k, text in enumerate(columns.parameters, first + len(columns.masses)):
+    for k, text in enumerate(columns.parameters, sum(columns.widths[:2])):
         value = parameter_of(system, text)[2]
         sizes.append(float(2.0 ** np.round(np.log2(abs(value) or 1.0))))
         made.append(push_of_parameter(system, text, k, sizes[-1]))
@@ -87,16 +40,28 @@ class VariedRun:
     """A System with deviations, under way.
 
     Deviations are in units of the system's own distance, speed and mass, as powers of two, so that a tolerance serves
-    them as well as the particles. Scaling them changes no digit.
+    them as well as the particles. Scaling them changes no digit. With ``second`` there are deviations of order 2 behind
+    those of order 1; the unit of each is the product of two units.
     """
 
-    def __init__(self, system: System, columns: Columns, name: str, threads: int, options: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        system: System,
+        columns: Columns,
+        name: str,
+        threads: int,
+        options: dict[str, Any],
+        second: bool = False,
+    ) -> None:
         n, count = len(system), columns.total
-        self.system, self.columns = system, columns
-        masses, start = columns.of_masses(n), columns.start(n)
+        self.system, self.columns, self._pairs = system, columns, np.triu_indices(count if second else 0)
+        start, masses = columns.start(n), columns.of_masses(n)
         heavy = 2.0 ** np.round(np.log2(system.state.masses.sum() or 1.0))
         pushes, sizes = _pushes(system, columns, heavy)
-        made = varied(system, start.reshape(2, 3, -1), None if masses is None else heavy * masses, pushes)
+        start = np.concatenate([start, columns.second_start(n, *self._pairs)], axis=-1)
+        if masses is not None:
+            masses = heavy * np.concatenate([masses, np.zeros((n, len(self._pairs[0])))], axis=1)
+        made = varied(system, start.reshape(2, 3, -1), masses, pushes, count)
         self.sim = Simulation(made, name, threads=threads, **options)
         try:
             with compiling_for(self.sim.integration.purpose):
@@ -104,11 +69,19 @@ class VariedRun:
         except RunError:  # not finite; the run gives the reason
             accelerations = np.zeros((3, 1))
         self._scale = 2.0 ** np.round(np.log2(scale_of(system.state.phase, accelerations)))[..., None]
-        self._unit = np.ones(count)  # true deviation over the scaled one
-        half = 3 * len(columns.bodies)
-        self._unit[:half], self._unit[half : 2 * half] = 1.0 / self._scale[:, 0, 0, 0]
-        self._unit[2 * half :] = 1.0 / np.array([*(heavy for _ in columns.masses), *sizes])
+        half, bodies = self._scale[:, 0, 0, 0], 3 * len(columns.bodies)
+        sizes = [*np.repeat(half, bodies), *(heavy for _ in columns.masses), *sizes]
+        unit = np.abs(start / self._scale).max(axis=(0, 1, 2))[:count]  # true deviation over the scaled one
+        unit = 2.0 ** np.round(np.log2(np.where(unit > 0.0, unit, 1.0)))
+        unit[: len(sizes)] = 1.0 / np.array(sizes)
+        if masses is not None:
+            unit[masses[:, :count].any(axis=0)] = 1.0 / heavy
+        self._unit = self._with_pairs(unit)
         self._put(start / self._unit)
+
+    def _with_pairs(self, values: Floats) -> Floats:
+        """Values for the deviations of order 1, and their products for those of order 2."""
+        return np.concatenate([values, values[self._pairs[0]] * values[self._pairs[1]]])
 
     def _put(self, deviations: Floats) -> None:
         """Start anew from these deviations (2, 3, n, columns)."""
@@ -126,11 +99,20 @@ class VariedRun:
         return self.sim.steps_done
 
     def split(self, y: Floats) -> tuple[Floats, Floats]:
-        """The particles' phase (2, 3, n), and the derivatives (2, 3, n, columns), of the run's y (2, 3, n (1 +
-        columns))."""
-        n = len(self.system)
-        deviations = y[:, :, n:].reshape(2, 3, n, self.columns.total)
-        return y[:, :, :n].copy(), deviations * self._unit
+        """The particles' phase (2, 3, n), and the derivatives (2, 3, n, columns), of the run's y."""
+        return y[:, :, : len(self.system)].copy(), (self._deviations(y) * self._unit)[..., : self.columns.total]
+
+    def second(self) -> Floats:
+        """Second derivatives (2, 3, n, columns, columns) where ``to`` ended."""
+        n, count = len(self.system), self.columns.total
+        found, (one, two) = (self._deviations(self._end) * self._unit)[..., count:], self._pairs
+        made = np.empty((2, 3, n, count, count))
+        made[..., one, two] = made[..., two, one] = found
+        return made
+
+    def _deviations(self, y: Floats) -> Floats:
+        """The scaled deviations (2, 3, n, deviations) in the run's y (2, 3, n (1 + deviations))."""
+        return y[:, :, len(self.system) :].reshape(2, 3, len(self.system), -1)
 
     def advance(self, number: int, visit: Callable[[], bool | None], every: int = EVERY) -> None:
         """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
@@ -139,7 +121,8 @@ class VariedRun:
         def seen(sim: Simulation) -> bool:
             nonlocal large
             y = sim.integration.stepper.y
-            large = bool((np.abs(y[:, :, len(self.system) :]).max(axis=2) > LARGEST * self._scale[:, :, 0, 0]).any())
+            sizes = np.abs(self._deviations(y)[..., : self.columns.total]).max(axis=(2, 3), initial=0.0)
+            large = bool((sizes > LARGEST * self._scale[:, :, 0, 0]).any())
             return bool(visit()) or large
 
         goal = self.sim.steps_done + number
@@ -152,10 +135,9 @@ class VariedRun:
 
     def _shrink(self) -> None:
         """Scale each column back to the size of one, by a power of two."""
-        n = len(self.system)
-        y = self.sim.state.phase[:, :, n:].reshape(2, 3, n, -1)
-        size = np.abs(y / self._scale).max(axis=(0, 1, 2))
-        factor = 2.0 ** np.round(np.log2(np.where(size > 0.0, size, 1.0)))
+        y = self._deviations(self.sim.state.phase)
+        size = np.abs(y / self._scale).max(axis=(0, 1, 2))[: self.columns.total]
+        factor = self._with_pairs(2.0 ** np.round(np.log2(np.where(size > 0.0, size, 1.0))))
         self._unit *= factor
         self._put(y / factor)
 
@@ -172,12 +154,14 @@ class VariedRun:
         if not self.sim.method.chooses_steps:
             assert self.sim.dt is not None
             self.advance(cadence(length, self.sim.dt)[0], visit)
-            return *self.split(self.sim.integration.stepper.y), self.time
+            self._end = self.sim.integration.stepper.y
+            return *self.split(self._end), self.time
         stepper: Any = self.sim.integration.stepper
         while stepper.time < end:
             self.advance(1, visit, 1)
             stepper = self.sim.integration.stepper
-        return *self.split(stepper.at(end)), end
+        self._end = stepper.at(end)
+        return *self.split(self._end), end
 
     @property
     def by_differences(self) -> tuple[str, ...]:

@@ -83,21 +83,35 @@ def chaos(
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
     ] = None,
     options: Any = None,
+    spectrum: Annotated[
+        str | None,
+        typer.Option(metavar="K", help="Lyapunov spectrum instead: the K largest exponents, or all of them."),
+    ] = None,
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations."""
+    """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations, or the
+    Lyapunov spectrum."""
     refuse_outputs({"json": json_file}, overwrite, [system])
     from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.lyapunov import lyapunov_spectrum
     from kickdrift.systemfile.python_file import load_or_run
 
     subject = load_or_run(system)
     time = in_units(time, subject, "--time")
+    if spectrum is not None and spectrum != "all" and not spectrum.isdigit():
+        raise InputError(f"--spectrum: expected a number of exponents, or all, got {shown(spectrum)}")
     with progress_bar(quiet) as bar:
-        found = megno(subject, time, integrator, seed=seed, threads=threads, progress=bar("running"), **options)
+        given: Any = {"seed": seed, "threads": threads, "progress": bar("running"), **options}
+        found: Any
+        if spectrum is None:
+            found = megno(subject, time, integrator, **given)
+        else:
+            count = None if spectrum == "all" else int(spectrum)
+            found = lyapunov_spectrum(subject, time, integrator, count=count, **given)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
@@ -122,6 +136,10 @@ def transits(
         ),
     ] = None,
     masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
+    elements: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BODY.KEY", help="Orbital element to differentiate by, such as b.e; repeat for several."),
+    ] = None,
     integrator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Default: the file's if it suits, else gauss-radau15.")
     ] = None,
@@ -140,7 +158,7 @@ def transits(
     with progress_bar(quiet) as bar:
         found = transits_of(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
-            within=_amount(within), masses=masses, integrator=integrator, threads=threads, progress=bar("running"),
+            within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads, progress=bar("running"),
             **options,
         )  # fmt: skip
     show_found(found, json_file, overwrite)

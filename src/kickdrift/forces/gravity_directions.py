@@ -1,4 +1,4 @@
-"""Slopes of gravity along many deviations at once, eight in the lanes of a register."""
+"""Slopes of gravity along many deviations at once, eight in the lanes of a register, and its second derivatives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.kernel import OK, kernel, run_body
+from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.variations_kernel import add_own
 from kickdrift.jit.compile import as_written, in_order, never_inline
 from kickdrift.jit.memory import flat, masked_load, masked_store
 from kickdrift.jit.vector3 import dot, vector3
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 
 
 class GravityAlong(NamedTuple):
-    """Gravity and its variations in closed form, along any number of deviations."""
+    """Gravity and its variations in closed form, along any number of deviations.
+
+    The first ``first`` deviations are of order 1. Behind them are those of order 2, one for each pair of these in the
+    order (0, 0), (0, 1), …, (1, 1), (1, 2), …; there may be none.
+    """
 
     force: Any  # bound to the particles without deviations
     phase: NDArray[np.float64]  # (2, 3, n) positions and velocities of the particles
@@ -29,30 +34,27 @@ class GravityAlong(NamedTuple):
     softening2: float
     gm: NDArray[np.float64]  # (n,)
     varied_gm: NDArray[np.float64]  # (n directions,) slope of G m along each deviation; empty if masses stay
+    first: int
 
 
-def bind(force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None) -> GravityAlong:
+def bind(
+    force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None, first: int
+) -> GravityAlong:
     """Bind gravity to a System, its deviations, and the slopes of its masses (n, directions)."""
     n, G = len(system), gravitational_constant(force.name, force.G, system)
     varied = np.zeros(0) if masses is None else np.ascontiguousarray(G * masses).reshape(-1)
     room = force.bind(system, threads), np.zeros((2, 3, n)), np.zeros((3, n))
-    return GravityAlong(*room, force.softening**2, G * system.state.masses, varied)
+    return GravityAlong(*room, force.softening**2, G * system.state.masses, varied, first)
 
 
 @kernel(GravityAlong)
 def gravity_along(force, t, x, v, a, sums):
-    phase, own = force.phase, force.a
-    n = own.shape[1]
-    for k in range(3):
-        for i in range(n):
-            phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
-    status = run_body(force.force, t, phase[0], phase[1], own, sums)
+    status = add_own(force, t, x, v, a, sums)
     if status != OK:
         return status
-    for k in range(3):
-        for i in range(n):
-            a[k, i] += own[k, i]
     slopes_of_pairs(force, x, a)
+    if x.shape[1] > force.a.shape[1] * (1 + force.first):
+        bends_of_pairs(force, x, a)
     return OK
 
 
@@ -82,6 +84,48 @@ def slopes_of_pairs(force, x, a):
                     on_other = on_other - masked_load(force.varied_gm, own, count) * pull
                 add_vectors(a, n + own, size, count, on_own)
                 add_vectors(a, n + other, size, count, on_other)
+
+
+@in_order
+def bends_of_pairs(force, x, a):
+    """Add what two deviations u and w of order 1 do together to the deviation of order 2: for all pairs of bodies,
+    G m times -3 ((d . u) w + (d . w) u + (u . w) d - 5 (d . u) (d . w) d / r^2) / r^5, and the slope along each of them
+    times the slope of G m along the other."""
+    never_inline()
+    n, size, first = force.a.shape[1], x.shape[1], force.first
+    directions = size // n - 1
+    for i in range(n):
+        for j in range(i):
+            d = vector3(x[0, j] - x[0, i], x[1, j] - x[1, i], x[2, j] - x[2, i])
+            inverse = 1.0 / math.sqrt(dot(d, d) + force.softening2)
+            weight, square = inverse * inverse * inverse, inverse * inverse
+            row, other = n + i * directions, n + j * directions
+            column = first
+            for one in range(first):
+                u = vector3(
+                    x[0, other + one] - x[0, row + one],
+                    x[1, other + one] - x[1, row + one],
+                    x[2, other + one] - x[2, row + one],
+                )
+                ud = dot(u, d)
+                for two in range(one, first, WIDTH):
+                    count = min(WIDTH, first - two)
+                    w = vectors_at(x, other + two, size, count) - vectors_at(x, row + two, size, count)
+                    wd = dot(w, d)
+                    bend = ud * w + wd * u + (dot(w, u) - (5.0 * square * ud) * wd) * d
+                    bend = (-3.0 * weight * square) * bend
+                    on_own, on_other = force.gm[j] * bend, -force.gm[i] * bend
+                    if force.varied_gm.size > 0:
+                        along_u = weight * (u - (3.0 * square * ud) * d)
+                        along_w = weight * (w - (3.0 * square * wd) * d)
+                        own_gm, other_gm = i * directions, j * directions
+                        on_own = on_own + force.varied_gm[other_gm + one] * along_w
+                        on_own = on_own + masked_load(force.varied_gm, other_gm + two, count) * along_u
+                        on_other = on_other - force.varied_gm[own_gm + one] * along_w
+                        on_other = on_other - masked_load(force.varied_gm, own_gm + two, count) * along_u
+                    add_vectors(a, row + column, size, count, on_own)
+                    add_vectors(a, other + column, size, count, on_other)
+                    column += count
 
 
 @as_written

@@ -1,7 +1,7 @@
-"""The variational equation of a Problem: y' = f(t, y) and d' = J(t, y) d, as one Problem.
+"""The variational equation of a Problem: y' = f(t, y) and d' = J(t, y) d for each deviation d, as one Problem.
 
 J d comes from the Problem's Jacobian, or from central differences of f along d. A separable Problem stays separable:
-its unknowns are then the positions of y, the positions of d, the velocities of y and the velocities of d.
+its unknowns are then the positions of y, the positions of each d, the velocities of y and the velocities of each d.
 """
 
 from __future__ import annotations
@@ -27,42 +27,48 @@ SAME = 1e-9  # relative difference between a compiled Jacobian and plain Python'
 
 
 def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArray[np.int64]]:
-    """The Problem with a deviation.
+    """The Problem with a deviation, or several.
 
     Parameters
     ----------
-    deviation : (n,) at the start
+    deviation : (n,) at the start, or (k, n) for k deviations
 
     Returns
     -------
-    A Problem of 2 n unknowns, and where the deviation's numbers stand among them, (n,).
+    A Problem of (1 + k) n unknowns, and where the deviation's numbers stand among them, of the shape of ``deviation``.
 
     Raises
     ------
     InputError
         If f does not compile.
     """
-    n, half = len(problem), len(problem) // 2
-    own = np.arange(n) + (half * (np.arange(n) >= half) if problem.separable else 0)
-    place = np.setdiff1d(np.arange(2 * n), own)
+    n, half, count = len(problem), len(problem) // 2, 1 if deviation.ndim == 1 else len(deviation)
+    if problem.separable:
+        places = np.arange((1 + count) * n).reshape(2, 1 + count, half).swapaxes(0, 1).reshape(1 + count, n)
+    else:
+        places = np.arange((1 + count) * n).reshape(1 + count, n)
+    own, place = places[0].copy(), places[1:].copy()
     used: list[Callback] = []  # machine code that f calls by its address
     slope = _slope(problem, used)
     product = _product(problem, slope, used)
     first = half if problem.separable else 0  # of the rows that are not known
 
     def f(t, both):
-        y, d = both[own], both[place]
-        dy, dd = slope(t, y), product(t, y, d)
-        out = np.empty(2 * n)
+        y, out = both[own], np.empty((1 + count) * n)
+        dy = slope(t, y)
         for i in range(n):
             out[own[i]] = dy[i]
-            out[place[i]] = dd[i] if i >= first else d[half + i]
+        for k in range(count):
+            d = both[place[k]]
+            dd = product(t, y, d)
+            for i in range(n):
+                out[place[k, i]] = dd[i] if i >= first else d[half + i]
         return out
 
     f.used = used  # type: ignore[attr-defined]
     energy = problem.energy
-    start = np.empty(2 * n)
-    start[own], start[place] = problem.y0, deviation
+    start = np.empty((1 + count) * n)
+    start[own], start[place] = problem.y0, deviation.reshape(count, n)
     made = replace(
         problem,
         f=f,
@@ -74,7 +80,7 @@ def varied_problem(problem: Problem, deviation: Floats) -> tuple[Problem, NDArra
         equation="",
         parameters={},
     )
-    return made, place
+    return made, place.reshape(deviation.shape)
 
 
 def _slope(problem: Problem, used: list[Callback]) -> Slope:

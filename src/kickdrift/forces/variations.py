@@ -1,9 +1,12 @@
-"""Forces with their first-order variations: deviation vectors move as additional particles.
+"""Forces with their variations: deviation vectors move as additional particles.
 
 A *varied* System has n (1 + k) particles: the n particles of the System, then k massless deviations of particle 0, k of
 particle 1, and so on. The accelerations of the deviations follow the variational equations, a' = (da/dx) dx + (da/dv)
 dv + (da/dm) dm. Any integrator of y' = f(t, y) moves both; its step for the deviations is the derivative of its step
 for the particles.
+
+Deviations of order 2 are second derivatives along two deviations of order 1. They obey the same equation, and the
+second derivative of the force along these two is added.
 """
 
 from __future__ import annotations
@@ -31,18 +34,23 @@ class Varied:
     Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
     forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
     some 1e-10; after the first evaluation ``differs`` tells which. Pair forces on a neighbour list and gravity by a
-    tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone.
+    tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone. ``first``
+    is the number of deviations of order 1 among the k; gravity alone has those of order 2.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
 
-    def __init__(self, force: Any, system: System, masses: Floats | None = None, along: int = 1) -> None:
+    def __init__(
+        self, force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
+    ) -> None:
         if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         self.force, self.system, self.name = force, system, force.name
-        self._masses, self._along = masses, along
+        self._masses, self._along, self._first = masses, along, along if first is None else first
+        if self._first < along and not isinstance(force, Gravity):
+            raise InputError(f"force {force.name!r}: has no variational equations of second order; gravity alone has them")
         self._found: Any = None
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))
@@ -62,16 +70,23 @@ class Varied:
         from kickdrift.forces import gravity_directions, variations_kernel
 
         if isinstance(self.force, Gravity) and (self._along > 1 or self._masses is not None):
-            return gravity_directions.bind(self.force, self.system, threads, self._masses)
+            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._first)
         parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
         self._found = getattr(parts, "found", None)
         return parts
 
 
-def varied(system: System, deviations: Floats, masses: Floats | None = None, pushes: Iterable[Push] = ()) -> System:
+def varied(
+    system: System,
+    deviations: Floats,
+    masses: Floats | None = None,
+    pushes: Iterable[Push] = (),
+    first: int | None = None,
+) -> System:
     """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle
     0, then k of particle 1, and so on. ``masses`` (n, k) are the slopes of the masses along them, for gravity;
-    ``pushes`` add what other numbers do."""
+    ``pushes`` add what other numbers do. The first ``first`` of the k are of order 1, default all; the others are
+    of order 2, as `gravity_directions.GravityAlong` orders them."""
     from kickdrift.model.starts.builders import check_overlaps
     from kickdrift.model.system import System
 
@@ -84,7 +99,7 @@ def varied(system: System, deviations: Floats, masses: Floats | None = None, pus
     more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
     made = System(
         x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
-        [*(Varied(force, system, masses, along) for force in system.forces), *pushes], system.units,
+        [*(Varied(force, system, masses, along, first) for force in system.forces), *pushes], system.units,
         name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
     return made.at(made.state.phase, system.state.time)

@@ -59,6 +59,22 @@ def bind(force: Any, system: System, threads: int, analytic: bool) -> VariedGrav
     return VariedForce(*room, numbers, np.zeros((2, 3, n)), np.zeros((3, n)), np.zeros((3, n)), np.zeros(1))
 
 
+@jit
+def add_own(force, t, x, v, a, sums):
+    """Add the particles' own accelerations, by the force without deviations. Return a status."""
+    phase, own = force.phase, force.a
+    for k in range(3):
+        for i in range(own.shape[1]):
+            phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
+    status = run_body(force.force, t, phase[0], phase[1], own, sums)
+    if status != OK:
+        return status
+    for k in range(3):
+        for i in range(own.shape[1]):
+            a[k, i] += own[k, i]
+    return OK
+
+
 @chunk_task
 def slope_of_acceleration(varied, i):
     """Return the variation of the acceleration of body i."""
@@ -68,38 +84,27 @@ def slope_of_acceleration(varied, i):
 
 @kernel(VariedGravity)
 def varied_gravity(force, t, x, v, a, sums):
-    phase, own, sources = force.phase, force.a, force.sources
-    n = own.shape[1]
-    for k in range(3):
-        for i in range(n):
-            phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
-            sources.x[k, i], sources.u[k, i] = x[k, i], x[k, n + i]
-    status = run_body(force.force, t, phase[0], phase[1], own, sums)
+    status = add_own(force, t, x, v, a, sums)
     if status != OK:
         return status
+    sources, n = force.sources, force.a.shape[1]
+    for k in range(3):
+        for i in range(n):
+            sources.x[k, i], sources.u[k, i] = x[k, i], x[k, n + i]
     each_chunk(force, force.chunks, "slope_of_acceleration")
     for k in range(3):
         for i in range(n):
-            a[k, i] += own[k, i]
             a[k, n + i] += sources.slope[k, i]
     return OK
 
 
 @kernel(VariedForce)
 def varied_force(force, t, x, v, a, sums):
-    phase, own = force.phase, force.a
-    n = own.shape[1]
-    directions = x.shape[1] // n - 1
-    for k in range(3):
-        for i in range(n):
-            phase[0, k, i], phase[1, k, i], own[k, i] = x[k, i], v[k, i], 0.0
-    status = run_body(force.force, t, phase[0], phase[1], own, sums)
+    status = add_own(force, t, x, v, a, sums)
     if status != OK:
         return status
-    for k in range(3):
-        for i in range(n):
-            a[k, i] += own[k, i]
-    duals = force.duals
+    n, duals = force.a.shape[1], force.duals
+    directions = x.shape[1] // n - 1
     xs, vs, slopes = dual_rows(duals[0], n), dual_rows(duals[1], n), dual_rows(duals[2], n)
     for first in range(0, directions, WIDTH):
         count = min(WIDTH, directions - first)

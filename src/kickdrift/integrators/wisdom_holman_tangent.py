@@ -3,7 +3,7 @@
 The Kepler drift is differentiated through its equation (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468): the root
 X of F(X, p) = 0 has the slope dX/dp = -(dF/dp) / (dF/dX). One step of Newton's method on duals gives this slope, and
 the rest of the drift is a formula. A body's drift has seven slopes, which serve all columns. Coordinates are Jacobi's.
-Masses may vary as well.
+Masses may vary as well. `wisdom_holman_tangent_kicks` has the kicks.
 """
 
 from __future__ import annotations
@@ -14,15 +14,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.kernel import OK
 from kickdrift.integrators.kepler import lagrange, one_g, one_solution
+from kickdrift.integrators.wisdom_holman_tangent_kicks import (
+    INERTIAL,
+    MASSES,
+    ROWS,
+    V,
+    X,
+    from_jacobi,
+    kick_blocks,
+    to_jacobi,
+)
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
-from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
+from kickdrift.jit.dual_operators import put_vector, vector_at
 from kickdrift.jit.lanes import lane_numbers, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import flat, masked_load, masked_store, store
-from kickdrift.jit.vector3 import dot, vector3
+from kickdrift.jit.vector3 import vector3
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
@@ -30,11 +41,11 @@ from kickdrift.model.state import Floats
 class Tangents(NamedTuple):
     """A state with derivatives, on its way through the map; bodies in the order of Jacobi's coordinates.
 
-    Each block has eight columns. Its rows hold duals: positions, velocities, accelerations, work, and in the last row
-    the G m of the bodies and, behind them, the G M of the Kepler motions.
+    Each block has eight columns. Its rows hold duals: positions, velocities, work, and in row MASSES the G m of the
+    bodies and, behind them, the G M of the Kepler motions.
     """
 
-    rows: NDArray[np.float64]  # (blocks, 5, 3 n SLOT)
+    rows: NDArray[np.float64]  # (blocks, ROWS, 3 n SLOT)
     columns: int
 
 
@@ -42,7 +53,7 @@ def tangents(phase: Floats, slopes: Floats, gm: Floats, gm_slopes: Floats) -> Ta
     """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns) to Jacobi's
     coordinates. The central body comes first."""
     n, columns = len(gm), slopes.shape[-1]
-    made = Tangents(np.zeros((-(-columns // WIDTH), 5, 3 * n * SLOT)), columns)
+    made = Tangents(np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), columns)
     enter(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
     return made
 
@@ -60,7 +71,7 @@ def enter(blocks, columns, phase, slopes, gm, gm_slopes):
     for block in range(blocks.shape[0]):
         first = block * WIDTH
         count = min(WIDTH, columns - first)
-        masses = dual_rows(blocks[block, 4], n)
+        masses = dual_rows(blocks[block, MASSES], n)
         for i in range(n):
             masses[0, i] = dual(gm[i], masked_load(flat(gm_slopes), i * columns + first, count))
         total = as_dual(0.0)
@@ -84,7 +95,7 @@ def leave(blocks, columns, phase, slopes):
     for block in range(blocks.shape[0]):
         first = block * WIDTH
         count = min(WIDTH, columns - first)
-        masses, inertial = dual_rows(blocks[block, 4], n), dual_rows(blocks[block, 3], n)
+        masses, inertial = dual_rows(blocks[block, MASSES], n), dual_rows(blocks[block, INERTIAL], n)
         for half in range(2):
             from_jacobi(dual_rows(blocks[block, half], n), masses, inertial)
             for k in range(3):
@@ -94,51 +105,31 @@ def leave(blocks, columns, phase, slopes):
                     masked_store(flat(slopes), place, inertial[k, i].slope, count)
 
 
-@jit
-def to_jacobi(x, masses, whole):
-    """Change rows to Jacobi's: each body relative to the centre of mass of those before it. With ``whole``, column 0
-    becomes the centre of mass of all."""
-    centre = vector_at(x, 0)
-    for i in range(1, x.shape[1]):
-        relative = vector_at(x, i) - centre
-        put_vector(x, i, relative)
-        centre = centre + masses[2, i] * relative
-    if whole:
-        put_vector(x, 0, centre)
-
-
-@jit
-def from_jacobi(x, masses, inertial):
-    """inertial <- rows of Jacobi's coordinates."""
-    centre = vector_at(x, 0)
-    for i in range(x.shape[1] - 1, 0, -1):
-        relative = vector_at(x, i)
-        centre = centre - masses[2, i] * relative
-        put_vector(inertial, i, relative + centre)
-    put_vector(inertial, 0, centre)
-
-
 @driver
-def tangent_steps(blocks, n, drifts, kicks, dt, steps):
-    """Apply a row of drifts, each followed by its kick, ``steps`` times."""
+def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, order):
+    """Apply a row of drifts, each followed by its kick, ``steps`` times. Return a status.
+
+    ``stages`` are rows of drifts, kicks, the fractions of dt at the kicks, and the weights of the kernel's correction.
+    ``others`` (k, 2) are the addresses of the slopes of other forces and of their parts, and ``order`` (n,) the rows of
+    the bodies in the system.
+    """
     slopes, changes, pulls = np.empty(6 * n * WIDTH), np.empty((n, 6)), np.empty((n * (n + 1) // 2, 2))
-    for _ in range(steps):
+    drifts, kicks = stages[0], stages[1]
+    for step in range(steps):
         for stage in range(drifts.size):
             if drifts[stage] != 0.0:
-                fill_kepler(dual_rows(blocks[0, 0], n), dual_rows(blocks[0, 1], n), dual_rows(blocks[0, 4], n),
+                fill_kepler(dual_rows(blocks[0, X], n), dual_rows(blocks[0, V], n), dual_rows(blocks[0, MASSES], n),
                             drifts[stage] * dt, changes, slopes)  # fmt: skip
                 for block in range(blocks.shape[0]):
-                    x, v = dual_rows(blocks[block, 0], n), dual_rows(blocks[block, 1], n)
-                    drift_duals(x, v, dual_rows(blocks[block, 4], n), drifts[stage] * dt, changes, slopes)
+                    x, v = dual_rows(blocks[block, X], n), dual_rows(blocks[block, V], n)
+                    drift_duals(x, v, dual_rows(blocks[block, MASSES], n), drifts[stage] * dt, changes, slopes)
             if kicks[stage] != 0.0:
-                for block in range(blocks.shape[0]):
-                    rows = blocks[block]
-                    x, v, a = dual_rows(rows[0], n), dual_rows(rows[1], n), dual_rows(rows[2], n)
-                    inertial, masses = dual_rows(rows[3], n), dual_rows(rows[4], n)
-                    from_jacobi(x, masses, inertial)
-                    if block == 0:
-                        fill_pulls(x, inertial, pulls)
-                    kick_duals(x, v, a, inertial, masses, kicks[stage] * dt, pulls)
+                h, t = kicks[stage] * dt, start + (first + step + stages[2, stage]) * dt
+                weight = stages[3, stage] * h * h
+                status = kick_blocks(blocks, n, h, weight, modified, t, others, order, pulls)
+                if status != OK:
+                    return status
+    return OK
 
 
 @jit
@@ -207,50 +198,3 @@ def kepler_duals(gm, dt, x, v):
     g = one_g(beta, root - excess / slope)
     f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, 1.0 / r0, eta, zeta, g)
     return f1 * x + (sign * g_) * v, (sign * fdot) * x + gdot1 * v
-
-
-@jit
-def fill_pulls(x, inertial, pulls):
-    """pulls (n (n + 1) / 2, 2) <- 1 / r^3 and 3 / r^2 for each pair of bodies, and then for each Kepler motion."""
-    row = 0
-    for i in range(x.shape[1]):
-        for j in range(i):
-            row = put_pull(pulls, row, vector_at(inertial, j).value - vector_at(inertial, i).value)
-    for i in range(1, x.shape[1]):
-        row = put_pull(pulls, row, vector_at(x, i).value)
-
-
-@jit
-def put_pull(pulls, row, d):
-    """Fill a row; return the number of the next one."""
-    square = 1.0 / dot(d, d)
-    pulls[row, 0], pulls[row, 1] = square * math.sqrt(square), 3.0 * square
-    return row + 1
-
-
-@jit
-def pulled(d, pull):
-    """Return d / r^3 for a dual separation d and its row of ``fill_pulls``."""
-    slope = d.slope - (pull[1] * dot(d.slope, d.value)) * d.value
-    return dual(pull[0] * d.value, pull[0] * slope)
-
-
-@jit
-def kick_duals(x, v, a, inertial, masses, dt, pulls):
-    """Kick by gravity less the attraction of the Kepler motions."""
-    n, row = x.shape[1], 0
-    for i in range(n):
-        put_vector(a, i, dual_vector((0.0, 0.0, 0.0)))
-    for i in range(n):
-        own = vector_at(a, i)
-        for j in range(i):
-            pull = pulled(vector_at(inertial, j) - vector_at(inertial, i), pulls[row])
-            own = own + masses[0, j] * pull
-            put_vector(a, j, vector_at(a, j) - masses[0, i] * pull)
-            row += 1
-        put_vector(a, i, own)
-    to_jacobi(a, masses, False)
-    for i in range(1, n):
-        push = vector_at(a, i) + masses[1, i] * pulled(vector_at(x, i), pulls[row])
-        put_vector(v, i, vector_at(v, i) + dt * push)
-        row += 1
