@@ -199,6 +199,7 @@ __all__ = [
     "System",
     "Tersoff",
     "Tides",
+    "TidesSpin",
     "Topology",
     "TransitionMatrix",
     "Transits",
