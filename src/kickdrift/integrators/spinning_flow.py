@@ -18,6 +18,8 @@ from kickdrift.looks.table import Looks
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 
+MOST = 256  # bodies whose pairs are all searched for events; the tree of more bodies knows no spins
+
 
 class SpinningFlow(ParticleFlow):
     """A System's bodies and their spins. y is (2, 3, 2 n): see ``forces.spins``."""
@@ -25,8 +27,10 @@ class SpinningFlow(ParticleFlow):
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         if mixed or coupling:
             raise InputError("tides-spin: takes neither mixed precision nor a barostat")
-        if len(system) == 0 or any(getattr(event, "action", "log") not in ("log", "stop") for event in system.events):
+        if any(getattr(event, "action", "log") not in ("log", "stop") for event in system.events):
             raise InputError("tides-spin: its bodies may neither merge nor leave; give events the action log or stop")
+        if len(system) > MOST and system.events:
+            raise InputError(f"tides-spin: takes events of up to {MOST} bodies; this system has {len(system)}")
         self._spins, self._inertia = first_spins(system)
         super().__init__(system, threads, jumps)
 
