@@ -207,6 +207,7 @@ __all__ = [
     "System",
     "Tersoff",
     "Tides",
+    "TidesSpin",
     "Topology",
     "TransitionMatrix",
     "Transits",

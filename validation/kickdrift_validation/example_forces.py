@@ -38,6 +38,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "gravity-sheet": {"omega": 1.0, "width": 40.0, "length": 60.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "tides": {"radius": 0.2, "tau": 0.01, "rotation": "none"},
+    "tides-spin": {"radius": 0.2, "inertia": 0.3, "spin": (0.3, 0.0, 1.0), "tau": 0.01},
     "radiation-pressure": {"c": 30.0},
     "non-gravitational": {"a2": 0.01, "scale": 1.0},
     "migration": {"tau_a": 100.0, "tau_e": 10.0, "tau_i": 10.0, "edge": 0.5},

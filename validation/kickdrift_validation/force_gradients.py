@@ -51,6 +51,7 @@ PLANETARY = "depends on velocity or time: kickdrift_validation.planetary_forces"
 NOT_GRADIENTS = dict.fromkeys(
     (
         "relativity-eih",
+        "tides-spin",
         "lense-thirring",
         "relativity-2.5pn",
         "non-gravitational",

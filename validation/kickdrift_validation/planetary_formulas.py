@@ -16,6 +16,8 @@ from mpmath import mp, mpf
 
 import kickdrift as kd
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.spins import spinning as spinning_force
+from kickdrift.integrators.flow import flow_of
 
 DIGITS = 50
 Bodies = list[Any]  # of vectors (3, 1)
@@ -227,6 +229,30 @@ def tidal(i: int, r: Any, v: Any, m: list[Any]) -> Any:
     return on_central - hut(k[i], radius[i], lag[i], spin, m[0], -r, -v) / m[i]
 
 
+INERTIAS = (0.07, 0.3, 0.4, 0.1, 0.2)
+
+
+def flattened(love: Any, radius: Any, spin: Any, r: Any) -> Any:
+    """Potential energy of a unit mass at r from a body that its rotation flattens: J2 = k2 S^2 R^3 / (3 G m)."""
+    return love * radius**5 * (3 * dot(spin, r) ** 2 / norm(r) ** 5 - dot(spin, spin) / norm(r) ** 3) / 6
+
+
+def spinning(x: Bodies, v: Bodies, m: list[Any], t: Any) -> Bodies:
+    """Accelerations of all bodies, and then of all spins, by the tide and the flattening of each body."""
+    n, zero = len(x), mp.matrix([0, 0, 0])
+    found = [zero] * (2 * n)
+    for i, (love, radius, lag) in enumerate(zip(LOVE, RADII, LAGS, strict=True)):
+        k, size, spin = mpf(love), mpf(radius), exact(SPINS[i])
+        for j in (other for other in range(n) if other != i and k):
+            r = x[j] - x[i]
+            push = hut(k, size, mpf(lag), spin, 1, r, v[j] - v[i]) * m[j]
+            push += slope(lambda at, k=k, size=size, spin=spin: flattened(k, size, spin, at), r)
+            found[j] += push
+            found[i] -= m[j] / m[i] * push
+            found[n + i] -= m[j] * cross(r, push) / (mpf(INERTIAS[i]) * m[i] * size**2)
+    return found
+
+
 # --- gas ---
 
 TIMES = {
@@ -304,6 +330,9 @@ FORMULAS: dict[str, Formula] = {
     "tides": Formula(
         kd.Tides(LOVE, RADII, LAGS, SPINS, rotation="pseudo-synchronous", G=1.0), around(tidal, True), "Hut 1981"
     ),
+    "tides-spin": Formula(
+        kd.TidesSpin(LOVE, RADII, INERTIAS, SPINS, LAGS, G=1.0), spinning, "Hut 1981; J2 = k2 S^2 R^3 / (3 G m)"
+    ),
     "migration": Formula(
         kd.Migration(**TIMES, edge=EDGE, width=WIDTH, pole=POLE, G=1.0),
         around(migrating, False),
@@ -331,13 +360,21 @@ def off(name: str) -> float:
     same body."""
     formula, (x, v) = FORMULAS[name], start()
     system = kd.System(x, v, MASSES, forces=[formula.force], units="nbody")
-    measured = BoundForces(system).measure(TIME, system.state.phase)
+    found = _measured(system)
     with mpmath.workdps(DIGITS):
         wanted = formula.accelerations(
             [exact(row) for row in x], [exact(row) for row in v], [mpf(m) for m in MASSES], mpf(TIME)
         )
         worst = 0.0
-        for found, a in zip(measured.accelerations.T, wanted, strict=True):
-            miss, size = norm(exact(found) - a), norm(a)
+        for row, a in zip(found, wanted, strict=True):
+            miss, size = norm(exact(row) - a), norm(a)
             worst = max(worst, float(miss / size) if size else float(miss))
     return worst
+
+
+def _measured(system: kd.System) -> np.ndarray:
+    """Accelerations (n, 3) of the bodies, and below them those of the spins, where spins evolve."""
+    if spinning_force(system) is None:
+        return BoundForces(system).measure(TIME, system.state.phase).accelerations.T
+    flow = flow_of(system, 1, jumps=True)
+    return flow.derivative(TIME, flow.array(system.state))[1].T

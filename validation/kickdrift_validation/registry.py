@@ -121,6 +121,7 @@ SCRIPTS = (
         45,
         peers=("mpmath",),
     ),
+    Script("tidal_spins.py", "spins that tides change", 15),
     Script("reboundx_forces.py", "forces of planetary science beside REBOUNDx", 15, peers=("rebound", "reboundx")),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),

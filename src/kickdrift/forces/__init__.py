@@ -35,6 +35,7 @@ from kickdrift.forces.relativity import PostNewtonian
 from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.forces.tersoff import Tersoff
 from kickdrift.forces.tides import Tides
+from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.forces.tree import GravityTree
 
 _ALL: tuple[Any, ...] = (
@@ -51,6 +52,7 @@ _ALL: tuple[Any, ...] = (
     RadiationReaction,
     Oblateness,
     Tides,
+    TidesSpin,
     RadiationPressure,
     NonGravitational,
     Migration,

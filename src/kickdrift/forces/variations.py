@@ -20,6 +20,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class Varied:
             raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
+        if isinstance(force, TidesSpin):
+            raise InputError(f"force {force.name!r}: spins that evolve have no variational equations; 'tides' has them")
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along, self._first = masses, along, along if first is None else first
         if self._first < along and not isinstance(force, Gravity):

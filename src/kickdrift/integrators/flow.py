@@ -6,8 +6,10 @@ y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a sepa
 from __future__ import annotations
 
 from kickdrift.errors import InputError
+from kickdrift.forces.spins import spinning
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.problem_flow import ProblemFlow
+from kickdrift.integrators.spinning_flow import SpinningFlow
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 
@@ -18,7 +20,8 @@ def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = 
     """Flow of a System or a Problem. With ``jumps``, trial steps may go far astray. With ``mixed``, pair forces are in
     mixed precision. A barostat's ``coupling`` says which edges change."""
     if isinstance(subject, System):
-        return ParticleFlow(subject, threads, jumps, mixed, coupling)
+        kind = SpinningFlow if spinning(subject) else ParticleFlow
+        return kind(subject, threads, jumps, mixed, coupling)
     if mixed and isinstance(subject, Problem):
         raise InputError(f"precision: mixed needs pair forces; {subject.name!r} is an ODE")
     if isinstance(subject, Problem):

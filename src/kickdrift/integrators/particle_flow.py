@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
@@ -28,9 +30,10 @@ class ParticleFlow(ParticleStates):
         super().__init__(system)
         self.live = LiveBox(system.box) if coupling else None
         lengths = self.live.lengths if self.live else None
-        self.forces = BoundForces(system, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
+        under = self._under(system)
+        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
         self._aside = BoundForces(
-            system, threads, thin=True, lengths=lengths
+            under, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists
         self._aside.follow(self.forces)
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
@@ -41,9 +44,13 @@ class ParticleFlow(ParticleStates):
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
 
+    def _under(self, system: System) -> Any:
+        """The forces of the flow, see ``BoundForces``."""
+        return system
+
     def _check_in_plane(self) -> None:
         """Refuse forces that push particles of a two-dimensional system out of the plane."""
-        measured = self._aside.measure(self.subject.state.time, self.subject.state.phase)
+        measured = self._aside.measure(self.subject.state.time, self.array(self.subject.state))
         off = np.flatnonzero(measured.accelerations[2] if measured is not None else 0)
         if len(off):
             raise InputError(

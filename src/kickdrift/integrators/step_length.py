@@ -93,7 +93,8 @@ def bound_by_gravity(system: System) -> float:
 
 def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:
     """Largest angular frequency of the motion linearised about y, in radians per time; 0 without oscillation."""
-    x = y[0]
+    n = len(flow.subject)
+    x = y[0, :, :n]
     scale = DIFFERENCE * float(np.abs(x).max())
 
     def slope(direction: Floats) -> Floats:
@@ -101,7 +102,7 @@ def fastest(flow: ParticleFlow, time: float, y: Floats) -> float:
         ends = []
         for sign in (1.0, -1.0):
             moved = y.copy()
-            moved[0] += sign * scale * direction
+            moved[0, :, :n] += sign * scale * direction
             found = flow.accelerations(moved, time)
             ends.append(np.full(x.shape, np.nan) if found is None else found)
         return (ends[0] - ends[1]) / (2 * scale)

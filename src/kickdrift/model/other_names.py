@@ -117,7 +117,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("frame-dragging gravitomagnetism", "{word} is 'lense-thirring' here"),
         ("gravitational-harmonics oblateness zonal zonal-harmonics j3 j4 j5 j6", "{word} is 'j2' here"),
         ("tide tides-constant-time-lag hut", "{word} is 'tides' here"),
-        ("tides-spin tides-dynamical", "{word} is not there; 'tides' has a constant time lag and given spins"),
+        ("tides-dynamical", "{word} is not there; 'tides' and 'tides-spin' have a constant time lag"),
         ("radiation radiation-forces poynting-robertson pr-drag light", "{word} is 'radiation-pressure' here"),
         ("yarkovsky yarkovsky-effect outgassing marsden", "{word} is 'non-gravitational' here"),
         (

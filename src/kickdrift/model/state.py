@@ -33,6 +33,8 @@ class State:
     time : float
     steps_done : int
         Steps begun since the start. At a look inside an adaptive step, that step counts.
+    spins : (3, n) float64, optional
+        Angular velocities of bodies whose spins evolve, see ``TidesSpin``; None for other bodies.
     """
 
     phase: Floats
@@ -41,6 +43,7 @@ class State:
     box: Box = field(default_factory=Box)
     time: float = 0.0
     steps_done: int = 0
+    spins: Floats | None = None
 
     def __len__(self) -> int:
         return self.phase.shape[2]
@@ -61,4 +64,6 @@ class State:
 
     def copy(self) -> State:
         """Return a State that shares no memory with this one."""
-        return State(self.phase.copy(), self.masses.copy(), self.ids.copy(), self.box, self.time, self.steps_done)
+        spins = None if self.spins is None else self.spins.copy()
+        copied = self.phase.copy(), self.masses.copy(), self.ids.copy()
+        return State(*copied, self.box, self.time, self.steps_done, spins)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.forces.spins import spinning
 from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
@@ -57,8 +58,10 @@ def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
 
 
 def with_body_columns(columns: Any, run: Integration) -> Any:
-    """The user's columns, and the masses and radii of bodies that collisions may change."""
+    """The user's columns, and the masses and radii of bodies that collisions may change, and spins that evolve."""
     own = run.events.roster.columns() if run.events else []
+    if spinning(run.system):
+        own.append(Column("spins", "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))  # type: ignore[arg-type]
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from kickdrift.forces.body_law import BodyForce
 from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.spins import UnderSpins, spinning
 from kickdrift.looks.columns import Column
 from kickdrift.looks.observers import Sample
 from kickdrift.model.state import Floats
@@ -90,15 +91,17 @@ class Meter:
         """Power and potential energy now; nan if the forces are not finite."""
         if sim.system is not self._system:  # a new system after a body has left
             self._system = sim.system
-            self._forces = BoundForces(sim.system.under(working(sim.system)[self._name]))
+            under = sim.system.under(working(sim.system)[self._name])
+            self._forces = BoundForces(UnderSpins(under) if spinning(sim.system) else under)
             self._last = (None, (np.nan, np.nan))
         where = sim.steps_done, sim.time
         if self._last[0] != where:
-            phase = sim.state.phase
-            measured = self._forces.measure(sim.time, phase)
+            phase, n = sim.state.phase, len(sim.system)
+            seen = sim.integration.y.copy() if spinning(sim.system) else phase
+            measured = self._forces.measure(sim.time, seen)
             power = np.nan
             if measured is not None:
-                power = float(np.einsum("i,ki,ki->", sim.system.coherent_masses, phase[1], measured.accelerations))
+                power = float(np.einsum("i,ki,ki->", sim.system.coherent_masses, phase[1], measured.accelerations[:, :n]))
             self._last = where, (power, np.nan if measured is None else float(measured.potential))
         return self._last[1]
 
