@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import SLOTS
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
 from kickdrift.integrators.gauss_radau_tables import tables
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
+from kickdrift.integrators.trace_others import INSIDE, KICKS
 from kickdrift.integrators.trace_path import points_inside
 from kickdrift.integrators.trace_state import (
     COUNTS,
@@ -49,6 +52,7 @@ class TraceStepper(WisdomHolmanStepper):
 
     def __init__(self, flow: Flow, way: int, inner: int, options: Options) -> None:
         self._way, self._inner, self._hill_radii = way, inner, options.hill_radii
+        self._moving = flow.not_separable is not None
         super().__init__(flow, LEAPFROG, options)
 
     def _place(self, system: System) -> None:
@@ -56,6 +60,8 @@ class TraceStepper(WisdomHolmanStepper):
         bodies = self._bodies
         slots, massive = bodies.table.shape[1], bodies.massive
         room = massive + 1
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        groups = np.array([KICKS if isinstance(force, ListedForce) else INSIDE for force in others], np.int64)
         width = BLOCK * -(-3 * room // BLOCK) + BLOCK
         heavy = (bodies.table[SOURCE] / (3.0 * bodies.gm)) ** (1 / 3)
         self._reach = aligned((slots,))
@@ -69,10 +75,14 @@ class TraceStepper(WisdomHolmanStepper):
             kept=aligned((6, slots)),
             meeting=Meeting(
                 slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
+                acts=np.zeros(room, np.uint8),
                 size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
                 work=aligned((ROWS * width,)),
             ),
-            tables=tables(), way=self._way, inner=self._inner,
+            tables=tables(), groups=groups,
+            present=np.array([KICKS in groups, INSIDE in groups], np.uint8), span=np.zeros(2),
+            speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=self._moving,
+            way=self._way, inner=self._inner,
         )  # fmt: skip
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
