@@ -149,9 +149,9 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
             return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
         if coordinates == JACOBI:
             return run.changed(integrator="wisdom-holman", corrector=own.corrector, kernel=kernel), []
-    if method == "trace" and central and own.peri_crit_eta in (0.0, 1.0) and not _own_switch(own):
+    if method == "trace" and central and own.peri_crit_eta in (1.0, math.inf) and not _own_switch(own):
         way, inner = PASSAGES[str(own.peri_mode)]
-        way = way if own.peri_crit_eta else "none"
+        way = way if own.peri_crit_eta == 1.0 else "none"
         return run.changed(integrator="trace", hill_radii=own.r_crit_hill, pericentre=way, inner=inner), []
     if method == "sei" and sim.OMEGA:
         return run.changed(integrator="sei"), []
@@ -303,7 +303,7 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator.r_crit_hill = own["hill_radii"]
         sim.integrator.peri_mode = passage_of(own["pericentre"], own["inner"])
         if own["pericentre"] == "none":
-            sim.integrator.peri_crit_eta = 0.0
+            sim.integrator.peri_crit_eta = math.inf  # no step is longer than this times the time scale
         return []
     order_there = key_of(SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:

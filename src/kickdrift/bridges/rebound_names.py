@@ -15,7 +15,7 @@ LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 
 
 def passage_of(pericentre: str, inner: str) -> str:
-    """Return rebound's peri_mode. Its partial passages have one method, and without passages the mode does not matter."""
+    """Return rebound's peri_mode. Partial passages have one method there, and runs without passages need no mode."""
     return next((mode for mode, pair in PASSAGES.items() if pair == (pericentre, inner)), "PARTIAL_BS")
 
 

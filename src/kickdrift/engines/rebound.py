@@ -47,7 +47,8 @@ def refusal(job: Job) -> str | None:
             return f"integrator {job.named!r}: Kepler orbits need gravity without softening"
         if np.argmax(masses) != 0:
             return f"integrator {job.named!r}: rebound's central body is the first, but {system.body(0)} is lighter"
-        if job.method.name in KEPLER and options.coordinates not in (COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)):
+        known = COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)
+        if job.method.name in KEPLER and options.coordinates not in known:
             return f"coordinates {options.coordinates!r}: rebound's {job.method.name} has jacobi"
     if job.method.name == "saba" and not key_of(SABA, options.order or ""):
         return f"order {options.order!r}: rebound's saba has {', '.join(SABA.values())}"
