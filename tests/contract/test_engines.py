@@ -128,6 +128,7 @@ CASES = [
     ("rebound", planets, {"integrator": "wisdom-holman", "dt": 0.1, "corrector": 17}),
     ("rebound", planets, {"integrator": "wisdom-holman", "dt": 0.1, "coordinates": "democratic-heliocentric"}),
     ("rebound", planets, {"integrator": "saba", "dt": 0.1, "order": "8,2"}),
+    ("rebound", planets, {"integrator": "trace", "dt": 0.1}),
     ("rebound", lambda: kd.load("test-particles-1000"), {"integrator": "leapfrog-dkd", "dt": 0.001}),
     ("lammps", liquid, MD),
     ("lammps", of_argon, MD),

@@ -17,16 +17,17 @@ import numpy as np
 import rebound
 from rebound.units import lengths_SI, masses_SI, times_SI
 
-from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, SABA, key_of
+from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, PASSAGES, SABA, key_of, passage_of
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Gravity, Hill
 from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.option import JACOBI, STANDARD
+from kickdrift.integrators.option import HILL_RADII, INNER, JACOBI, PERICENTRE, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
 
+TRACE = (HILL_RADII, PERICENTRE, INNER)
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
 NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
@@ -148,11 +149,26 @@ def _run(sim: Any, masses: Floats) -> tuple[RunDefaults, list[str]]:
             return run.changed(integrator="wisdom-holman", coordinates=coordinates, corrector=own.corrector), []
         if coordinates == JACOBI:
             return run.changed(integrator="wisdom-holman", corrector=own.corrector, kernel=kernel), []
+    if method == "trace" and central and own.peri_crit_eta in (1.0, math.inf) and not _own_switch(own):
+        way, inner = PASSAGES[str(own.peri_mode)]
+        way = way if own.peri_crit_eta == 1.0 else "none"
+        return run.changed(integrator="trace", hill_radii=own.r_crit_hill, pericentre=way, inner=inner), []
     if method == "sei" and sim.OMEGA:
         return run.changed(integrator="sei"), []
     if method == "saba" and central and str(own.type) in SABA:
         return run.changed(integrator="saba", order=SABA[str(own.type)], coordinates=JACOBI), []
     return RunDefaults(), [f"integrator {method!r} with its settings and its step"]
+
+
+def _own_switch(own: Any) -> bool:
+    """Tell whether a user's function decides where trace's encounters or passages begin."""
+    for key in ("S", "S_peri"):
+        try:
+            if getattr(own, key):
+                return True
+        except TypeError:  # rebound cannot read a pointer that was never set
+            pass
+    return False
 
 
 def _tell(what: str, untaken: list[str]) -> None:
@@ -279,6 +295,15 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
         sim.integrator.corrector = run.options.get("corrector", 0)
         sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
+        return []
+    if run.integrator == "trace" and central:
+        given = {key: run.options.get(key) for key in ("hill_radii", "pericentre", "inner")}
+        own = {each.name: each.default if given[each.name] is None else given[each.name] for each in TRACE}
+        sim.integrator = "trace"
+        sim.integrator.r_crit_hill = own["hill_radii"]
+        sim.integrator.peri_mode = passage_of(own["pericentre"], own["inner"])
+        if own["pericentre"] == "none":
+            sim.integrator.peri_crit_eta = math.inf  # no step is longer than this times the time scale
         return []
     order_there = key_of(SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:

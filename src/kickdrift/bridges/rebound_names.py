@@ -7,7 +7,16 @@ from kickdrift.integrators.option import COMPOSITION, HELIOCENTRIC, JACOBI, LAZY
 COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
 KERNELS = {"DEFAULT": STANDARD, "LAZY": LAZY, "COMPOSITION": COMPOSITION, "MODIFIEDKICK": MODIFIED_KICK}
 SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
+PASSAGES = {  # pericentre and inner of trace, by rebound's peri_mode; rebound's encounters are always bulirsch-stoer
+    "FULL_IAS15": ("full", "gauss-radau15"), "FULL_BS": ("full", "bulirsch-stoer"),
+    "PARTIAL_BS": ("partial", "bulirsch-stoer"),
+}  # fmt: skip
 LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
+
+
+def passage_of(pericentre: str, inner: str) -> str:
+    """Return rebound's peri_mode. Partial passages have one method there, and runs without passages need no mode."""
+    return next((mode for mode, pair in PASSAGES.items() if pair == (pericentre, inner)), "PARTIAL_BS")
 
 
 def key_of(table: dict[str, str], ours: str) -> str:

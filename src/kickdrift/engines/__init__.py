@@ -155,10 +155,10 @@ ENGINES: dict[str, Engine] = {
             ("ase",), ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
         ),
         Engine(
-            "rebound", "gravity in open space: rebound's leapfrog, whfast, saba and ias15", ("rebound",), ("5",),
+            "rebound", "gravity in open space: rebound's leapfrog, whfast, saba, trace and ias15", ("rebound",), ("5",),
             {
                 "leapfrog-dkd": "leapfrog", "forest-ruth": "leapfrog of order 4", "wisdom-holman": "whfast",
-                "saba": "saba", "gauss-radau15": "ias15",
+                "saba": "saba", "trace": "trace", "gauss-radau15": "ias15",
             },
         ),
         Engine(

@@ -1,4 +1,4 @@
-"""rebound: its leapfrog, whfast, saba and ias15 under its own gravity.
+"""rebound: its leapfrog, whfast, saba, trace and ias15 under its own gravity.
 
 Whfast and saba run without safe mode and keep the unsynchronised state (Rein & Tamayo 2015, doi:10.1093/mnras/stv1257).
 A sample is a synchronised copy, so it never changes a run. Inside a step of ias15, a copy goes back from the last step
@@ -27,6 +27,7 @@ from kickdrift.model.system import System
 
 ADAPTIVE = "gauss-radau15"
 KEPLER = ("wisdom-holman", "saba")
+OWN = ("kernel", "hill_radii", "pericentre", "inner")  # further options that rebound has
 
 
 def refusal(job: Job) -> str | None:
@@ -41,12 +42,13 @@ def refusal(job: Job) -> str | None:
         return "box: rebound's periodic boundaries differ from kickdrift's"
     if system.units.coherent_mass != 1.0:
         return f"units {system.units.name!r}: rebound needs units in which force is mass times acceleration"
-    if job.method.name in KEPLER:
+    if job.method.name in (*KEPLER, "trace"):
         if not system.forces or system.forces[0].softening:
             return f"integrator {job.named!r}: Kepler orbits need gravity without softening"
         if np.argmax(masses) != 0:
             return f"integrator {job.named!r}: rebound's central body is the first, but {system.body(0)} is lighter"
-        if options.coordinates not in (COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)):
+        known = COORDINATES.values() if job.method.name == "wisdom-holman" else ("jacobi",)
+        if job.method.name in KEPLER and options.coordinates not in known:
             return f"coordinates {options.coordinates!r}: rebound's {job.method.name} has jacobi"
     if job.method.name == "saba" and not key_of(SABA, options.order or ""):
         return f"order {options.order!r}: rebound's saba has {', '.join(SABA.values())}"
@@ -69,7 +71,8 @@ class ReboundSession(Session):
             job.system,
             RunDefaults(
                 job.method.name, options.dt, rtol=options.rtol, coordinates=options.coordinates,
-                corrector=options.corrector, order=options.order, kernel=options.get("kernel"),
+                corrector=options.corrector, order=options.order,
+                **{name: options.get(name) for name in OWN},
             ),
         )  # fmt: skip
         self._probe: Any = None

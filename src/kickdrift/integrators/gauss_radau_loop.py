@@ -37,10 +37,10 @@ from kickdrift.integrators.gauss_radau_series import (
     prepare,
     set_scale,
 )
-from kickdrift.integrators.gauss_radau_step import TERMS, next_step
+from kickdrift.integrators.gauss_radau_step import AGAIN, MOST, TERMS, next_step, verdict
 from kickdrift.integrators.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepper import STOPPED
-from kickdrift.jit.compile import driver, inlined, is_finite, strict
+from kickdrift.jit.compile import driver, inlined, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
@@ -50,10 +50,6 @@ from kickdrift.jit.vectors import WIDTH
 # Further slots of the clock: the rounding error of the last step point, the ratio of the last two steps' lengths, and
 # the number of consecutive steps that were too long although the shortest possible.
 LOST_TIME, RATIO, SHORTEST = range(4, 7)
-MOST = 25  # iterations
-CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
-ROUNDED = 1e-9  # a stalled residual below this is rounding; above, the iteration diverges
-PATIENCE = 3  # iterations in which residuals may grow, after a first guess
 SHORTEST_MOST = 100  # most consecutive steps of that length
 NEAR = 1000.0  # shortest steps before the end: a vanishing step there goes directly to the end
 SHORTER = 0.25  # a step is rejected if the next would be shorter by this factor; none grows by more than its inverse
@@ -85,20 +81,11 @@ def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, ve
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
         missed = lane_max(worst)
-        if missed == 0.0:
-            return OK
-        if count > 0:
-            if missed * missed / residual <= CONVERGED:
-                return OK
-            if missed >= residual:
-                if missed <= ROUNDED:
-                    return OK
-                if count >= PATIENCE:
-                    return BLOWN_UP
-        if not is_finite(missed):
-            return BLOWN_UP
+        status = verdict(count, missed, residual)
+        if status != AGAIN:
+            return status
         residual = missed
-    return OK if residual <= ROUNDED else BLOWN_UP
+    return BLOWN_UP
 
 
 @driver

@@ -15,15 +15,44 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.jit.compile import inlined
+from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.jit.compile import inlined, is_finite
 from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vectors import WIDTH
 
+MOST = 25  # iterations of a step
+CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
+ROUNDED = 1e-9  # a stalled residual below this is rounding; above, the iteration diverges
+PATIENCE = 3  # iterations in which residuals may grow, after a first guess
+AGAIN = -1  # verdict: iterate once more
 GUARD = 0.25  # fraction of the square of the next derivatives' time scale
 TERMS = 8  # terms of a(s), and number of its derivatives including itself
 UNSEEN = 1e-15  # fraction of a velocity: smaller changes in a step do not affect the step length
+
+
+@inlined
+def verdict(count, missed, residual):
+    """Return OK if a step's iteration has converged, BLOWN_UP if it diverges, and AGAIN if it goes on.
+
+    ``missed`` is the residual of iteration number ``count``, and ``residual`` that of the iteration before.
+    """
+    if missed == 0.0:
+        return OK
+    if count > 0:
+        if missed * missed / residual <= CONVERGED:
+            return OK
+        if missed >= residual:
+            if missed <= ROUNDED:
+                return OK
+            if count >= PATIENCE:
+                return BLOWN_UP
+    if not is_finite(missed):
+        return BLOWN_UP
+    if count < MOST - 1:
+        return AGAIN
+    return OK if missed <= ROUNDED else BLOWN_UP
 
 
 @inlined

@@ -8,7 +8,7 @@ import numpy as np
 
 from kickdrift.integrators.chosen_steps import BEFORE, ChosenSteps
 from kickdrift.integrators.chosen_steps import LAST as STEP_LAST
-from kickdrift.integrators.gauss_radau_loop import CONVERGED, MOST, gauss_radau_loop
+from kickdrift.integrators.gauss_radau_loop import gauss_radau_loop
 from kickdrift.integrators.gauss_radau_series import (
     BLOCK,
     GUESS,
@@ -21,6 +21,7 @@ from kickdrift.integrators.gauss_radau_series import (
     V,
     X,
 )
+from kickdrift.integrators.gauss_radau_step import CONVERGED, MOST
 from kickdrift.integrators.gauss_radau_tables import STAGES, tables
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps

@@ -43,7 +43,6 @@ class Trace(Method):
 
     family = "Kepler splitting"
     reversible = True
-    separable = True
     particles_only = True
     evaluations = 0
     float64_because = OWN_FORCES
@@ -62,6 +61,11 @@ class Trace(Method):
         if not isinstance(system, System):
             raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
         self.check(system)
+        if flow.not_separable and options.inner != METHODS[0]:
+            raise InputError(
+                f"inner: {options.inner} needs accelerations that depend on positions and time alone, and "
+                f"{flow.not_separable}; take {METHODS[0]}"
+            )
         from kickdrift.integrators.trace_stepper import TraceStepper
 
         return TraceStepper(flow, WAYS.index(options.pericentre), METHODS.index(options.inner), options)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
 from kickdrift.integrators.trace_meeting import SHORTEST, attract, note_path
 from kickdrift.integrators.trace_state import NUMBER
 from kickdrift.jit.compile import jit
@@ -21,8 +21,9 @@ X0, V0, A0, FIRST = 0, 1, 2, 3  # parts of the workspace, each of as many number
 
 
 @jit
-def leapfrog(hybrid, size, step, count):
-    """Move x and v from the step's start by ``count`` kicks and drifts."""
+def leapfrog(hybrid, others, size, done, step, count):
+    """Move x and v from the step's start, a time ``done`` after that of the map's step, by ``count`` kicks and drifts.
+    Return a status."""
     meeting = hybrid.meeting
     work, x, v, a = meeting.work, meeting.x, meeting.v, meeting.a
     part = step / count
@@ -30,12 +31,15 @@ def leapfrog(hybrid, size, step, count):
         v[i] = work[V0 * size + i] + 0.5 * part * work[A0 * size + i]
         x[i] = work[X0 * size + i] + part * v[i]
     for k in range(count):
-        attract(hybrid, x, a)
+        status = attract(hybrid, others, done + (k + 1) * part, x, a)
+        if status != OK:
+            return status
         last = k == count - 1
         for i in range(size):
             v[i] += (0.5 * part if last else part) * a[i]
             if not last:
                 x[i] += part * v[i]
+    return OK
 
 
 @jit
@@ -68,11 +72,14 @@ def extrapolated(hybrid, size, k):
 
 
 @jit
-def converge(hybrid, size, step):
-    """Try one step from the start in ``work``. Return its last row, or COLUMNS if it does not converge."""
+def converge(hybrid, others, size, done, step):
+    """Try one step from the start in ``work``. Return its last row, COLUMNS if it does not converge, or -1 if a force
+    raised an error."""
     before = 1e300
     for k in range(COLUMNS):
-        leapfrog(hybrid, size, step, 2 * (k + 1))
+        status = leapfrog(hybrid, others, size, done, step, 2 * (k + 1))
+        if status != OK:
+            return -1 if status == RAISED else COLUMNS
         error = extrapolated(hybrid, size, k)
         if k > 0:
             if error <= TOLERANCE:
@@ -84,7 +91,7 @@ def converge(hybrid, size, step):
 
 
 @jit
-def follow_by_extrapolation(hybrid, h):
+def follow_by_extrapolation(hybrid, others, h):
     """Move the bodies of ``meeting`` from x and v over a time h. Return a status."""
     meeting = hybrid.meeting
     work, size = meeting.work, 3 * meeting.size[NUMBER]
@@ -95,16 +102,20 @@ def follow_by_extrapolation(hybrid, h):
         step = rest / parts if parts > 1 else rest
         for i in range(size):
             work[X0 * size + i], work[V0 * size + i] = meeting.x[i], meeting.v[i]
-        attract(hybrid, meeting.x, meeting.a)
+        status = attract(hybrid, others, done, meeting.x, meeting.a)
+        if status != OK:
+            return status
         for i in range(size):
             work[A0 * size + i] = meeting.a[i]
-        k = converge(hybrid, size, step)
+        k = converge(hybrid, others, size, done, step)
         while k == COLUMNS:
             step *= 0.3
             parts = 2
             if not step > SHORTEST * h:
                 return BLOWN_UP
-            k = converge(hybrid, size, step)
+            k = converge(hybrid, others, size, done, step)
+        if k < 0:
+            return RAISED
         done = h if parts <= 1 else done + step
         note_path(hybrid, done)
         step *= 1.6 if k < AIM - 1 else (1.2 if k < AIM else (0.9 if k == AIM else 0.7))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.trace_extrapolation import follow_by_extrapolation
 from kickdrift.integrators.trace_meeting import follow, note_path
+from kickdrift.integrators.trace_others import INSIDE, meets_any, momentum
 from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FULL, GAUSS_RADAU, HEAVY, NUMBER
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, OTHERS, SOURCE
 from kickdrift.jit.compile import jit
@@ -19,9 +20,11 @@ ALONE = -1  # of a massive body in no group
 
 @jit
 def find_groups(hybrid):
-    """Number the groups of massive bodies that are near one another. Return how many there are."""
+    """Number the groups of massive bodies that are near one another. Return how many there are.
+
+    With other forces inside, all these bodies are one group: each may feel where the others are."""
     near, meets, group = hybrid.near, hybrid.meets, hybrid.group
-    massive, found = group.size, 0
+    massive, found, together = group.size, 0, hybrid.present[INSIDE] != 0
     for i in range(massive):
         group[i] = ALONE
     for i in range(massive):
@@ -34,7 +37,7 @@ def find_groups(hybrid):
             for j in range(massive):
                 if group[j] == found:
                     for k in range(massive):
-                        if near[j, k] and group[k] == ALONE:
+                        if group[k] == ALONE and (near[j, k] or (together and meets[k] > 0)):
                             group[k], grown = found, True
         found += 1
     return found
@@ -46,21 +49,12 @@ def join(hybrid, i, jumps):
     meeting = hybrid.meeting
     k = meeting.size[NUMBER]
     meeting.slots[k], meeting.gm[k], meeting.jumps[k] = i, hybrid.bodies.table[SOURCE, i], jumps
+    meeting.acts[k] = meets_any(hybrid, i)
     meeting.size[NUMBER] = k + 1
 
 
 @jit
-def momentum(hybrid, k):
-    """Sum of m v over m_0 of the bodies that meet, along axis k."""
-    meeting, share, total = hybrid.meeting, hybrid.bodies.table[OTHERS], 0.0
-    n = meeting.size[NUMBER]
-    for i in range(n):
-        total += share[meeting.slots[i]] * meeting.v[k * n + i]
-    return total
-
-
-@jit
-def move_together(hybrid, h):
+def move_together(hybrid, others, h):
     """Move the bodies that have joined over a time h, from ``middle`` to ``x`` and ``v``. Return a status."""
     meeting, middle, share = hybrid.meeting, hybrid.middle, hybrid.bodies.table[OTHERS]
     n = meeting.size[NUMBER]
@@ -73,7 +67,7 @@ def move_together(hybrid, h):
             if meeting.jumps[i]:
                 meeting.v[k * n + i] += move
     note_path(hybrid, 0.0)
-    status = follow(hybrid, h) if hybrid.inner == GAUSS_RADAU else follow_by_extrapolation(hybrid, h)
+    status = follow(hybrid, others, h) if hybrid.inner == GAUSS_RADAU else follow_by_extrapolation(hybrid, others, h)
     if status != OK:
         return status
     for k in range(3):
@@ -99,7 +93,7 @@ def keep(hybrid, first):
 
 
 @jit
-def passage_of_massive(hybrid, h, moved):
+def passage_of_massive(hybrid, others, h, moved):
     """Move all massive bodies together from ``middle``. moved <- their part of the central body's way, the other way.
     Return a status."""
     meeting, share, live = hybrid.meeting, hybrid.bodies.table[OTHERS], hybrid.bodies.table[LIVE]
@@ -109,7 +103,7 @@ def passage_of_massive(hybrid, h, moved):
         if live[i] != 0.0:
             join(hybrid, i, 1)
             mass += share[i]
-    status = move_together(hybrid, h)
+    status = move_together(hybrid, others, h)
     if status != OK:
         return status
     n = meeting.size[NUMBER]
@@ -121,7 +115,7 @@ def passage_of_massive(hybrid, h, moved):
 
 
 @jit
-def groups_of_massive(hybrid, h):
+def groups_of_massive(hybrid, others, h):
     """Move each group of massive bodies that meet. Return a status."""
     found, size = find_groups(hybrid), hybrid.meeting.size
     for number in range(found):
@@ -129,7 +123,7 @@ def groups_of_massive(hybrid, h):
         for i in range(hybrid.group.size):
             if hybrid.group[i] == number:
                 join(hybrid, i, 0)
-        status = move_together(hybrid, h)
+        status = move_together(hybrid, others, h)
         if status != OK:
             return status
         keep(hybrid, 0)
@@ -149,7 +143,7 @@ def joins_massless(hybrid, i, j):
 
 
 @jit
-def each_massless(hybrid, h):
+def each_massless(hybrid, others, h):
     """Move each massless body that meets a massive one, or passes its pericentre, with copies of massive ones. Return a
     status."""
     meeting, live, passes = hybrid.meeting, hybrid.bodies.table[LIVE], hybrid.passes
@@ -164,7 +158,7 @@ def each_massless(hybrid, h):
                 join(hybrid, j, heavy)
         join(hybrid, i, jumps)
         meeting.size[ALL], meeting.size[FIRST_NOTED] = heavy and hybrid.way == FULL, meeting.size[NUMBER] - 1
-        status = move_together(hybrid, h)
+        status = move_together(hybrid, others, h)
         if status != OK:
             return status
         keep(hybrid, meeting.size[NUMBER] - 1)

@@ -16,12 +16,12 @@ from kickdrift.integrators.trace_groups import (
     keep,
     passage_of_massive,
 )
+from kickdrift.integrators.trace_others import kick_by_others, meets_any
 from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace_switch import clear_flags, find_flags
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
 from kickdrift.integrators.wisdom_holman_kicks import jump, kick_velocities, mutual_accelerations
-from kickdrift.integrators.wisdom_holman_others import add_accelerations, fill_others
 from kickdrift.integrators.wisdom_holman_places import leave_democratic
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned
@@ -38,12 +38,6 @@ def attract_all(hybrid):
     n = bodies.orbit.shape[1]
     for b in range(0, n, WIDTH):
         store3(bodies.work, MUTUAL * n + b, n, mutual_accelerations(bodies, bodies.orbit, b, 0.0))
-
-
-@jit
-def meets_any(hybrid, i):
-    """Tell whether the body in slot i is near a massive one or passes its pericentre, or moves with one that does."""
-    return hybrid.meets[i] > 0 or hybrid.passes[i] != 0 or (hybrid.counts[HEAVY] > 0 and i < hybrid.group.size)
 
 
 @jit
@@ -108,10 +102,10 @@ def shift_massless(hybrid, moved):
 
 
 @jit
-def drift_in_passage(hybrid, h, t, moved):
+def drift_in_passage(hybrid, others, h, t, moved):
     """Drift with a massive body in its pericentre passage: all massive bodies move together. Return a status."""
     bodies = hybrid.bodies
-    status = passage_of_massive(hybrid, h, moved)
+    status = passage_of_massive(hybrid, others, h, moved)
     if status != OK:
         return status
     shift_massless(hybrid, moved)
@@ -120,11 +114,11 @@ def drift_in_passage(hybrid, h, t, moved):
         return status
     keep(hybrid, 0)
     shift_massless(hybrid, moved)
-    return each_massless(hybrid, h)
+    return each_massless(hybrid, others, h)
 
 
 @jit
-def drift_or_meet(hybrid, h, t):
+def drift_or_meet(hybrid, others, h, t):
     """Drift along Kepler orbits, and with the bodies that are near. Return a status."""
     bodies, some = hybrid.bodies, hybrid.counts[PAIRS] + hybrid.counts[PASSAGES] > 0
     if some:
@@ -132,8 +126,8 @@ def drift_or_meet(hybrid, h, t):
     status = drift(bodies, h, t)
     if status != OK or not some:
         return status
-    status = groups_of_massive(hybrid, h)
-    return each_massless(hybrid, h) if status == OK else status
+    status = groups_of_massive(hybrid, others, h)
+    return each_massless(hybrid, others, h) if status == OK else status
 
 
 @inlined
@@ -156,29 +150,27 @@ def finite(bodies):
 def attempt(forces, hybrid, h, t, moved, cursor):
     """One step with the present pairs and passages. Return a status."""
     bodies, others_act = hybrid.bodies, forces.table.shape[0] > 0
-    hybrid.counts[POINTS] = 0
+    hybrid.counts[POINTS], hybrid.span[0], hybrid.span[1] = 0, t, h
     if others_act:
-        status = fill_others(forces, bodies, t, cursor)
+        status = kick_by_others(forces, hybrid, t, 0.5 * h, cursor)
         if status != OK:
             return status
-        add_accelerations(bodies, 0.5 * h)
     kick(hybrid, 0.5 * h)
     if hybrid.counts[HEAVY] > 0:
         copy_orbits(hybrid.middle, bodies.orbit)
-        status = drift_in_passage(hybrid, h, t, moved)
+        status = drift_in_passage(hybrid, forces, h, t, moved)
     else:
         jump_all(hybrid, 0.5 * h)
-        status = drift_or_meet(hybrid, h, t)
+        status = drift_or_meet(hybrid, forces, h, t)
         jump_all(hybrid, 0.5 * h)
     if status != OK:
         return status
     attract_all(hybrid)
     kick(hybrid, 0.5 * h)
     if others_act:
-        status = fill_others(forces, bodies, t + h, cursor)
+        status = kick_by_others(forces, hybrid, t + h, 0.5 * h, cursor)
         if status != OK:
             return status
-        add_accelerations(bodies, 0.5 * h)
     cursor[EVALUATIONS] += 1
     return OK if finite(bodies) else BLOWN_UP
 

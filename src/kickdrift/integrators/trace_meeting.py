@@ -5,7 +5,7 @@ central body's own motion does to it: with its velocity u taken from the central
 
     u' = -G m_0 x / r^3 + sum over near j of G m_j (x_j - x) / d^3 - sum over massive j of G m_j x_j / r_j^3,
 
-which joins the map's jump to its drift.
+which joins the map's jump to its drift. Other forces add to these accelerations (see ``trace_others``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
 from kickdrift.integrators.gauss_radau_series import (
     AHEAD,
     AT_NODE,
@@ -33,13 +33,15 @@ from kickdrift.integrators.gauss_radau_series import (
     X,
     correct,
     finish,
+    place_velocities,
     predict,
     prepare,
     set_scale,
 )
-from kickdrift.integrators.gauss_radau_step import TERMS, next_step
+from kickdrift.integrators.gauss_radau_step import AGAIN, MOST, TERMS, next_step, verdict
+from kickdrift.integrators.trace_others import INSIDE, add_inside
 from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, PATH_ROWS, POINTS
-from kickdrift.jit.compile import inlined, is_finite, jit
+from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
 from kickdrift.jit.memory import load, store
@@ -47,17 +49,13 @@ from kickdrift.jit.vectors import WIDTH
 
 EPSILON = 1e-8  # of the length of steps; their error is that of rounding up to here
 ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
-MOST = 25  # iterations
-CONVERGED = 2.2e-16  # expected residual of another iteration, over the size of the accelerations
-ROUNDED = 1e-9  # a stalled residual below this is rounding
-PATIENCE = 3  # iterations in which residuals may grow
 SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
 SHORTEST = 1e-13  # of the time h
 
 
 @jit
-def attract(hybrid, x, a):
-    """a <- the accelerations at x of the bodies that meet."""
+def attract(hybrid, others, s, x, a):
+    """a <- the accelerations at x of the bodies that meet, a time s after the step's start. Return a status."""
     meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
     slots, gm, jumps = meeting.slots, meeting.gm, meeting.jumps
     n, everyone = meeting.size[NUMBER], meeting.size[ALL]
@@ -87,6 +85,7 @@ def attract(hybrid, x, a):
             a[n + i] -= pull_y
             a[2 * n + i] -= pull_z
     meeting.size[FOUND] += 1
+    return add_inside(hybrid, others, s, x, a) if hybrid.present[INSIDE] else OK
 
 
 @jit
@@ -135,7 +134,7 @@ def shortest_time(hybrid):
 
 
 @jit
-def iterate(hybrid, width, h):
+def iterate(hybrid, others, width, done, h):
     """Correct the step's polynomial until only rounding is left; as ``gauss_radau_loop.iterate``. Return a status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, x, a, residual = meeting.work, meeting.x, meeting.a, np.inf
@@ -147,30 +146,25 @@ def iterate(hybrid, width, h):
         worst = splat(0.0)
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
-            attract(hybrid, x, a)
+            if hybrid.moving:
+                place_velocities(work, width, meeting.v, 0, tables, row, h)
+            status = attract(hybrid, others, done + tables.nodes[row + 1] * h, x, a)
+            if status != OK:
+                return status
             prepare(work, width, tables, following, h, True)
             worst, odd = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
         missed = lane_max(worst)
-        if missed == 0.0:
-            return OK
-        if count > 0:
-            if missed * missed / residual <= CONVERGED:
-                return OK
-            if missed >= residual:
-                if missed <= ROUNDED:
-                    return OK
-                if count >= PATIENCE:
-                    return BLOWN_UP
-        if not is_finite(missed):
-            return BLOWN_UP
+        status = verdict(count, missed, residual)
+        if status != AGAIN:
+            return status
         residual = missed
-    return OK if residual <= ROUNDED else BLOWN_UP
+    return BLOWN_UP
 
 
 @jit
-def follow(hybrid, h):
+def follow(hybrid, others, h):
     """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, n = meeting.work, meeting.size[NUMBER]
@@ -188,13 +182,19 @@ def follow(hybrid, h):
         step = rest / parts if parts > 1 else rest
         for i in range(0, width, WIDTH):
             store(meeting.x, i, load(work, X * width + i))
-        attract(hybrid, meeting.x, meeting.a)
+            if hybrid.moving:
+                store(meeting.v, i, load(work, V * width + i))
+        status = attract(hybrid, others, done, meeting.x, meeting.a)
+        if status != OK:
+            return status
         for i in range(0, width, WIDTH):
             store(work, NOW * width + i, load(meeting.a, i))
         ratio = step / last if last > 0.0 else 0.0
         predict(work, width, ratio, before, tables.shifts)
         set_scale(work, width, step, True)
-        status = iterate(hybrid, width, step)
+        status = iterate(hybrid, others, width, done, step)
+        if status == RAISED:
+            return status
         wanted = 0.0
         if status == OK:
             wanted = next_step(work, width, NOW, ENDS, V, 3, n, step, ETA)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
 from kickdrift.integrators.gauss_radau_tables import tables
+from kickdrift.integrators.trace_others import INSIDE, KICKS
 from kickdrift.integrators.trace_state import COUNTS, PATH_COLUMNS, PATH_ROWS, Hybrid, Meeting
 from kickdrift.integrators.wisdom_holman_bodies import Bodies
 from kickdrift.jit.memory import aligned
 from kickdrift.model.state import Floats
 
 
-def hybrid_of(bodies: Bodies, reach: Floats, way: int, inner: int) -> Hybrid:
-    """The state of the hybrid map of these bodies, with ``reach`` (slots,) as in ``trace_state``."""
+def hybrid_of(
+    bodies: Bodies, reach: Floats, way: int, inner: int, groups: Sequence[int] = (), moving: bool = False
+) -> Hybrid:
+    """The state of the hybrid map of these bodies, with ``reach`` (slots,), the ``groups`` of other forces, and
+    ``moving`` as in ``trace_state``."""
     slots, massive = bodies.table.shape[1], bodies.massive
     room = massive + 1
     width = BLOCK * -(-3 * room // BLOCK) + BLOCK
@@ -26,8 +32,11 @@ def hybrid_of(bodies: Bodies, reach: Floats, way: int, inner: int) -> Hybrid:
         kept=aligned((6, slots)),
         meeting=Meeting(
             slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
+            acts=np.zeros(room, np.uint8),
             size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
             work=aligned((ROWS * width,)),
         ),
-        tables=tables(), way=way, inner=inner,
+        tables=tables(), groups=np.array(groups, np.int64),
+        present=np.array([KICKS in groups, INSIDE in groups], np.uint8), span=np.zeros(2),
+        speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=moving, way=way, inner=inner,
     )  # fmt: skip

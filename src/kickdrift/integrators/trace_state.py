@@ -37,6 +37,7 @@ class Meeting(NamedTuple):
     slots: NDArray[np.int64]  # (room,) slot of each
     gm: NDArray[np.float64]  # (room,)
     jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body, which moves
+    acts: NDArray[np.uint8]  # (room,) 1: the body feels the other forces here
     size: NDArray[np.int64]  # (4,) see NUMBER to FIRST_NOTED
     x: NDArray[np.float64]  # (width,) positions from the central body, three rows of as many as there are bodies
     v: NDArray[np.float64]  # (width,)
@@ -62,5 +63,11 @@ class Hybrid(NamedTuple):
     kept: NDArray[np.float64]  # (6, slots) values that a change of all lanes must not touch
     meeting: Meeting
     tables: Tables
+    groups: NDArray[np.int64]  # (other forces,) KICKS or INSIDE, see ``trace_others``
+    present: NDArray[np.uint8]  # (2,) 1: there are other forces of this group
+    span: NDArray[np.float64]  # (2,) time at the step's start, and its length
+    speeds: NDArray[np.float64]  # (3, slots + 2) velocities before a kick; then the centre of mass's, and its carry
+    latest: NDArray[np.float64]  # (3, slots + 1) velocities after the last iteration of a kick
+    moving: bool  # other forces depend on velocity
     way: int  # NONE, PARTIAL or FULL
     inner: int  # GAUSS_RADAU or BULIRSCH_STOER

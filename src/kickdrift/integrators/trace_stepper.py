@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import SLOTS
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
+from kickdrift.integrators.trace_others import INSIDE, KICKS
 from kickdrift.integrators.trace_path import points_inside
 from kickdrift.integrators.trace_room import hybrid_of
 from kickdrift.integrators.trace_state import PAIRS, PASSAGES, POINTS, TWICE
@@ -38,16 +41,19 @@ class TraceStepper(WisdomHolmanStepper):
 
     def __init__(self, flow: Flow, way: int, inner: int, options: Options) -> None:
         self._way, self._inner, self._hill_radii = way, inner, options.hill_radii
+        self._moving = flow.not_separable is not None
         super().__init__(flow, LEAPFROG, options)
 
     def _place(self, system: System) -> None:
         super()._place(system)
         bodies = self._bodies
         slots = bodies.table.shape[1]
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        groups = [KICKS if isinstance(force, ListedForce) else INSIDE for force in others]
         heavy = (bodies.table[SOURCE] / (3.0 * bodies.gm)) ** (1 / 3)
         self._reach = aligned((slots,))
         self._reach[:] = (self._hill_radii * heavy) ** 2 * bodies.table[LIVE]
-        self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner)
+        self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, groups, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y.copy(), steps

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
-from kickdrift.bridges.rebound_names import KERNELS
+from kickdrift.bridges.rebound_names import KERNELS, PASSAGES
 from kickdrift.model.bridging import bridge
 from kickdrift.model.run_defaults import RunDefaults
 
@@ -155,6 +155,19 @@ METHODS = [
         for theirs, ours in KERNELS.items()
         if theirs != "DEFAULT"
     ),
+    *(
+        (
+            "trace",
+            {"peri_mode": mode, "r_crit_hill": 2.5},
+            RunDefaults("trace", hill_radii=2.5, pericentre=way, inner=inner),
+        )
+        for mode, (way, inner) in PASSAGES.items()
+    ),
+    (
+        "trace",
+        {"peri_mode": "FULL_BS", "peri_crit_eta": np.inf},
+        RunDefaults("trace", hill_radii=3.0, pericentre="none", inner="bulirsch-stoer"),
+    ),
     ("ias15", {"epsilon": 1e-8}, RunDefaults("gauss-radau15", rtol=1e-8)),
     *(("saba", {"type": kind}, RunDefaults("saba", coordinates="jacobi", order=order)) for kind, order in SABA.items()),
 ]
@@ -226,6 +239,7 @@ def test_a_corrector_is_taken():
         ("whfast", {"coordinates": "DEMOCRATICHELIOCENTRIC", "kernel": "LAZY"}, "integrator 'whfast'"),
         ("whfast", {"coordinates": "WHDS"}, "integrator 'whfast'"),
         ("saba", {"type": "CM_2"}, "integrator 'saba'"),
+        ("trace", {"peri_crit_eta": 0.5}, "integrator 'trace'"),
         ("ias15", {"adaptive_mode": "GLOBAL"}, "integrator 'ias15'"),
         ("ias15", {"min_dt": 1e-3}, "ias15's min_dt"),
     ],
