@@ -38,8 +38,8 @@ export class Drawing {
     this.group.add(this.spheres.mesh);
     const bodies = scene.kind === "orbits" ? scene.shown : 0;
     this.boxLines = scene.periodic ? new Lines(12, 0.7) : null;
-    this.trailLines = bodies ? new Lines(bodies * TRAIL, 0.9) : null;
-    this.ellipseLines = bodies ? new Lines(bodies * TURN, 0.6) : null;
+    this.trailLines = bodies ? new Lines(bodies * TRAIL, 1.1) : null;
+    this.ellipseLines = bodies ? new Lines(bodies * TURN, 0.7) : null;
     for (const lines of this.lines) this.group.add(lines.mesh);
     this.labels = scene.names.map((name, i) => this.label(names, name, i));
     this.controls = new OrbitControls(this.camera, canvas);
