@@ -13,7 +13,7 @@ MARKUP = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 def leaning() -> kd.System:
     """A Lennard-Jones liquid in a box whose edges lean, from a lattice that leans alike."""
-    box = kd.Box(matrix=[[7.4, 0, 0], [3.0, 7.4, 0], [-2.0, 2.5, 7.4]])
+    box = kd.Box(matrix=[[7.4, 0, 0], [-3.0, 7.4, 0], [2.8, 2.4, 7.4]])
     parts = (np.indices((7, 7, 7)).reshape(3, -1).T + 0.5) / 7
     v = np.random.default_rng(4).normal(size=parts.shape)
     return kd.System(
