@@ -91,6 +91,15 @@ def test_a_simulation_and_a_shipped_system_show_one_moment():
     assert found["shown"] == 1000
 
 
+def test_molecules_have_bonds_and_numbers():
+    topology = kd.Topology(bonds=[(0, 1), (1, 2), (4, 5)])
+    found = scene_of(kd.System(np.arange(18).reshape(6, 3) * 1.0, box=[20, 20, 20], topology=topology))
+    assert unpacked(found["bonds"]).tolist() == [[0, 1], [1, 2], [4, 5]]
+    assert unpacked(found["moleculeOf"]).tolist() == [0, 0, 0, 1, 2, 2]
+    assert "molecule" in [each["name"] for each in found["colours"]]
+    assert not found["toScale"]
+
+
 def test_many_particles_are_thinned_and_the_view_says_so(monkeypatch):
     monkeypatch.setattr(stage, "MOST_PARTICLES", 50)
     found = scene_of(liquid(count=216))
