@@ -72,7 +72,8 @@ export class Drawing {
     const {scene, camera} = this, up = new Vector3(...scene.up);
     const turn = new Quaternion().setFromUnitVectors(new Vector3(0, 0, 1), up);
     const from = scene.flat ? [0, -0.001, 1] : scene.kind === "box" ? [0.78, -1.3, 0.62] : [0.25, -1.0, 0.85];
-    const height = this.height || 1, free = Math.min(height - 120, (this.width || 1) - (this.width > 720 ? 320 : 20));
+    const height = this.height || 1, flat = scene.kind === "orbits" ? 0.72 : 1; // orbits lie in a plane
+    const free = Math.min((height - 120) / flat, (this.width || 1) - (this.width > 720 ? 320 : 20));
     const part = Math.max(0.3, free / height) * (scene.kind === "box" ? 1.06 : 0.98);
     const far = scene.reach / part / Math.sin((camera.fov * Math.PI) / 360);
     this.origin = this.follow === null ? scene.centre : this.origin;

@@ -228,8 +228,13 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, shots: list[byte
     page.context.close()
 
 
-def claims(long: bool = False, figures: Path | None = None, store: bool = False) -> Iterator[Claim]:
+def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
     """Of all pages; long or not is the same."""
+    return tried(figures, store=False)
+
+
+def tried(figures: Path | None, store: bool) -> Iterator[Claim]:
+    """Claims about all pages; with ``store`` the pictures are stored anew."""
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     try:
         from playwright.sync_api import sync_playwright
@@ -258,5 +263,5 @@ if __name__ == "__main__":
     if "--store" in sys.argv:
         sys.argv.remove("--store")
         STORED.mkdir(exist_ok=True)
-        list(claims(store=True))
+        list(tried(None, store=True))
     sys.exit(main(claims, __doc__))

@@ -132,7 +132,7 @@ class Stage:
         there = np.isfinite(x[:, 0])
         label = "body" if self.few else "species"
         colours = [{"name": label, "label": label, "unit": "", "kind": "class"}]
-        bonds = pairs_of(system) if self.stride == 1 else np.zeros((0, 2))
+        bonds = pairs_of(system) if self.stride == 1 else np.zeros((0, 2), np.int64)
         if len(bonds) and system.topology is not None:
             colours.append({"name": "molecule", "label": "molecule", "unit": "", "kind": "class"})
         colours += [

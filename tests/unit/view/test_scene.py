@@ -87,7 +87,7 @@ def test_ellipses_pass_through_the_bodies_and_have_the_barycentre_as_a_focus():
 def test_a_simulation_and_a_shipped_system_show_one_moment():
     assert scene_of(kd.Simulation(kd.load("figure-eight")))["chunks"][0]["count"] == 1
     found = scene_of("lj-1000")
-    assert found["notes"] == ["Shows the start: a system file holds no frames."]
+    assert found["notes"] == ["Shows the start: a system has no frames."]
     assert found["shown"] == 1000
 
 
