@@ -148,6 +148,19 @@ def pointers_work(page: Page) -> dict[str, bool]:
     return found
 
 
+def functions_work(page: Page) -> dict[str, bool]:
+    """Whether the functions for widgets and live pages work. The page is empty afterwards."""
+    append = (
+        "async () => { const n = view.count; await view.append(view.scene.chunks[0]); return view.count === 2 * n }"
+    )
+    found = {
+        "append": bool(page.ask(append)),
+        "snapshot": page.ask("async () => (await view.snapshot()).type") == "image/png",
+    }
+    page.ask("view.dispose()")
+    return found | {"dispose": page.ask("document.getElementById('view').childElementCount") == 0}
+
+
 def pace(page: Page) -> float:
     """Frames drawn per second while the run plays."""
     best = 0.0
@@ -211,6 +224,7 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, shots: list[byte
         text = "liquid: frames a second, 1000 particles, software rendering"
         yield claim(text, round(fps, 1), f"{PACE:.0f} or more", fps >= PACE, CHROMIUM)
         found = keys_work(page) | pointers_work(page)
+        found |= functions_work(page)
         failed = [key for key, works in found.items() if not works]
         yield claim(
             f"keys and controls that fail, of {len(found)}", ", ".join(failed) or "none", "none", not failed, CHROMIUM
