@@ -121,8 +121,8 @@ export class Controls {
     this.colour.value = colour.name;
     this.key.replaceChildren();
     if (colour.kind === "class") {
-      const names = colour.name === "body" ? scene.names : scene.species, list = element("div", "classes");
-      if (colour.name === "body") return; // each body has its name beside it
+      const names = scene.species, list = element("div", "classes");
+      if (colour.name !== "species") return; // each body has its name beside it, and molecules have no names
       names.slice(0, MOST_CLASSES).forEach((name, k) => {
         const each = element("span", "class"), dot = element("i");
         dot.style.background = css(classColour(k));
@@ -136,7 +136,7 @@ export class Controls {
     const bar = element("div", "bar"), ends = element("div", "ends");
     bar.style.background = GRADIENT;
     const unit = colour.unit ? ` ${colour.unit}` : "";
-    ends.append(element("span", "", short(range?.low ?? 0)), element("span", "", `${short(range?.high ?? 0)}${unit}`));
+    ends.append(element("span", "", short(range?.low ?? 0)), element("span", "", `${range?.beyond ? "≥ " : ""}${short(range?.high ?? 0)}${unit}`));
     this.key.append(bar, ends);
   }
 

@@ -13,7 +13,7 @@ export const STYLE = `
 .view > canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: grab; display: block }
 .view > canvas:active { cursor: grabbing }
 .names { position: absolute; inset: 0; pointer-events: none; overflow: hidden }
-.name { position: absolute; left: 0; top: 0; padding: 0 3px; border: 0; background: none; color: var(--ink); opacity: .85;
+.name { will-change: transform; position: absolute; left: 0; top: 0; padding: 0 3px; border: 0; background: none; color: var(--ink); opacity: .85;
   font: 12px/16px inherit; font-family: inherit; font-size: 12px; white-space: nowrap; pointer-events: auto; cursor: pointer }
 .name:hover, .name.followed { opacity: 1; text-decoration: underline; text-underline-offset: 3px }
 .head { position: absolute; left: 16px; top: 12px; max-width: calc(100% - 360px); pointer-events: none }
@@ -51,13 +51,13 @@ button.tool svg .solid { fill: currentColor }
 .size { margin-top: 7px }
 .size input { flex: 1; width: 60px; accent-color: var(--mark) }
 .view > canvas.compass { inset: auto; left: 214px; bottom: 74px; width: 64px; height: 64px; pointer-events: none }
-.foot { position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
+.foot { will-change: transform; position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
   padding: 0 10px }
 .foot .track { position: relative; flex: 1; min-width: 60px; height: 32px; display: flex; align-items: center }
 .foot input { width: 100%; margin: 0; accent-color: var(--mark); cursor: pointer }
 .ticks { position: absolute; left: 8px; right: 8px; top: 1px; height: 5px; pointer-events: none }
 .ticks i { position: absolute; width: 2px; height: 6px; margin-left: -1px; background: var(--alarm); border-radius: 1px }
-.clock { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; min-width: 150px }
+.clock { margin-left: auto; text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; min-width: 150px }
 .clock b { font-weight: 600 }
 .clock span { display: block; color: var(--faint); font-size: 11.5px }
 .curvehead { display: flex; gap: 6px; align-items: baseline; font-weight: 600; font-size: 12px }
@@ -65,7 +65,7 @@ button.tool svg .solid { fill: currentColor }
 .curvehead .now { font-variant-numeric: tabular-nums; color: var(--mark) }
 .plot { position: relative; height: 74px; cursor: crosshair; touch-action: none; margin-top: 3px }
 .plot canvas { position: absolute; inset: 0; width: 100%; height: 74px }
-.marker { position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
+.marker { will-change: transform; position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
 .most, .least { position: absolute; right: 2px; font-size: 10.5px; color: var(--faint); font-variant-numeric: tabular-nums;
   background: var(--card); border-radius: 3px; padding: 0 2px; line-height: 13px; pointer-events: none }
 .most { top: 0 } .least { bottom: 0 }

@@ -32,6 +32,7 @@ import {STYLE} from "./style.js";
 const LASTS = 20; // seconds that a run lasts at speed 1, within the limits below
 const FEWEST = 8, MOST = 120; // frames a second
 const TURN = 0.35; // radians a second
+const TOLD = 120; // milliseconds between updates of the clock while playing
 
 class View {
   constructor(host, scene, {live}) {
@@ -42,6 +43,7 @@ class View {
     this.speed = 1;
     this.plays = false;
     this.gone = false;
+    this.told = 0;
     this.fps = 0;
     this.past = [];
   }
@@ -58,11 +60,13 @@ class View {
     this.root.append(canvas, names);
     const [radii, pixels, species, masses] =
       await Promise.all([scene.radii, scene.pixels, scene.speciesOf, scene.masses].map(unpacked));
+    const [bonds, molecules] = scene.bonds ? await Promise.all([scene.bonds, scene.moleculeOf].map(unpacked)) : [null, null];
+    this.molecules = molecules;
     this.species = species;
     this.parts = new Float32Array(scene.shown);
     this.moments = new Moments(masses);
     for (const chunk of scene.chunks) await this.moments.add(chunk);
-    this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels);
+    this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels, bonds);
     this.drawing.wake = () => this.wake();
     this.controls = new Controls(this.root, scene, this.acts());
     for (const curve of scene.curves) {
@@ -96,7 +100,7 @@ class View {
       time: (time) => { this.pause(); this.setFrame(this.moments.nearest(time)); },
       speed: (speed) => { this.speed = speed; },
       colour: (name) => this.setColour(name),
-      size: (factor) => { drawing.factor = factor; drawing.touch(); },
+      size: (factor) => { drawing.factor = factor; drawing.place(); },
       reset: () => drawing.reset(),
       save: () => this.saveSnapshot(),
       theme: () => this.themed(this.theme === "dark" ? "light" : "dark"),
@@ -148,8 +152,8 @@ class View {
     if (this.colour.kind === "range") {
       mapped(this.moments.parts(this.colour.name, this.frame, this.parts), look);
     } else if (!this.painted || this.painted !== this.colour) {
-      const body = this.colour.name === "body";
-      for (let i = 0; i < this.species.length; i++) look.set(classColour(body ? i : this.species[i], body ? central : null), 4 * i);
+      const {name} = this.colour, classes = name === "molecule" ? this.molecules : this.species, body = name === "body";
+      for (let i = 0; i < classes.length; i++) look.set(classColour(body ? i : classes[i], body ? central : null), 4 * i);
     }
     this.painted = this.colour;
     if (central !== null && names.length > 2) look[4 * central + 3] = 255;
@@ -160,6 +164,13 @@ class View {
     this.frame = Math.max(0, Math.min(this.count - 1, k));
     if (this.colour?.kind === "range") this.coloured();
     this.drawing.place(this.frame);
+    const now = performance.now();
+    if (!this.plays || now - this.told > TOLD) this.tell(now);
+  }
+
+  /** Updates slider, clock and curves. These cost more than the particles where a processor draws, so not in each frame. */
+  tell(now) {
+    this.told = now;
     this.controls.shown(this.frame, this.count, this.moments.time(this.frame), this.moments.step(this.frame));
   }
 
@@ -192,6 +203,7 @@ class View {
   }
 
   pause() {
+    if (this.plays) this.tell(performance.now());
     this.plays = false;
     this.controls.played(false);
     this.drawing.touch();
@@ -243,6 +255,9 @@ class View {
 
   /** Draws the directions of x, y and z. */
   oriented() {
+    const turn = this.drawing.camera.quaternion.toArray().join();
+    if (turn === this.drawn) return;
+    this.drawn = turn;
     const size = 64, ratio = 2, on = this.compass.getContext("2d");
     if (this.compass.width !== size * ratio) this.compass.width = this.compass.height = size * ratio;
     on.setTransform(ratio, 0, 0, ratio, 0, 0);
