@@ -17,7 +17,7 @@ from kickdrift.integrators.trace_groups import (
     passage_of_massive,
 )
 from kickdrift.integrators.trace_others import kick_by_others, meets_any
-from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
+from kickdrift.integrators.trace_state import FOUND, FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace_switch import clear_flags, find_flags
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
@@ -150,7 +150,7 @@ def finite(bodies):
 def attempt(forces, hybrid, h, t, moved, cursor):
     """One step with the present pairs and passages. Return a status."""
     bodies, others_act = hybrid.bodies, forces.table.shape[0] > 0
-    hybrid.counts[POINTS], hybrid.span[0], hybrid.span[1] = 0, t, h
+    hybrid.counts[POINTS], hybrid.meeting.size[FOUND], hybrid.span[0], hybrid.span[1] = 0, 0, t, h
     if others_act:
         status = kick_by_others(forces, hybrid, t, 0.5 * h, cursor)
         if status != OK:
@@ -171,7 +171,7 @@ def attempt(forces, hybrid, h, t, moved, cursor):
         status = kick_by_others(forces, hybrid, t + h, 0.5 * h, cursor)
         if status != OK:
             return status
-    cursor[EVALUATIONS] += 1
+    cursor[EVALUATIONS] += 1 + hybrid.meeting.size[FOUND]
     return OK if finite(bodies) else BLOWN_UP
 
 

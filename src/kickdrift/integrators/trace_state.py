@@ -22,7 +22,7 @@ COUNTS = 7
 # Ways of a pericentre passage.
 NONE, PARTIAL, FULL = range(3)
 GAUSS_RADAU, BULIRSCH_STOER = range(2)
-# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; attractions found so far; first body
+# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; evaluations in this step; first body
 # whose path is noted.
 NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
 # Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
