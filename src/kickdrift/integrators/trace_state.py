@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from kickdrift.integrators.gauss_radau_tables import Tables
 from kickdrift.integrators.wisdom_holman_bodies import Bodies
 
-# Entries of ``counts``: pairs and passages found anew by the last search; all pairs that are near; all passages; the
-# massive bodies in passage; whether flags and accelerations belong to the present state; steps done twice; points in
-# ``path``.
+# Entries of ``counts``: pairs and passages that the last search added; all near pairs; all passages; massive bodies in
+# passage; 1 if flags and accelerations belong to the present state; steps done twice; points in ``path``.
 NEW, PAIRS, PASSAGES, HEAVY, READY, TWICE, POINTS = range(7)
 COUNTS = 7
 # Ways of a pericentre passage.
@@ -32,7 +31,7 @@ PATH_ROWS = 4096  # further points are not noted
 
 
 class Meeting(NamedTuple):
-    """Bodies that meet, for the methods that follow them. Arrays have room for all massive bodies and one more."""
+    """Bodies that meet. The arrays have room for all massive bodies and one massless body."""
 
     slots: NDArray[np.int64]  # (room,) slot of each
     gm: NDArray[np.float64]  # (room,)

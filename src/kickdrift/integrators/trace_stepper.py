@@ -1,4 +1,4 @@
-"""Integration with the hybrid map: its state, and its warnings."""
+"""Integration with the hybrid map of Wisdom-Holman steps and encounters: its memory and its warnings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ NAMED = 3  # most bodies that a warning names
 class TraceStepper(WisdomHolmanStepper):
     """Integration in democratic heliocentric coordinates that follows encounters and pericentre passages.
 
-    A checkpoint holds the orbits at the step point and the centre of mass. Pairs and passages follow from these.
+    A checkpoint holds the orbits at the step point and the centre of mass. Near pairs and passages are found again from
+    these.
     """
 
     saved: ClassVar[tuple[str, ...]] = ("_cursor", "_start", "_twice", "_wide", "_bodies.orbit", "_bodies.centre")
