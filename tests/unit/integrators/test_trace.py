@@ -274,6 +274,20 @@ def test_forces_with_pair_lists_stay_kicks():
     assert off(system, 2.0, 40.0) < 1e-2
 
 
+@pytest.mark.parametrize("after", [5, 130])
+def test_an_error_in_a_python_force_is_named(after):
+    """In a kick, and inside a passage."""
+    calls = iter(range(after))
+
+    def push(positions, velocities, time, box):
+        next(calls)
+        return np.zeros_like(positions), None
+
+    system = diver(forces=[kd.PythonForce(push, works=True)])
+    with pytest.raises(kd.RunError, match="push raised StopIteration"):
+        kd.Simulation(system, "trace", dt=2.0).run(60)
+
+
 # --- bad input ---
 
 
