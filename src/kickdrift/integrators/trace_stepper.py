@@ -9,26 +9,13 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.listed import ListedForce
-from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
-from kickdrift.integrators.gauss_radau_tables import tables
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
-from kickdrift.integrators.trace_others import INSIDE, KICKS
 from kickdrift.integrators.trace_path import points_inside
-from kickdrift.integrators.trace_state import (
-    COUNTS,
-    PAIRS,
-    PASSAGES,
-    PATH_COLUMNS,
-    PATH_ROWS,
-    POINTS,
-    TWICE,
-    Hybrid,
-    Meeting,
-)
+from kickdrift.integrators.trace_room import hybrid_of
+from kickdrift.integrators.trace_state import PAIRS, PASSAGES, POINTS, TWICE
 from kickdrift.integrators.wisdom_holman import LEAPFROG
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
@@ -59,32 +46,12 @@ class TraceStepper(WisdomHolmanStepper):
     def _place(self, system: System) -> None:
         super()._place(system)
         bodies = self._bodies
-        slots, massive = bodies.table.shape[1], bodies.massive
-        room = massive + 1
-        others = [force for force in system.forces if not isinstance(force, Gravity)]
-        groups = np.array([KICKS if isinstance(force, ListedForce) else INSIDE for force in others], np.int64)
-        width = BLOCK * -(-3 * room // BLOCK) + BLOCK
+        slots = bodies.table.shape[1]
         heavy = (bodies.table[SOURCE] / (3.0 * bodies.gm)) ** (1 / 3)
         self._reach = aligned((slots,))
         self._reach[:] = (self._hill_radii * heavy) ** 2 * bodies.table[LIVE]
-        self._hybrid = Hybrid(
-            bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
-            passes=np.zeros(slots, np.uint8), reach=self._reach, zone=np.zeros(massive),
-            counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
-            middle=aligned((6, slots)),
-            group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)),
-            kept=aligned((6, slots)),
-            meeting=Meeting(
-                slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
-                acts=np.zeros(room, np.uint8),
-                size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
-                work=aligned((ROWS * width,)),
-            ),
-            tables=tables(), groups=groups,
-            present=np.array([KICKS in groups, INSIDE in groups], np.uint8), span=np.zeros(2),
-            speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=self._moving,
-            way=self._way, inner=self._inner,
-        )  # fmt: skip
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, others, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y.copy(), steps
