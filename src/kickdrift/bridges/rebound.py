@@ -297,8 +297,7 @@ def _set_method(sim: Any, system: System) -> list[str]:
         sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
         return []
     if run.integrator == "trace" and central:
-        given = {key: run.options.get(key) for key in ("hill_radii", "pericentre", "inner")}
-        own = {each.name: each.default if given[each.name] is None else given[each.name] for each in TRACE}
+        own: dict[str, Any] = {each.name: run.options.get(each.name, each.default) for each in TRACE}
         sim.integrator = "trace"
         sim.integrator.r_crit_hill = own["hill_radii"]
         sim.integrator.peri_mode = passage_of(own["pericentre"], own["inner"])

@@ -15,8 +15,9 @@ LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 
 
 def passage_of(pericentre: str, inner: str) -> str:
-    """Return rebound's peri_mode. Partial passages have one method there, and runs without passages need no mode."""
-    return next((mode for mode, pair in PASSAGES.items() if pair == (pericentre, inner)), "PARTIAL_BS")
+    """Return rebound's peri_mode. Partial passages have one method there; without passages the mode keeps ``inner``."""
+    asked = ("full" if pericentre == "none" else pericentre, inner)
+    return next((mode for mode, pair in PASSAGES.items() if pair == asked), "PARTIAL_BS")
 
 
 def key_of(table: dict[str, str], ours: str) -> str:

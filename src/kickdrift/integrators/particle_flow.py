@@ -9,6 +9,7 @@ import numpy as np
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.evaluate import SLOTS
+from kickdrift.forces.external_host import Host
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.jacobian import difference_jacobian
@@ -36,6 +37,7 @@ class ParticleFlow(ParticleStates):
             under, threads, thin=True, lengths=lengths
         )  # with own lists: a sample must not change the run's lists
         self._aside.follow(self.forces)
+        self.others: BoundForces | None = None  # forces that a method has bound by itself
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = self._listed and not mixed
         self._look_at(system)
@@ -121,18 +123,23 @@ class ParticleFlow(ParticleStates):
     @property
     def raised(self) -> BaseException | None:  # type: ignore[override]
         """Exception that a force's Python code raised."""
-        return next((host.error for host in self.forces.hosts if host is not None and host.error), None)
+        return next((host.error for host in self._hosts if host.error), None)
+
+    @property
+    def _hosts(self) -> list[Host]:
+        """Hosts of all Python code that steps call."""
+        both = (self.forces, self.others) if self.others else (self.forces,)
+        return [host for forces in both for host in forces.hosts if host is not None]
 
     def forget_errors(self) -> None:
         """Forget earlier exceptions, which do not concern the coming steps."""
-        for host in self.forces.hosts:
-            if host is not None:
-                host.error = None
+        for host in self._hosts:
+            host.error = None
 
     @property
     def failure(self) -> str:
         """One line about a force whose Python code raised or returned no finite numbers at the last call; else ""."""
-        return next((host.failure for host in self.forces.hosts if host is not None and host.failure), "")
+        return next((host.failure for host in self._hosts if host.failure), "")
 
     def refused(self, status: int, step: int, time: float) -> RunError:
         """See ParticleStates."""

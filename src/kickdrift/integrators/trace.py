@@ -28,12 +28,18 @@ class Trace(Method):
     """The Wisdom-Holman map in democratic heliocentric coordinates, with a method of high order for close encounters
     and pericentre passages inside the step.
 
-    Two bodies within ``hill_radii`` of their hand-over radius r (m / (3 m_0))^(1/3), now or within half a step, move
-    together for the step, with their attraction in place of a kick. A body whose Kepler motion changes within less than
-    a step passes its pericentre: with ``pericentre`` "full" all massive bodies then move together by all forces of
-    gravity, with "partial" by that of the central body and of near bodies. A massless body moves with copies of the
-    bodies that it meets. A step whose end shows further encounters is done again with them, so the map is reversible.
-    Other velocity-independent forces join the kicks.
+    Two bodies meet if their distance is below ``hill_radii`` times r (m / (3 m_0))^(1/3), now or within half a step.
+    They move together for the whole step, and their attraction is no kick.
+
+    A body passes its pericentre if its Kepler motion changes in less time than a step. All massive bodies then move
+    together. With ``pericentre`` "full" they feel all their attractions. With "partial" they feel those of the central
+    body and of near bodies, and the others are kicks.
+
+    A massless body moves with copies of the bodies that it meets, and changes none of them. If the end of a step shows
+    a further encounter, the step is done again with that encounter. This makes the map reversible.
+
+    Forces other than gravity act inside encounters and passages on the bodies that move together. All other bodies feel
+    these forces as kicks.
     """
 
     name: str

@@ -1,8 +1,8 @@
-"""Bodies that meet by extrapolation: leapfrog with ever smaller steps, extrapolated to the step 0.
+"""Motion of bodies that meet, by extrapolation: leapfrog with ever smaller steps, extrapolated to the step 0.
 
-Leapfrog's error has even powers of its step alone, as that of the modified midpoint rule, and needs half as many
-evaluations per power for forces without velocities (Gragg 1965, doi:10.1137/0702030; Bulirsch & Stoer 1966,
-doi:10.1007/BF02165234; Hairer, Norsett & Wanner 1993, II.14, doi:10.1007/978-3-540-78862-1).
+The error of leapfrog has even powers of the step alone, like the error of the modified midpoint rule. For forces of
+positions alone, leapfrog needs half as many evaluations for each power (Gragg 1965, doi:10.1137/0702030; Bulirsch &
+Stoer 1966, doi:10.1007/BF02165234; Hairer, Norsett & Wanner 1993, II.14, doi:10.1007/978-3-540-78862-1).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def leapfrog(hybrid, others, size, done, step, count):
 
 @jit
 def extrapolated(hybrid, size, k):
-    """Add the values of x and v to the table as row k, and move x and v to the best. Return the error estimate."""
+    """Add x and v to the table as row k, and put the extrapolated values in their place. Return the error estimate."""
     meeting = hybrid.meeting
     n = meeting.size[NUMBER]
     error = 0.0

@@ -1,8 +1,8 @@
 """Drift of the bodies that meet: who meets whom, and their common motion in place of Kepler orbits.
 
-Massive bodies that are near one another form groups, and each group moves by itself. A massless body moves with copies
-of the massive bodies that it is near, or with all of them in its pericentre passage, and changes none of them. A
-massive body in its passage takes all massive bodies along.
+Massive bodies that are near one another form a group. Each group moves by itself. While a massive body passes its
+pericentre, all massive bodies are one group. A massless body moves with copies of the massive bodies near it. In its
+own pericentre passage it moves with copies of all massive bodies. It changes none of them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def find_groups(hybrid):
 
 @jit
 def join(hybrid, i, jumps):
-    """Add the body in slot i, as it was before the drift, to those that meet."""
+    """Add the body in slot i to the bodies that meet. With ``jumps`` its velocity is from the central body."""
     meeting = hybrid.meeting
     k = meeting.size[NUMBER]
     meeting.slots[k], meeting.gm[k], meeting.jumps[k] = i, hybrid.bodies.table[SOURCE, i], jumps
@@ -55,7 +55,8 @@ def join(hybrid, i, jumps):
 
 @jit
 def move_together(hybrid, others, h):
-    """Move the bodies that have joined over a time h, from ``middle`` to ``x`` and ``v``. Return a status."""
+    """Move the bodies that have joined over a time h. They start from ``middle``; ``meeting`` has the end. Return a
+    status."""
     meeting, middle, share = hybrid.meeting, hybrid.middle, hybrid.bodies.table[OTHERS]
     n = meeting.size[NUMBER]
     for k in range(3):
@@ -83,7 +84,7 @@ def move_together(hybrid, others, h):
 
 @jit
 def keep(hybrid, first):
-    """Write the bodies that have moved together, from that one on, to the orbits."""
+    """Write the end of the common motion to the orbits, for the bodies from number ``first`` on."""
     meeting, orbit = hybrid.meeting, hybrid.bodies.orbit
     n = meeting.size[NUMBER]
     for i in range(first, n):
@@ -94,8 +95,8 @@ def keep(hybrid, first):
 
 @jit
 def passage_of_massive(hybrid, others, h, moved):
-    """Move all massive bodies together from ``middle``. moved <- their part of the central body's way, the other way.
-    Return a status."""
+    """Move all massive bodies together from ``middle``. moved <- minus the way that the central body goes by their
+    attraction. Return a status."""
     meeting, share, live = hybrid.meeting, hybrid.bodies.table[OTHERS], hybrid.bodies.table[LIVE]
     meeting.size[NUMBER], meeting.size[ALL], meeting.size[FIRST_NOTED] = 0, hybrid.way == FULL, 0
     mass = 1.0
@@ -132,7 +133,7 @@ def groups_of_massive(hybrid, others, h):
 
 @jit
 def joins_massless(hybrid, i, j):
-    """Tell whether the massive body j, or one of its group, is near the massless body i."""
+    """Tell whether the massless body i is near the massive body j, or near another body of j's group."""
     if hybrid.near[j, i]:
         return True
     if hybrid.group[j] != ALONE:
@@ -144,8 +145,8 @@ def joins_massless(hybrid, i, j):
 
 @jit
 def each_massless(hybrid, others, h):
-    """Move each massless body that meets a massive one, or passes its pericentre, with copies of massive ones. Return a
-    status."""
+    """Move each massless body that is near a massive one or passes its pericentre. Copies of massive bodies move along.
+    Return a status."""
     meeting, live, passes = hybrid.meeting, hybrid.bodies.table[LIVE], hybrid.passes
     heavy = hybrid.counts[HEAVY] > 0
     for i in range(hybrid.group.size, passes.size):

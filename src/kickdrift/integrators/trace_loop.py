@@ -1,7 +1,7 @@
 """Compiled loop of the hybrid map: kick, jump, drift, jump, kick, with encounters and passages inside the drift.
 
-A step is done with the pairs and passages found at its start. If its end shows further ones, the step is done once more
-with all of them (Hernandez & Dehnen 2023, MNRAS 522, 4639; Lu, Hernandez & Rein 2024,
+A step begins with the near pairs and passages that its start shows. If its end shows more of them, the step is done
+once more with all of them (Hernandez & Dehnen 2023, MNRAS 522, 4639; Lu, Hernandez & Rein 2024,
 doi:10.1093/mnras/stae1982).
 """
 
@@ -17,7 +17,7 @@ from kickdrift.integrators.trace_groups import (
     passage_of_massive,
 )
 from kickdrift.integrators.trace_others import kick_by_others, meets_any
-from kickdrift.integrators.trace_state import FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
+from kickdrift.integrators.trace_state import FOUND, FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace_switch import clear_flags, find_flags
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
@@ -60,7 +60,7 @@ def velocity_after(hybrid, i, h):
 
 @jit
 def kick(hybrid, h):
-    """Kick all bodies by the massive ones that are not near them."""
+    """Kick each body by the massive bodies that are not near it."""
     bodies, kept, live = hybrid.bodies, hybrid.kept, hybrid.bodies.table[LIVE]
     n, some = bodies.orbit.shape[1], hybrid.counts[PAIRS] + hybrid.counts[PASSAGES] > 0
     if some:
@@ -77,7 +77,7 @@ def kick(hybrid, h):
 
 @jit
 def jump_all(hybrid, h):
-    """Move all bodies with the central one, but for massless ones that pass their pericentre."""
+    """Move all bodies by the central body's way, except massless bodies that pass their pericentre."""
     bodies, kept, passages = hybrid.bodies, hybrid.kept, hybrid.counts[PASSAGES] > 0
     n = bodies.orbit.shape[1]
     if passages:
@@ -93,7 +93,7 @@ def jump_all(hybrid, h):
 
 @jit
 def shift_massless(hybrid, moved):
-    """Move the massless bodies that no massive one is near by half the central body's way."""
+    """Move massless bodies by half the central body's way, if they meet no massive body and pass no pericentre."""
     orbit = hybrid.bodies.orbit
     for i in range(hybrid.group.size, orbit.shape[1]):
         if not (hybrid.meets[i] or hybrid.passes[i]):
@@ -119,7 +119,7 @@ def drift_in_passage(hybrid, others, h, t, moved):
 
 @jit
 def drift_or_meet(hybrid, others, h, t):
-    """Drift along Kepler orbits, and with the bodies that are near. Return a status."""
+    """Drift: near bodies move together, all others on Kepler orbits. Return a status."""
     bodies, some = hybrid.bodies, hybrid.counts[PAIRS] + hybrid.counts[PASSAGES] > 0
     if some:
         copy_orbits(hybrid.middle, bodies.orbit)
@@ -148,9 +148,9 @@ def finite(bodies):
 
 @jit
 def attempt(forces, hybrid, h, t, moved, cursor):
-    """One step with the present pairs and passages. Return a status."""
+    """Take one step with the pairs and passages noted so far. Return a status."""
     bodies, others_act = hybrid.bodies, forces.table.shape[0] > 0
-    hybrid.counts[POINTS], hybrid.span[0], hybrid.span[1] = 0, t, h
+    hybrid.counts[POINTS], hybrid.meeting.size[FOUND], hybrid.span[0], hybrid.span[1] = 0, 0, t, h
     if others_act:
         status = kick_by_others(forces, hybrid, t, 0.5 * h, cursor)
         if status != OK:
@@ -171,7 +171,7 @@ def attempt(forces, hybrid, h, t, moved, cursor):
         status = kick_by_others(forces, hybrid, t + h, 0.5 * h, cursor)
         if status != OK:
             return status
-    cursor[EVALUATIONS] += 1
+    cursor[EVALUATIONS] += 1 + hybrid.meeting.size[FOUND]
     return OK if finite(bodies) else BLOWN_UP
 
 
@@ -184,8 +184,10 @@ def put_back(hybrid):
 
 @driver
 def trace_loop(forces, given, slots, listed, masses, dt, start, y, first, steps, cursor):
-    """Take ``steps`` steps, and y <- the state at the last step point. Return a status. Arguments are as in
-    ``loops``; those of ``leave`` follow the state."""
+    """Take ``steps`` steps, and y <- the state at the last step point. Return a status.
+
+    The arguments are those of ``loops``. ``slots``, ``listed`` and ``masses`` are for ``leave_democratic``.
+    """
     bound, others = handle(given), handle(forces)
     cursor, y = unowned(cursor), unowned(y)
     bodies, counts, moved, status = bound.bodies, bound.counts, bound.kept[5, :3], OK

@@ -1,11 +1,11 @@
 """Bodies that meet: their accelerations, and Gauss-Radau steps through a time h.
 
-A body moves about the central one and feels the bodies near it. A body in a pericentre passage also feels what the
-central body's own motion does to it: with its velocity u taken from the central body,
+A body moves about the central body and feels the bodies near it. In a pericentre passage the velocity u is taken from
+the moving central body, so the central body's own acceleration counts too:
 
     u' = -G m_0 x / r^3 + sum over near j of G m_j (x_j - x) / d^3 - sum over massive j of G m_j x_j / r_j^3,
 
-which joins the map's jump to its drift. Other forces add to these accelerations (see ``trace_others``).
+In this way the drift includes the map's jump. Other forces add to these accelerations (see ``trace_others``).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def attract(hybrid, others, s, x, a):
 
 @jit
 def note_path(hybrid, t):
-    """Note where the bodies that meet are at a time t since the step's start."""
+    """Note positions and velocities of the bodies that meet, at a time t since the step's start."""
     meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
     x, v = meeting.x, meeting.v
     n, first = meeting.size[NUMBER], counts[POINTS]
@@ -116,7 +116,7 @@ def rate2(x, y, z, u, v, w, gm):
 
 @jit
 def shortest_time(hybrid):
-    """Shortest time scale at the start, of the motion about the central body and of near pairs."""
+    """Shortest time scale at the start: that of a motion about the central body, or of a near pair."""
     meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
     slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
     n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
@@ -135,7 +135,8 @@ def shortest_time(hybrid):
 
 @jit
 def iterate(hybrid, others, width, done, h):
-    """Correct the step's polynomial until only rounding is left; as ``gauss_radau_loop.iterate``. Return a status."""
+    """Correct the step's polynomial until only rounding is left, as ``gauss_radau_loop.iterate`` does. Return a
+    status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, x, a, residual = meeting.work, meeting.x, meeting.a, np.inf
     prepare(work, width, tables, 0, h, True)

@@ -15,7 +15,7 @@ from kickdrift.forces.seam import accelerate_by
 from kickdrift.integrators.trace_state import HEAVY, NUMBER, PAIRS, PASSAGES
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, OTHERS
 from kickdrift.integrators.wisdom_holman_others import add_accelerations, fill_positions
-from kickdrift.jit.compile import inlined, jit
+from kickdrift.jit.compile import jit
 
 KICKS, INSIDE = range(2)  # groups of the other forces
 TURNS = 50  # iterations of a kick
@@ -43,7 +43,7 @@ def momentum(hybrid, k):
 # --- inside ---
 
 
-@inlined
+@jit
 def place_on_drift(hybrid, k, s):
     """Put the massive bodies, along axis k, where they are a time s after the step's start: on Hermite's cubic between
     the ends of their drift, which is the same on the way back."""
@@ -57,7 +57,7 @@ def place_on_drift(hybrid, k, s):
             bodies.x[1, k, order[i]] = (v0 + f * (2.0 * b + 3.0 * f * a)) / h
 
 
-@inlined
+@jit
 def place_all(hybrid, s, x):
     """bodies.x <- positions and velocities of the massive bodies, and of those that meet, a time s after the step's
     start."""
@@ -122,7 +122,7 @@ def add_inside(hybrid, others, s, x, a):
 # --- kicks ---
 
 
-@inlined
+@jit
 def fill_speeds(bodies):
     """bodies.x[1] <- the velocities of all bodies."""
     for k in range(3):
@@ -135,7 +135,7 @@ def fill_speeds(bodies):
         bodies.x[1, k, bodies.central] = central
 
 
-@inlined
+@jit
 def put_speeds(hybrid):
     """Return to the velocities before the kick, as ``speeds`` keeps them."""
     bodies = hybrid.bodies
@@ -146,7 +146,7 @@ def put_speeds(hybrid):
         bodies.centre[1, k], bodies.centre[3, k] = hybrid.speeds[k, n], hybrid.speeds[k, n + 1]
 
 
-@inlined
+@jit
 def keep_speeds(hybrid):
     """Keep the velocities before the kick."""
     bodies = hybrid.bodies
@@ -157,7 +157,7 @@ def keep_speeds(hybrid):
         hybrid.speeds[k, n], hybrid.speeds[k, n + 1] = bodies.centre[1, k], bodies.centre[3, k]
 
 
-@inlined
+@jit
 def kick_by_group(others, hybrid, group, t, h, cursor):
     """Kick by one group of forces at the positions and velocities ``bodies.x``. Bodies that move with others feel the
     group INSIDE elsewhere. Return a status."""
@@ -181,7 +181,7 @@ def kick_by_group(others, hybrid, group, t, h, cursor):
     return OK
 
 
-@inlined
+@jit
 def kick_by_groups(others, hybrid, t, h, cursor):
     """Kick by both groups. Return a status."""
     for group in range(2):
@@ -192,7 +192,7 @@ def kick_by_groups(others, hybrid, t, h, cursor):
     return OK
 
 
-@inlined
+@jit
 def halve_change(hybrid):
     """Put the velocities half way between those before the kick and those after. Return how far the velocities after
     the kick have changed since the last iteration, relative to the largest."""
@@ -233,5 +233,5 @@ def kick_by_others(others, hybrid, t, h, cursor):
             return kick_by_groups(others, hybrid, t, h, cursor)
         if turn > 0 and not change < 1e300:
             return BLOWN_UP
-        before = change
+        before = change if turn > 0 else 1e300
     return BLOWN_UP

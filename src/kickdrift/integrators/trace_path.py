@@ -13,9 +13,9 @@ def points_inside(
 ) -> list[tuple[float, Floats]]:
     """Times and states (2, 3, n) between the ends of a step, at each time of ``rows`` (see ``trace_state``).
 
-    The central body moves on a straight line. Bodies without rows follow Hermite's cubic between the ends of the step,
-    and bodies with rows follow cubics between their points. The ends of these paths are moved to the ends of the step:
-    the map has shifted all bodies that meet alike, so their distances from one another stay.
+    The central body moves on a straight line. A body without rows follows Hermite's cubic between the ends of the step.
+    A body with rows follows cubics between its points. These paths are shifted so that they begin and end at the ends
+    of the step. The map shifts all bodies that meet by the same way, so the distances between them stay.
     """
     rows = rows[rows[:, 1] >= 0.0]  # no copies
     times = np.unique(rows[:, 0])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
 from kickdrift.integrators.gauss_radau_tables import tables
 from kickdrift.integrators.trace_others import INSIDE, KICKS
@@ -16,16 +17,19 @@ from kickdrift.model.state import Floats
 
 
 def hybrid_of(
-    bodies: Bodies, reach: Floats, way: int, inner: int, groups: Sequence[int] = (), moving: bool = False
+    bodies: Bodies, reach: Floats, way: int, inner: int, others: Sequence[object] = (), moving: bool = False
 ) -> Hybrid:
-    """The state of the hybrid map of these bodies, with ``reach`` (slots,), the ``groups`` of other forces, and
-    ``moving`` as in ``trace_state``."""
+    """The state of the hybrid map of these bodies, with ``reach`` (slots,) as in ``trace_state``.
+
+    ``others`` are the forces other than gravity; ``moving`` tells whether they depend on velocity.
+    """
+    groups = np.array([KICKS if isinstance(force, ListedForce) else INSIDE for force in others], np.int64)
     slots, massive = bodies.table.shape[1], bodies.massive
     room = massive + 1
     width = BLOCK * -(-3 * room // BLOCK) + BLOCK
     return Hybrid(
         bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
-        passes=np.zeros(slots, np.uint8), reach=reach, zone=np.zeros(massive),
+        passes=np.zeros(slots, np.uint8), reach=reach, zone=aligned((massive,)),
         counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
         middle=aligned((6, slots)),
         group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)),
@@ -36,7 +40,7 @@ def hybrid_of(
             size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
             work=aligned((ROWS * width,)),
         ),
-        tables=tables(), groups=np.array(groups, np.int64),
-        present=np.array([KICKS in groups, INSIDE in groups], np.uint8), span=np.zeros(2),
-        speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=moving, way=way, inner=inner,
+        tables=tables(), groups=groups, present=np.array([KICKS in groups, INSIDE in groups], np.uint8),
+        span=np.zeros(2), speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=moving,
+        way=way, inner=inner,
     )  # fmt: skip

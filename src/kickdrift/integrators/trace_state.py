@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from kickdrift.integrators.gauss_radau_tables import Tables
 from kickdrift.integrators.wisdom_holman_bodies import Bodies
 
-# Entries of ``counts``: pairs and passages found anew by the last search; all pairs that are near; all passages; the
-# massive bodies in passage; whether flags and accelerations belong to the present state; steps done twice; points in
-# ``path``.
+# Entries of ``counts``: pairs and passages that the last search added; all near pairs; all passages; massive bodies in
+# passage; 1 if flags and accelerations belong to the present state; steps done twice; points in ``path``.
 NEW, PAIRS, PASSAGES, HEAVY, READY, TWICE, POINTS = range(7)
 COUNTS = 7
 # Ways of a pericentre passage.
 NONE, PARTIAL, FULL = range(3)
 GAUSS_RADAU, BULIRSCH_STOER = range(2)
-# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; attractions found so far; first body
+# Entries of ``size``: number of bodies; 1 if all pairs attract each other here; evaluations in this step; first body
 # whose path is noted.
 NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
 # Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
@@ -32,7 +31,7 @@ PATH_ROWS = 4096  # further points are not noted
 
 
 class Meeting(NamedTuple):
-    """Bodies that meet, for the methods that follow them. Arrays have room for all massive bodies and one more."""
+    """Bodies that meet. The arrays have room for all massive bodies and one massless body."""
 
     slots: NDArray[np.int64]  # (room,) slot of each
     gm: NDArray[np.float64]  # (room,)

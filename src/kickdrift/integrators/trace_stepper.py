@@ -1,4 +1,4 @@
-"""Integration with the hybrid map: its state, and its warnings."""
+"""Integration with the hybrid map of Wisdom-Holman steps and encounters: its memory and its warnings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.listed import ListedForce
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
-from kickdrift.integrators.trace_others import INSIDE, KICKS
 from kickdrift.integrators.trace_path import points_inside
 from kickdrift.integrators.trace_room import hybrid_of
 from kickdrift.integrators.trace_state import PAIRS, PASSAGES, POINTS, TWICE
@@ -34,7 +32,8 @@ NAMED = 3  # most bodies that a warning names
 class TraceStepper(WisdomHolmanStepper):
     """Integration in democratic heliocentric coordinates that follows encounters and pericentre passages.
 
-    A checkpoint holds the orbits at the step point and the centre of mass. Pairs and passages follow from these.
+    A checkpoint holds the orbits at the step point and the centre of mass. Near pairs and passages are found again from
+    these.
     """
 
     saved: ClassVar[tuple[str, ...]] = ("_cursor", "_start", "_twice", "_wide", "_bodies.orbit", "_bodies.centre")
@@ -48,12 +47,11 @@ class TraceStepper(WisdomHolmanStepper):
         super()._place(system)
         bodies = self._bodies
         slots = bodies.table.shape[1]
-        others = [force for force in system.forces if not isinstance(force, Gravity)]
-        groups = [KICKS if isinstance(force, ListedForce) else INSIDE for force in others]
         heavy = (bodies.table[SOURCE] / (3.0 * bodies.gm)) ** (1 / 3)
         self._reach = aligned((slots,))
         self._reach[:] = (self._hill_radii * heavy) ** 2 * bodies.table[LIVE]
-        self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, groups, self._moving)
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, others, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y.copy(), steps

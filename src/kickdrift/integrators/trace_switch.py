@@ -1,15 +1,17 @@
 """Switches of the hybrid map: which pairs are near, and which bodies pass their pericentre.
 
-A pair is near if its distance falls below the larger of both hand-over radii, ``hill_radii`` times
-r (m / (3 m_0))^(1/3), within half a step before or after on a straight line. A body passes its pericentre if the step
-is longer than the time scale of its Kepler motion,
+Each body has a hand-over radius, ``hill_radii`` times r (m / (3 m_0))^(1/3). A pair is near if its distance falls below
+the larger radius of the two, within half a step before or after, on straight lines.
+
+A body passes its pericentre if the step is longer than the time scale of its Kepler motion,
 
     tau^2 = 2 a^2 / (a'^2 + a a''),
 
-with the moduli of the acceleration and its time derivatives (Pham, Rein & Spiegel 2024,
-doi:10.21105/astro.2401.02849). A body whose hand-over radius reaches the central body is always in
-passage. Both conditions are even in time (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982; Hernandez & Dehnen
-2023, MNRAS 522, 4639).
+where a, a' and a'' are the moduli of the acceleration and its time derivatives (Pham, Rein & Spiegel 2024,
+doi:10.21105/astro.2401.02849). A body whose hand-over radius reaches the central body is always in passage.
+
+Both conditions are the same with the time turned round (Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982;
+Hernandez & Dehnen 2023, MNRAS 522, 4639).
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from kickdrift.jit.vectors import WIDTH
 
 @inlined
 def passage(x, v, gm, dt):
-    """Mask of the bodies whose time scale is shorter than dt.
+    """Return a mask of the bodies whose time scale is shorter than dt.
 
     For Kepler motion, with sigma = x . v / r and c = 2 GM / r - 3 v^2 + 15 sigma^2,
 

@@ -69,6 +69,7 @@ class WisdomHolmanStepper(Regular):
         self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
         others = system.under(force for force in system.forces if not isinstance(force, Gravity))
         self._others = BoundForces(others, flow.forces.threads)
+        flow.others = self._others  # type: ignore[union-attr]
         self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of samples
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)

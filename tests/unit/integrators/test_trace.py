@@ -191,8 +191,9 @@ def test_a_passage_of_a_planet_carries_massless_bodies_along():
 # --- runs ---
 
 
-def test_a_run_in_pieces_and_from_a_file_has_the_same_bits(tmp_path):
-    system = giants(massless=[(5.35, 0.03, 5.9)])
+@pytest.mark.parametrize("forces", [(), (kd.PostNewtonian(c=300.0),)], ids=["gravity", "1pn"])
+def test_a_run_in_pieces_and_from_a_file_has_the_same_bits(forces, tmp_path):
+    system = giants(massless=[(5.35, 0.03, 5.9)], forces=forces)
     whole = kd.Simulation(system, "trace", dt=5 * DT)
     whole.run(120)
     path = tmp_path / "run.h5md"
@@ -214,6 +215,13 @@ def test_another_start_in_an_encounter_has_the_bits_of_a_new_simulation():
     again = kd.Simulation(giants(), "trace", dt=5 * DT)
     again.run(200)
     np.testing.assert_array_equal(sim.state.positions, again.state.positions)
+
+
+def test_evaluations_inside_count():
+    """So that a comparison shows what encounters cost."""
+    quiet = on_orbits((1e-4, 1.0, 0.01, 0.3), (1e-4, 2.5, 0.04, 1.0))
+    assert kd.Simulation(quiet, "trace", dt=0.05).run(50).force_evaluations == 50
+    assert kd.Simulation(diver(), "trace", dt=2.0).run(50).force_evaluations > 500
 
 
 # --- other forces ---
@@ -272,6 +280,20 @@ def test_forces_with_pair_lists_stay_kicks():
     assert passages > 2
     assert back(system, 60, 2.0) < 1e-10
     assert off(system, 2.0, 40.0) < 1e-2
+
+
+@pytest.mark.parametrize("after", [5, 130])
+def test_an_error_in_a_python_force_is_named(after):
+    """In a kick, and inside a passage."""
+    calls = iter(range(after))
+
+    def push(positions, velocities, time, box):
+        next(calls)
+        return np.zeros_like(positions), None
+
+    system = diver(forces=[kd.PythonForce(push, works=True)])
+    with pytest.raises(kd.RunError, match="push raised StopIteration"):
+        kd.Simulation(system, "trace", dt=2.0).run(60)
 
 
 # --- bad input ---
