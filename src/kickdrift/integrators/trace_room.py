@@ -19,7 +19,7 @@ def hybrid_of(bodies: Bodies, reach: Floats, way: int, inner: int) -> Hybrid:
     width = BLOCK * -(-3 * room // BLOCK) + BLOCK
     return Hybrid(
         bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
-        passes=np.zeros(slots, np.uint8), reach=reach, zone=np.zeros(massive),
+        passes=np.zeros(slots, np.uint8), reach=reach, zone=aligned((massive,)),
         counts=np.zeros(COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
         middle=aligned((6, slots)),
         group=np.zeros(massive, np.int64), path=np.zeros((PATH_ROWS, PATH_COLUMNS)),
