@@ -44,11 +44,12 @@ def passage(x, v, gm, dt):
 
 @inlined
 def comes_near(d, u, half, limit):
-    """Mask of the pairs whose squared distance falls below a limit within a time ``half`` before or after, on a straight
-    line with position d and velocity u."""
+    """Mask of the pairs whose squared distance falls below a limit within a time ``half`` before or after.
+
+    A pair moves on a straight line with position d and velocity u."""
     r2, u2, along = dot(d, d), dot(u, u), abs(dot(d, u))
-    passes = (along < half * u2) & ((r2 - limit) * u2 < along * along)  # at the closest point of the line
-    return passes | (r2 + half * (half * u2 - 2.0 * along) < limit)
+    at_closest = (along < half * u2) & ((r2 - limit) * u2 < along * along)
+    return at_closest | (r2 + half * (half * u2 - 2.0 * along) < limit)
 
 
 @jit
