@@ -96,6 +96,7 @@ SCRIPTS = (
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("trace.py", "trace beside TRACE: steps, way back, scatterings, outcomes, speed", 60, peers=("rebound",)),
     Script("trace_forces.py", "other forces inside the encounters and passages of trace, beside gauss-radau15", 10),
+    Script("survival.py", "instability times of three planets, in lanes and by TRACE", 60, peers=("rebound",)),
     Script(
         "wisdom_holman_kernels.py",
         "kernels of wisdom-holman: powers of dt and of the masses; beside WHFast",

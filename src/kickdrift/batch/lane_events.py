@@ -21,7 +21,7 @@ from kickdrift.integrators.trace_state import COUNTS, PATH_COLUMNS, POINTS
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.model.events import CloseApproach, Escape, Event
+from kickdrift.model.events import CloseApproach, Crossing, Escape, Event
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -107,7 +107,12 @@ class LaneEvents:
     """
 
     def __init__(
-        self, systems: Sequence[System], order: NDArray[np.int64], integrator: str, dt: Floats, options: Mapping[str, Any]
+        self,
+        systems: Sequence[System],
+        order: NDArray[np.int64],
+        integrator: str,
+        dt: Floats,
+        options: Mapping[str, Any],
     ) -> None:
         self._systems, self._integrator, self._dt, self._options = systems, integrator, dt, options
         self.stopped: dict[int, str] = {}
@@ -149,6 +154,8 @@ def _reaches(system: System, order: NDArray[np.int64]) -> tuple[Floats, Floats, 
     for event in system.events:
         if isinstance(event, Escape):
             far, origin, _ = Escapes(event, system).limit
+            continue
+        if isinstance(event, Crossing):  # refused
             continue
         watch = Approaches(event, system) if isinstance(event, CloseApproach) else Contacts(event, system)
         pairs, reaches, about = watch.limits

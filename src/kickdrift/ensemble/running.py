@@ -12,10 +12,10 @@ import os
 import sys
 import uuid
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from itertools import count, islice
+from itertools import count
 from multiprocessing import active_children, resource_tracker
 from time import monotonic
 from typing import Any
@@ -33,6 +33,7 @@ PATIENCE = 10.0  # seconds to wait for a scheduler's answer
 AHEAD = 3  # tasks in progress for each thread of the workers
 TASK_SECONDS = 0.4  # shorter members share a task, at most MOST
 MOST = 64
+BLOCK = 8  # members of one register: see ``together.TOGETHER``
 LOCAL = {  # Dask's settings for a cluster on this machine
     "distributed.deploy.lost-worker-timeout": "1000 days",  # else a worker that dies while it restarts is given up
     "distributed.worker.profile.enabled": False,  # not used, and it takes time from the members
@@ -139,7 +140,7 @@ def _nobody_imports_main() -> Iterator[None]:
         vars(main).update(hidden)
 
 
-def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> Iterator[list[Row]]:
+def rows(recipe: Recipe, members: Members, todo: Sequence[int], client: Any) -> Iterator[list[Row]]:
     """Yield the rows of the members with these numbers as they finish. Members that take about TASK_SECONDS together
     form one task.
 
@@ -154,7 +155,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
             raise answer
         if isinstance(answer, ImportError | AttributeError):
             raise InputError(f"ensemble: the workers cannot load the members' code: {answer}")
-    left = iter(todo)
+    left = deque(todo)
     name = f"kickdrift-{uuid.uuid4().hex[:12]}"
     tasks = distributed.as_completed(loop=client.loop)
     sent: dict[str, list[Member]] = {}
@@ -162,9 +163,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     together, number = 1, count()
     room, looked = 0, -REFRESH
     if recipe.in_turns:  # as many in one call as there are for each thread
-        numbers = list(todo)
-        together = min(MOST, -(-len(numbers) // max(1, sum(client.nthreads().values()))))
-        left = iter(numbers)
+        together = min(MOST, -(-len(todo) // max(1, sum(client.nthreads().values()))))
 
     def send(batch: list[Member]) -> None:
         key = f"{name}-{batch[0].number}-{next(number)}"
@@ -179,7 +178,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
         nonlocal room, looked
         if monotonic() - looked >= REFRESH:  # this takes the scheduler as long as a task
             room, looked = AHEAD * max(1, sum(client.nthreads().values())), monotonic()
-        while len(sent) < room and (batch := [members[i] for i in islice(left, together)]):
+        while len(sent) < room and (batch := [members[i] for i in taken(left, together)]):
             send(batch)
 
     client.subscribe_topic(COMPILING, _announced)
@@ -190,6 +189,7 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
             if future.status == "finished":
                 found, seconds, least = future.result()
                 wanted = int(TASK_SECONDS * len(batch) / seconds)
+                least = fair(least, len(left), room // AHEAD)
                 together = together if recipe.in_turns else min(max(least, wanted - wanted % least), MOST)
                 yield found
             elif future.status != "error":
@@ -205,6 +205,17 @@ def rows(recipe: Recipe, members: Members, todo: Iterable[int], client: Any) -> 
     finally:
         client.unsubscribe_topic(COMPILING)
         client.cancel(list(tasks.futures))
+
+
+def taken(numbers: deque[int], count: int) -> list[int]:
+    """Take up to ``count`` numbers from the front."""
+    return [numbers.popleft() for _ in range(min(count, len(numbers)))]
+
+
+def fair(least: int, left: int, threads: int) -> int:
+    """Fewer members for a task than ``least``, if there would be none for some thread; whole blocks of lanes stay."""
+    share = -(-left // max(1, threads))
+    return min(least, max(BLOCK, share - share % BLOCK))
 
 
 def _announced(event: tuple[Any, Any]) -> None:

@@ -23,6 +23,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 
 TOGETHER = WIDTH  # members, or a multiple of this
+STOPPING = 8 * WIDTH  # the same of members that events stop at different times: others take their lanes
 NEAR = 1e-6  # allowed distance of a time from the grid of steps, in steps
 
 

@@ -69,7 +69,7 @@ def _tell(purpose: str, kept: bool) -> None:
 
 def _rows(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], int]:
     """Return a row for each member, and the number of members for one task."""
-    from kickdrift.ensemble.together import TOGETHER, side_by_side  # loads the compiler
+    from kickdrift.ensemble.together import STOPPING, TOGETHER, side_by_side  # loads the compiler
     from kickdrift.forces.external_turns import in_turns
 
     systems = {member.number: system for member in members if (system := _built(recipe, member)) is not None}
@@ -78,7 +78,8 @@ def _rows(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], int]:
         return in_turns(works), len(works)
     found = side_by_side(recipe, [(member, systems[member.number]) for member in members if member.number in systems])
     rows = [found.get(each.number) or run_member(recipe, each, systems.get(each.number)) for each in members]
-    return rows, TOGETHER if found else 1
+    stops = any(getattr(system, "events", ()) for system in systems.values())
+    return rows, (STOPPING if stops else TOGETHER) if found else 1
 
 
 def _built(recipe: Recipe, member: Member) -> System | Problem | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -32,7 +31,7 @@ from kickdrift.integrators.trace_room import hybrid_of
 from kickdrift.integrators.trace_state import COUNTS
 from kickdrift.integrators.trace_stepper import wide_lines
 from kickdrift.integrators.wisdom_holman import LEAPFROG
-from kickdrift.integrators.wisdom_holman_bodies import HILL, LIVE, ROWS, SOURCE, Bodies
+from kickdrift.integrators.wisdom_holman_bodies import HILL, ROWS, SOURCE, Bodies
 from kickdrift.integrators.wisdom_holman_bodies import WORK as WORK_ALONE
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned
@@ -251,8 +250,7 @@ class TraceLanes(WisdomHolmanLanes):
 
     def warnings(self, member: int) -> list[str]:
         """See LaneStepper."""
-        masses = self._members.systems[member].state.masses
-        order: Sequence[int] = self._seen_order[member]
+        system, order = self._members.systems[member], self._seen_order[member]
+        masses = system.state.masses
         far = self._hill_radii * np.cbrt(masses[order[1:]] / (3.0 * masses[order[0]]))
-        return wide_lines(self._members.systems[member], [int(order[i + 1]) for i in np.flatnonzero(far >= 1.0)],
-                          self._hill_radii)  # fmt: skip
+        return wide_lines(system, [int(order[i + 1]) for i in np.flatnonzero(far >= 1.0)], self._hill_radii)

@@ -6,29 +6,29 @@ pair or a pericentre passage at either end takes this step alone, by the code of
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.batch_gravity import look_in_lanes
 from kickdrift.forces.evaluate import EVALUATIONS
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.batch_loops import copy_in_lanes
 from kickdrift.integrators.batch_trace_alone import enter_alone, leave_alone
-from kickdrift.integrators.batch_trace_events import Limits, may_happen, happens
+from kickdrift.integrators.batch_trace_events import Limits, happens, may_happen
 from kickdrift.integrators.batch_wisdom_holman_loop import MUTUAL, LaneOrbits, add3, drift, leave, mutual_accelerations
-from kickdrift.forces.batch_gravity import look_in_lanes
-from kickdrift.integrators.trace_state import NONE, Hybrid
-from kickdrift.integrators.trace_switch import passage
 from kickdrift.integrators.loops import STEP
-from kickdrift.jit.by_address import status_at
+from kickdrift.integrators.trace_state import NONE, Hybrid
+from kickdrift.integrators.trace_switch import comes_near, passage
 from kickdrift.integrators.wisdom_holman_bodies import GM, OTHERS, Bodies
+from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import lowest_bit, mask_bits, select
 from kickdrift.jit.memory import load, store
-from kickdrift.jit.vector3 import dot, load3, store3, thrice
+from kickdrift.jit.vector3 import dot, load3, thrice
 from kickdrift.jit.vectors import WIDTH
 
 ALL = 255  # bits of eight lanes
@@ -88,10 +88,7 @@ def lanes_flags(own, dt, way):
         for q in range(p + WIDTH, stride, WIDTH):
             xj = load3(x, q, stride)
             own_j, d, u = load(reach, q) * dot(xj, xj), xj - xi, load3(v, q, stride) - vi
-            r2, u2 = dot(d, d), dot(u, u)
-            along = abs(dot(d, u))
-            least = select(along < half * u2, r2 - along * along / u2, r2 + half * (half * u2 - 2.0 * along))
-            found = found | (least < own_i) | (least < own_j)
+            found = found | comes_near(d, u, half, select(own_j > own_i, own_j, own_i))
     return mask_bits(found)
 
 

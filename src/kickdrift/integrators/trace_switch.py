@@ -19,9 +19,9 @@ from __future__ import annotations
 from kickdrift.integrators.trace_state import HEAVY, NEW, NONE, PAIRS, PASSAGES
 from kickdrift.integrators.wisdom_holman_bodies import LIVE
 from kickdrift.jit.compile import inlined, jit
-from kickdrift.jit.lanes import inverse_sqrt, splat
+from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, splat
 from kickdrift.jit.masks import any_lane, mask_bits, select
-from kickdrift.jit.memory import load
+from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, numbers3
 from kickdrift.jit.vectors import WIDTH
 
@@ -36,11 +36,22 @@ def passage(x, v, gm, dt):
     """
     r2, v2, along = dot(x, x), dot(v, v), dot(x, v)
     inverse = inverse_sqrt(r2)
-    sigma2 = along * along * inverse * inverse
+    sigma = along * inverse
+    sigma2 = sigma * sigma
     c = 2.0 * gm * inverse - 3.0 * v2 + 15.0 * sigma2
-    square = c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2
-    root = select(square > 0.0, square * inverse_sqrt(square), splat(0.0))
-    return 2.0 * r2 < dt * dt * (v2 + 3.0 * sigma2 + root)
+    square = c * (c - 12.0 * sigma2) + 36.0 * sigma2 * v2
+    rest = 2.0 / (dt * dt) * r2 - v2 - 3.0 * sigma2
+    return (rest < 0.0) | (rest * rest < square)
+
+
+@inlined
+def comes_near(d, u, half, limit):
+    """Mask of the pairs whose squared distance falls below a limit within a time ``half`` before or after.
+
+    A pair moves on a straight line with position d and velocity u."""
+    r2, u2, along = dot(d, d), dot(u, u), abs(dot(d, u))
+    at_closest = (along < half * u2) & ((r2 - limit) * u2 < along * along)
+    return at_closest | (r2 + half * (half * u2 - 2.0 * along) < limit)
 
 
 @jit
@@ -93,9 +104,9 @@ def find_flags(hybrid, dt):
     orbit, live = bodies.orbit, bodies.table[LIVE]
     n, half = orbit.shape[1], 0.5 * dt
     counts[NEW] = 0
-    for j in range(bodies.massive):
-        place = numbers3(orbit, j, n)
-        hybrid.zone[j] = hybrid.reach[j] * dot(place, place)
+    for b in range(0, bodies.massive, WIDTH):
+        x = load3(orbit, b, n)
+        store(hybrid.zone, b, load(hybrid.reach, b) * dot(x, x))
     for b in range(0, n, WIDTH):
         x, v = load3(orbit, b, n), load3(orbit, 3 * n + b, n)
         if hybrid.way != NONE:
@@ -107,10 +118,10 @@ def find_flags(hybrid, dt):
             if live[j] == 0.0:
                 continue
             d, u = numbers3(orbit, j, n) - x, numbers3(orbit, 3 * n + j, n) - v
-            r2, u2 = dot(d, d), dot(u, u)
-            along = abs(dot(d, u))
-            least = select(along < half * u2, r2 - along * along / u2, r2 + half * (half * u2 - 2.0 * along))
-            close = (least < own) | (least < hybrid.zone[j])
+            zone = splat(hybrid.zone[j])
+            place, own_place = lane_numbers(), float(j - b)
+            other = (place < own_place) | (place > own_place)
+            close = other & comes_near(d, u, half, select(own > zone, own, zone))
             if any_lane(close):
                 note_near_pairs(hybrid, j, b, mask_bits(close))
     return counts[NEW]

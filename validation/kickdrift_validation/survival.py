@@ -1,0 +1,119 @@
+"""Do systems of three planets in lanes last as long as in rebound's TRACE, and at what cost?
+
+    python -m kickdrift_validation.survival [--long]
+
+Three planets of 1e-5 of the star's mass on circles, as far apart as 3.5 to 6 mutual Hill radii, with random phases (as
+in Chambers, Wetherill & Boss 1996, doi:10.1006/icar.1996.0019). A system is unstable with the first encounter within
+one Hill radius. Both programs have 20 steps in the first period of the innermost planet, the same switches and the same
+contact: bodies with half a Hill radius touch. The samples are drawn from other seeds, so that they are independent.
+Processor times are taken in turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051/0004-6361/201118085.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.batch import Batch
+from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.trace import SIGNIFICANT, TURN, on_orbits, theirs
+
+MASS = 1e-5
+STEPS = 20  # in a period of the innermost planet
+DT = TURN / STEPS
+OTHERS = 1_000_000  # first seed of rebound's sample
+TOUCH = kd.Collision(action="stop")
+
+
+def three_planets(seed: int, nearest: float, farthest: float) -> kd.System:
+    """Three planets; the seed sets phases and their common spacing, in mutual Hill radii between two numbers."""
+    rng = np.random.default_rng(seed)
+    hill = (2.0 * MASS / 3.0) ** (1.0 / 3.0)
+    width, a, rows, radii = 0.5 * hill * rng.uniform(nearest, farthest), 1.0, [], [0.0]
+    for _ in range(3):
+        rows.append((MASS, a, 0.0, 0.0, 0.0, 0.0, rng.uniform(0.0, TURN)))
+        radii.append(0.5 * hill * a)
+        a *= (1.0 + width) / (1.0 - width)
+    return on_orbits(rows, radii=radii, events=[TOUCH])
+
+
+def in_lanes(systems: list[kd.System], orbits: int) -> tuple[np.ndarray, float]:
+    """Numbers of orbits until the first encounter, at most ``orbits``, and the processor time."""
+    batch = Batch(systems, "trace", DT)
+    steps = orbits * STEPS
+    began = process_time()
+    batch.run(steps, every=steps)
+    return batch.time / TURN, process_time() - began
+
+
+def beside(system: kd.System, orbits: int) -> tuple[float, float]:
+    """The same of one system by rebound's TRACE."""
+    import rebound
+
+    sim: Any = theirs(system, DT)
+    sim.collision, sim.collision_resolve = "line", "halt"  # "direct" sees only the ends of steps
+    began = process_time()
+    with suppress(rebound.Collision):
+        sim.steps(orbits * STEPS)
+    return sim.t / TURN, process_time() - began
+
+
+def lifetimes(count: int, others: int, turns: int, nearest: float, farthest: float, orbits: int) -> Iterator[Claim]:
+    """``count`` systems in lanes and ``others`` by TRACE, in some turns."""
+    from scipy.stats import ks_2samp
+
+    in_lanes([three_planets(2 * OTHERS + seed, 2.5, 3.0) for seed in range(16)], 300)  # compiles; some meet
+    ours: list[float] = []
+    other: list[float] = []
+    spent = np.zeros(2)
+    for turn in range(turns):
+        seeds = range(count * turn // turns, count * (turn + 1) // turns)
+        found, seconds = in_lanes([three_planets(seed, nearest, farthest) for seed in seeds], orbits)
+        ours += found.tolist()
+        spent[0] += seconds
+        for seed in range(others * turn // turns, others * (turn + 1) // turns):
+            time, seconds = beside(three_planets(OTHERS + seed, nearest, farthest), orbits)
+            other.append(time)
+            spent[1] += seconds
+    stable = [float((np.array(sample) >= 0.999999 * orbits).mean()) for sample in (ours, other)]
+    cut = [np.minimum(sample, 0.999999 * orbits) for sample in (ours, other)]
+    p = float(ks_2samp(*cut).pvalue)
+    what = f"three planets for {orbits:,} orbits, {count} in lanes and {others} by TRACE"
+    medians = " and ".join(f"{np.median(sample):.3g}" for sample in cut)
+    note = f"median {medians} orbits; survivors {stable[0]:.0%} and {stable[1]:.0%}"
+    yield claim(f"{what}: KS test of the instability times, p", round(p, 3), "above 0.05", p > SIGNIFICANT, note)
+    each = spent / [count, others]
+    ratio = float(each[1] / each[0])
+    note = f"{1e3 * each[0]:.3g} ms in lanes, {1e3 * each[1]:.3g} ms by TRACE"
+    yield claim(
+        f"{what}: processor time of a system, TRACE over lanes", round(ratio, 1), "at least 10", ratio >= 10, note
+    )
+    step = spent / [sum(ours), sum(other)] / STEPS
+    speed = float(step[1] / step[0])
+    note = f"{1e9 * step[0]:.0f} ns a step in lanes, {1e9 * step[1]:.0f} ns by TRACE"
+    yield claim(
+        f"{what}: processor time of a step, TRACE over lanes", round(speed, 1), "at least 10", speed >= 10, note
+    )
+
+
+def claims(long: bool = False) -> Iterator[Claim]:
+    """A short sample, and with ``long`` 1000 systems for 10^6 orbits."""
+    try:
+        import rebound  # noqa: F401
+    except ImportError:
+        yield not_run("three planets beside rebound's TRACE", "see the other claims", "rebound", INSTALL)
+        return
+    if long:
+        yield from lifetimes(1000, 100, 5, 3.5, 6.0, 1_000_000)
+    else:
+        yield from lifetimes(128, 40, 4, 4.5, 6.0, 60_000)
+
+
+if __name__ == "__main__":
+    sys.exit(main(claims, __doc__))
