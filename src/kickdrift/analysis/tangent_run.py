@@ -83,7 +83,9 @@ class TangentRun:
         given = self.dt, self.system.state.time, self.steps, steps, self._table, self._order
         if tangent_steps(rows, len(self.system), row, self._modified, *given):
             names = ", ".join(force.name for force in self._others)
-            raise InputError(f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not")
+            raise InputError(
+                f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
+            )
 
     def advance(self, steps: int) -> None:
         """Take steps."""

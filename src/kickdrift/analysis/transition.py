@@ -87,7 +87,11 @@ class TransitionMatrix:
     def __str__(self) -> str:
         rows, columns = self.matrix.shape
         words = [f"transition matrix {rows} x {columns} from t = {self.start.time:.6g} to {self.end.time:.6g}"]
-        for name, found in (("masses", self.by_masses), ("parameters", self.by_parameters), ("elements", self.by_elements)):
+        for name, found in (
+            ("masses", self.by_masses),
+            ("parameters", self.by_parameters),
+            ("elements", self.by_elements),
+        ):
             if found is not None:
                 words.append(f"{found.shape[1]} columns by {name}")
         if self.second is not None:

@@ -37,9 +37,7 @@ class GravityAlong(NamedTuple):
     first: int
 
 
-def bind(
-    force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None, first: int
-) -> GravityAlong:
+def bind(force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None, first: int) -> GravityAlong:
     """Bind gravity to a System, its deviations, and the slopes of its masses (n, directions)."""
     n, G = len(system), gravitational_constant(force.name, force.G, system)
     varied = np.zeros(0) if masses is None else np.ascontiguousarray(G * masses).reshape(-1)

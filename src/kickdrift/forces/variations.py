@@ -50,7 +50,9 @@ class Varied:
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along, self._first = masses, along, along if first is None else first
         if self._first < along and not isinstance(force, Gravity):
-            raise InputError(f"force {force.name!r}: has no variational equations of second order; gravity alone has them")
+            raise InputError(
+                f"force {force.name!r}: has no variational equations of second order; gravity alone has them"
+            )
         self._found: Any = None
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))

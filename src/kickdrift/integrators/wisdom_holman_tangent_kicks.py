@@ -97,8 +97,8 @@ def fill_accelerations(blocks, n, at, t, others, order, pulls):
 
 @jit
 def add_others(rows, n, t, others, order):
-    """Add the accelerations of the other forces to those of gravity. Return a status, negative for a force that takes no
-    duals."""
+    """Add the accelerations of the other forces to those of gravity. Return a status, which is not
+    OK for a force that takes no duals."""
     own_x, own_v, own_a = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), dual_rows(rows[OWN_A], n)
     inertial, a = dual_rows(rows[INERTIAL], n), dual_rows(rows[A], n)
     for i in range(n):
