@@ -78,6 +78,11 @@ class Varied:
         return parts
 
 
+def unvaried(force: Any) -> Any:
+    """The force of a System without deviations, for that of a varied one; any other force unchanged."""
+    return force.force if isinstance(force, Varied) else force
+
+
 def varied(
     system: System,
     deviations: Floats,

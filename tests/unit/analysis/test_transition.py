@@ -125,6 +125,24 @@ def test_a_tangent_map_follows_other_forces_and_kernels(name, forces, given):
     np.testing.assert_allclose(found.matrix[:, 0], slope(end), rtol=0, atol=1e-9 * size)
 
 
+def test_deviations_follow_epicycles():
+    def end(by):
+        sim = kd.Simulation(sheet(by), "sei", 0.02)
+        sim.run(until=3.0)
+        return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()])
+
+    def sheet(by=0.0):
+        x = [[0.1 + by, 0.2, 0.0], [0.9, -0.3, 0.05], [-0.7, 0.6, -0.02]]
+        v = [[0.0, -0.15, 0.01], [0.1, -1.4, 0.0], [0.05, 1.0, 0.0]]
+        forces = [kd.Hill(omega=1.0, vertical=1.3), kd.Gravity(G=1.0)]
+        return kd.System(x, v, [1e-2, 2e-2, 1e-2], forces=forces, units="nbody")
+
+    found = kd.transition_matrix(sheet(), 3.0, "sei", 0.02)
+    assert found.symplectic_error < 1e-14
+    assert found.by_differences == ()
+    np.testing.assert_allclose(found.matrix[:, 0], slope(end), rtol=0, atol=1e-9 * np.abs(found.matrix).max())
+
+
 def test_a_tangent_map_is_symplectic_over_long_runs():
     found = kd.transition_matrix(planets(), 500.0, "wisdom-holman", 0.05)
     assert found.steps == 10_000
