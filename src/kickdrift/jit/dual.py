@@ -14,7 +14,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
-from kickdrift.jit.numba_private import AttributeTemplate, Conversion, infer_getattr
+from kickdrift.jit.numba_private import AttributeTemplate, Conversion, impl_ret_borrowed, infer_getattr
 from kickdrift.jit.vector3_operators import AXES, Vector3, components
 from kickdrift.jit.vectors import WIDTH, constant, lanes_type
 
@@ -124,25 +124,34 @@ def _attribute(context, builder, kind, value, name):
     return made(builder, *(components(builder, part)[AXES.index(name)] for part in parts))
 
 
-@intrinsic
-def dual_rows(typingctx, memory, columns):
-    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each."""
-    kind = types.Array(DUAL, 2, "C")
+def _rows(keeps: bool) -> Any:
+    """Intrinsic that shows a row of float64 as duals; the array ``keeps`` the memory alive, or not."""
 
-    def codegen(context, builder, sig, args):
-        given = context.make_array(sig.args[0])(context, builder, args[0])
-        view = context.make_array(kind)(context, builder)
-        size = context.get_constant(types.intp, 8 * SLOT)
-        rows = context.get_constant(types.intp, 3)
-        context.populate_array(
-            view,
-            data=builder.bitcast(given.data, view.data.type),
-            shape=[rows, args[1]],
-            strides=[builder.mul(size, args[1]), size],
-            itemsize=size,
-            meminfo=None,
-        )
-        return view._getvalue()
+    @intrinsic
+    def rows(typingctx, memory, columns):
+        kind = types.Array(DUAL, 2, "C")
 
-    plain = isinstance(memory, types.Array) and memory.layout == "C" and memory.dtype == types.float64
-    return (kind(memory, types.intp), codegen) if plain else None
+        def codegen(context, builder, sig, args):
+            given = context.make_array(sig.args[0])(context, builder, args[0])
+            view = context.make_array(kind)(context, builder)
+            size = context.get_constant(types.intp, 8 * SLOT)
+            three = context.get_constant(types.intp, 3)
+            context.populate_array(
+                view,
+                data=builder.bitcast(given.data, view.data.type),
+                shape=[three, args[1]],
+                strides=[builder.mul(size, args[1]), size],
+                itemsize=size,
+                meminfo=given.meminfo if keeps else None,
+            )
+            return impl_ret_borrowed(context, builder, kind, view._getvalue()) if keeps else view._getvalue()
+
+        plain = isinstance(memory, types.Array) and memory.layout == "C" and memory.dtype == types.float64
+        return (kind(memory, types.intp), codegen) if plain else None
+
+    return rows
+
+
+# Array (3, columns) of duals in a row of float64, which holds SLOT numbers for each. The first kind costs nothing; the
+# second may outlive the name of its memory.
+dual_rows, kept_dual_rows = _rows(False), _rows(True)
