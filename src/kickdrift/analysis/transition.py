@@ -183,7 +183,9 @@ def transition_matrix(
     twice = _flat(run.second()) if second and isinstance(run, VariedRun) else None
     reached = system.at(phase, end, run.steps).state
     rate = next((force.omega for force in system.forces if isinstance(force, Hill)), 0.0)
-    return TransitionMatrix(*parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences, rate)
+    return TransitionMatrix(
+        *parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences, rate
+    )
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:

@@ -15,7 +15,7 @@ from numba import types
 
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_dual_rows
+from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_duals
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.vector3 import thrice, vector3
@@ -195,7 +195,7 @@ def _of_three(x, y, z):
 @as_written
 def dual_zeros(n):
     """Array (3, n) of duals without value and slopes."""
-    return kept_dual_rows(np.zeros(3 * n * SLOT), n)
+    return kept_duals(np.zeros(3 * n * SLOT), (3, n))
 
 
 @as_written
