@@ -126,8 +126,8 @@ def _attribute(context, builder, kind, value, name):
 
 @intrinsic
 def dual_rows(typingctx, memory, columns):
-    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each. The memory must live as
-    long."""
+    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each. The memory must
+    live as long."""
 
     def codegen(context, builder, sig, args):
         shape = [context.get_constant(types.intp, 3), args[1]]
@@ -138,8 +138,8 @@ def dual_rows(typingctx, memory, columns):
 
 @intrinsic
 def kept_duals(typingctx, memory, shape):
-    """Array of duals of this shape, a tuple, in an array of float64 that holds ``SLOT`` numbers for each. The array keeps
-    the memory alive."""
+    """Array of duals of this shape, a tuple, in an array of float64 that holds ``SLOT`` numbers for each. The array
+    keeps the memory alive."""
     kind = types.Array(DUAL, len(shape), "C") if isinstance(shape, types.UniTuple) else None
 
     def codegen(context, builder, sig, args):
