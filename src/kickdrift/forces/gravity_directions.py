@@ -61,8 +61,8 @@ def gravity_along(force, t, x, v, a, sums):
 
 @in_order
 def slopes_of_pairs(force, x, a):
-    """Add the slopes of all pairs' accelerations along deviations of order 1: w (u - 3 d (d . u) / r^2) with w = G m / r^3, for the separation d
-    and its deviation u; and d / r^3 times the slope of G m."""
+    """Add the slopes of all pairs' accelerations along deviations of order 1: w (u - 3 d (d . u) / r^2) with w = G m /
+    r^3, for the separation d and its deviation u; and d / r^3 times the slope of G m."""
     never_inline()
     n, size = force.a.shape[1], x.shape[1]
     directions = size // n - 1
