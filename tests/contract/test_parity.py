@@ -229,6 +229,7 @@ ELSEWHERE = {
         "Column", "Energies", "Orbit", "OrbitTable", "Sphere", "State", "frequencies",
     ),
     "only in Python: derivatives of a motion": ("TransitionMatrix", "transition_matrix"),
+    "chaos --spectrum": ("LyapunovSpectrum",),
 }  # fmt: skip
 
 

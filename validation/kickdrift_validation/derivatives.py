@@ -35,6 +35,7 @@ LAWS = {
     "linear-drag": kd.LinearDrag(0.7),
     "j2": kd.Oblateness(j2=0.01, radius=0.4, j4=-1e-4, pole=(0.1, 0.2, 1.0), G=1.0),
     "relativity-1pn": kd.PostNewtonian(c=10.0, G=1.0),
+    "relativity-eih": kd.EinsteinInfeldHoffmann(c=10.0, G=1.0),
     "migration": kd.Migration([0.0, 300.0, 200.0], [0.0, 90.0, 80.0], [0.0, 120.0, 100.0], G=1.0),
     "radiation-reaction": kd.RadiationReaction(c=10.0, G=1.0),
 }

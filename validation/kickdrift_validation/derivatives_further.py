@@ -41,7 +41,9 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 def second() -> Iterator[Claim]:
     texts = ["second derivatives of three bodies after 5 units of time by starts and masses, relative to the largest"]
-    texts += [f"first and second derivatives by {name} of a planet, each column relative to its largest" for name in SETS]
+    texts += [
+        f"first and second derivatives by {name} of a planet, each column relative to its largest" for name in SETS
+    ]
     bound, reference = "at most 1e-11", "heyoka's variational equations of order 2, with orbits in mpmath"
     try:
         import heyoka
@@ -112,7 +114,9 @@ def orbit_slopes(mpmath: Any, system: kd.System, keys: tuple[str, ...]) -> tuple
         for i in range(count):
             inner[rows, i] = ((moved((i, 1)) - moved((i, -1))) / (2 * h)).astype(float)
             for j in range(count):
-                mixed = moved((i, 1), (j, 1)) - moved((i, 1), (j, -1)) - moved((i, -1), (j, 1)) + moved((i, -1), (j, -1))
+                mixed = (
+                    moved((i, 1), (j, 1)) - moved((i, 1), (j, -1)) - moved((i, -1), (j, 1)) + moved((i, -1), (j, -1))
+                )
                 outer[rows, i, j] = (mixed / (4 * h * h)).astype(float)
         inner[19, [k for k, key in enumerate(keys) if key == "mass"]] = 1.0
     return inner, outer
@@ -140,7 +144,10 @@ def in_mpmath(mpmath: Any, keys: list[str], values: list[Any]) -> list[Any]:
         along = x * mpmath.cos(pericentre) - y * mpmath.sin(pericentre)
         ahead = x * mpmath.sin(pericentre) + y * mpmath.cos(pericentre)
         flat = ahead * mpmath.cos(inc)
-        found += [along * mpmath.cos(node) - flat * mpmath.sin(node), along * mpmath.sin(node) + flat * mpmath.cos(node)]
+        found += [
+            along * mpmath.cos(node) - flat * mpmath.sin(node),
+            along * mpmath.sin(node) + flat * mpmath.cos(node),
+        ]
         found.append(ahead * mpmath.sin(inc))
     return found
 

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from kickdrift.analysis.element_slopes import Slopes, named, slopes_of
@@ -37,8 +36,8 @@ class Columns(NamedTuple):
         return sum(self.widths)
 
     def start(self, n: int) -> Floats:
-        """Deviations (2, 3, n, columns): units for positions body by body and velocities body by body, nothing for masses
-        and parameters, and what the elements do."""
+        """Deviations (2, 3, n, columns): units for positions body by body and velocities body by body, nothing for
+        masses and parameters, and what the elements do."""
         made = np.zeros((2, 3, n, self.total))
         for half in range(2):
             for place, body in enumerate(self.bodies):
@@ -49,7 +48,7 @@ class Columns(NamedTuple):
         return made
 
     def second_start(self, n: int, one: Indices, two: Indices) -> Floats:
-        """Second derivatives of the start (2, 3, n, p) by p pairs of columns: those by elements, the others being zero."""
+        """Second derivatives of the start (2, 3, n, p) by p pairs of columns: those by elements, others are zero."""
         made = np.zeros((2, 3, n, len(one)))
         if self.of_elements is not None:
             first = self.total - len(self.elements)

@@ -1,8 +1,8 @@
 """Lyapunov spectra: the rates at which volumes of deviations grow.
 
 k deviations obey the variational equation. Now and then they are made orthonormal by a QR factorisation, and the
-logarithms of R's diagonal add up. Over time, they tend to t times the k largest exponents, in descending order (Benettin
-et al. 1980, doi:10.1007/BF02128236 and doi:10.1007/BF02128237; Geist, Parlitz & Lauterborn 1990,
+logarithms of R's diagonal add up. Over time, they tend to t times the k largest exponents, in descending order
+(Benettin et al. 1980, doi:10.1007/BF02128236 and doi:10.1007/BF02128237; Geist, Parlitz & Lauterborn 1990,
 doi:10.1143/PTP.83.875).
 """
 
@@ -170,21 +170,19 @@ def _followed(frame: MovingFrame, length: float, told: Callable[[int, int], Any]
         steps, _ = cadence(length, frame.sim.dt or length)
         every = max(1, min(EVERY, steps // LOOKS))
     start = frame.time
-    total, now, times, growth = 0.0, np.zeros(frame.matrix().shape[1]), [0.0], []
-    growth.append(now)
+    total: Floats = np.zeros(frame.matrix().shape[1])
+    times, growth = [0.0], [total]
 
     def visit(_: Any) -> bool:
         """Look at the deviations. Return whether they must be made orthonormal, or the time is over."""
-        nonlocal now
         vectors = frame.matrix()
         if not np.isfinite(vectors).all():
             raise RunError(f"{frame.sim.integrator}: the deviations blew up before step {frame.steps_done}")
         sizes = np.abs(np.diag(np.linalg.qr(vectors, mode="r")))
         if not (sizes > 0.0).all():
-            raise InputError("lyapunov_spectrum: a deviation vanished: these forces lose a trace of the start; lower count")
-        now = np.log(sizes)
+            raise InputError("count: a deviation vanished, since these forces lose a trace of the start; lower it")
         times.append(frame.time - start)
-        growth.append(total + now)
+        growth.append(total + np.log(sizes))
         if told and len(times) % 64 == 0:
             told(int(1000 * min(1.0, times[-1] / length)), 1000)
         low, high = min(1.0, sizes.min()), max(1.0, sizes.max(), float(np.abs(vectors).max()))

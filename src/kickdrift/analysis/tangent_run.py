@@ -13,6 +13,7 @@ from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import Varied
 from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
@@ -39,13 +40,7 @@ class TangentRun:
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
-        if columns is not None and columns.parameters:
-            raise InputError(f"parameters: the tangent map of {name} has none; {DEFAULT} takes them")
-        if columns is not None and others and columns.of_masses(len(system)) is not None:
-            raise InputError(
-                f"masses: the tangent map of {name} takes them for gravity alone, not with {others[0].name}; {DEFAULT} "
-                "takes them"
-            )
+        self._pushes = [] if columns is None else _pushes(system, columns, name)
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         for force in others:
@@ -70,8 +65,7 @@ class TangentRun:
         phase = system.state.phase[:, :, order]
         with compiling_for(self.sim.integration.purpose):
             made = tangents(phase, slopes[:, :, order], G * masses[order], by_mass[order])
-            self._slopes = _bound(self._others, system, self.sim.threads)
-        self._table = np.array([(each.address, each.work) for each in self._slopes], np.int64).reshape(-1, 2)
+            self._bound = _bound(self._others, self._pushes, system, self.sim.threads)
         self._rows, self._columns = made.rows, made.columns
         self.steps = 0
 
@@ -80,10 +74,16 @@ class TangentRun:
 
         if not (row.size and steps):
             return
-        given = self.dt, self.system.state.time, self.steps, steps, self._table, self._order
+        slopes, pushes = self._bound
+        table = np.array([(each.address, each.work) for each in slopes], np.int64).reshape(-1, 2)
+        rows_of = [(column, each.address, each.work) for column, each in pushes]
+        further = table, np.array(rows_of, np.int64).reshape(-1, 3), self._order
+        given = self.dt, self.system.state.time, self.steps, steps, *further
         if tangent_steps(rows, len(self.system), row, self._modified, *given):
             names = ", ".join(force.name for force in self._others)
-            raise InputError(f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not")
+            raise InputError(
+                f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
+            )
 
     def advance(self, steps: int) -> None:
         """Take steps."""
@@ -150,13 +150,29 @@ class TangentRun:
         return *self.now(), self.time
 
 
-def _bound(forces: list[Any], system: System, threads: int) -> list[Any]:
-    """Slopes of these forces as machine code."""
-    if not forces:
-        return []
-    from kickdrift.forces.bound_slopes import BoundSlopes
+def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push]]:
+    """What masses and parameters do in the forces other than gravity, each with its column."""
+    made: list[tuple[int, Push]] = []
+    of_masses = columns.of_masses(len(system))
+    if of_masses is not None:
+        for body, column in np.argwhere(of_masses):
+            made += [(int(column), push) for push in pushes_of_mass(system, int(body), 0, 1.0)]
+    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
+        if isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
+            raise InputError(f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}")
+        made.append((column, push_of_parameter(system, text, 0, 1.0)))
+    return made
 
-    return [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
+
+def _bound(forces: list[Any], pushes: list[tuple[int, Push]], system: System, threads: int) -> tuple[list[Any], Any]:
+    """Machine code of the slopes of these forces, and of these pushes with their columns."""
+    if not forces:
+        return [], []
+    from kickdrift.forces.bound_slopes import BoundSlopes
+    from kickdrift.forces.kernel import BoundForce
+
+    slopes = [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
+    return slopes, [(column, BoundForce(push.bind(system, threads)).ready()) for column, push in pushes]
 
 
 def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats]:

@@ -14,6 +14,7 @@ from kickdrift.analysis.tangent_run import TangentRun
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
+from kickdrift.forces.fields import Hill
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
@@ -43,6 +44,7 @@ class TransitionMatrix:
     steps : number of steps
     by_differences : names of the forces whose slopes came from central differences, with a relative error of some
         1e-10; the slopes of all others are exact
+    omega : angular frequency of the frame, 0 without the force ``hill``
     """
 
     matrix: Floats
@@ -56,12 +58,13 @@ class TransitionMatrix:
     integrator: str
     steps: int
     by_differences: tuple[str, ...]
+    omega: float = 0.0
 
     @property
     def symplectic_error(self) -> float | None:
         """The largest element of M^T J M - J, relative to the square of the largest element of M. Here M acts on
-        canonical coordinates: positions and velocities times sqrt(m), in units of the start's distances and speeds.
-        None unless all bodies vary and have a mass.
+        canonical coordinates: positions and velocities times sqrt(m), in units of the start's distances and speeds. In
+        Hill's frame the velocities are those of a frame at rest. None unless all bodies vary and have a mass.
 
         Forces that derive from a potential give zero up to round-off and the error of the method. A symplectic method
         gives round-off alone."""
@@ -71,8 +74,11 @@ class TransitionMatrix:
         distance, speed = (float(np.linalg.norm(each)) or 1.0 for each in self.start.phase)
         heavy, order = np.repeat(np.sqrt(masses), 3), self._order
         weights = np.concatenate([heavy / distance, heavy / speed])
-        m = weights[:, None] * self.matrix[:, order] / weights
-        half = len(m) // 2
+        half = len(order) // 2
+        still = np.eye(2 * half)  # from the frame's velocities to (v_x - omega y, v_y + omega x, v_z)
+        x = np.arange(0, half, 3)
+        still[half + x, x + 1], still[half + x + 1, x] = -self.omega, self.omega
+        m = weights[:, None] * (still @ self.matrix[:, order] @ (2.0 * np.eye(2 * half) - still)) / weights
         j = np.zeros_like(m)
         j[:half, half:], j[half:, :half] = np.eye(half), -np.eye(half)
         return float(np.abs(m.T @ j @ m - j).max() / max(1.0, float(np.abs(m).max()) ** 2))
@@ -87,7 +93,11 @@ class TransitionMatrix:
     def __str__(self) -> str:
         rows, columns = self.matrix.shape
         words = [f"transition matrix {rows} x {columns} from t = {self.start.time:.6g} to {self.end.time:.6g}"]
-        for name, found in (("masses", self.by_masses), ("parameters", self.by_parameters), ("elements", self.by_elements)):
+        for name, found in (
+            ("masses", self.by_masses),
+            ("parameters", self.by_parameters),
+            ("elements", self.by_elements),
+        ):
             if found is not None:
                 words.append(f"{found.shape[1]} columns by {name}")
         if self.second is not None:
@@ -172,7 +182,10 @@ def transition_matrix(
     parts = columns.split(_flat(slopes))
     twice = _flat(run.second()) if second and isinstance(run, VariedRun) else None
     reached = system.at(phase, end, run.steps).state
-    return TransitionMatrix(*parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences)
+    rate = next((force.omega for force in system.forces if isinstance(force, Hill)), 0.0)
+    return TransitionMatrix(
+        *parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences, rate
+    )
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:

@@ -79,7 +79,7 @@ class VariedRun:
         self._unit = self._with_pairs(unit)
         self._put(start / self._unit)
 
-    def _with_pairs(self, values: Floats) -> Floats:
+    def _with_pairs(self, values: Any) -> Floats:
         """Values for the deviations of order 1, and their products for those of order 2."""
         return np.concatenate([values, values[self._pairs[0]] * values[self._pairs[1]]])
 

@@ -158,8 +158,8 @@ def transits(
     with progress_bar(quiet) as bar:
         found = transits_of(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
-            within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads, progress=bar("running"),
-            **options,
+            within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads,
+            progress=bar("running"), **options,
         )  # fmt: skip
     show_found(found, json_file, overwrite)
 

@@ -47,6 +47,11 @@ def column(array: Any, i: int) -> Any:
     return array[:, i]
 
 
+def room(array: Any) -> Any:
+    """Zeros in the shape of an array (3, n)."""
+    return np.zeros_like(array)
+
+
 def vector(numbers: Any) -> Any:
     """Vector of three numbers."""
     return np.array(numbers)

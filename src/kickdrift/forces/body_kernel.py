@@ -8,12 +8,12 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.around import column, pull, vector
+from kickdrift.forces.around import column, pull, room, vector
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.jit import law_operators as law_operators  # teaches numba vectors' products
 from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.dual import DUAL
-from kickdrift.jit.dual_operators import dual_vector, vector_at
+from kickdrift.jit.dual_operators import dual_vector, dual_zeros, vector_at
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat
@@ -71,6 +71,13 @@ def _column(array, i):
     if array.dtype == DUAL:
         return lambda array, i: vector_at(array, i)
     return lambda array, i: numbers3(flat(array), i, array.shape[1])
+
+
+@overload(room)
+def _room(array):
+    if array.dtype == DUAL:
+        return lambda array: dual_zeros(array.shape[1])
+    return lambda array: np.zeros(array.shape)
 
 
 @overload(vector)

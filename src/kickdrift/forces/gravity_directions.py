@@ -12,8 +12,8 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.kernel import OK, kernel
 from kickdrift.forces.variations_kernel import add_own
 from kickdrift.jit.compile import as_written, in_order, never_inline
-from kickdrift.jit.memory import flat, masked_load, masked_store
-from kickdrift.jit.vector3 import dot, vector3
+from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
+from kickdrift.jit.vector3 import dot, load3, store3, vector3
 from kickdrift.jit.vectors import WIDTH
 
 if TYPE_CHECKING:
@@ -35,16 +35,17 @@ class GravityAlong(NamedTuple):
     gm: NDArray[np.float64]  # (n,)
     varied_gm: NDArray[np.float64]  # (n directions,) slope of G m along each deviation; empty if masses stay
     first: int
+    apart: NDArray[np.float64]  # (4, first and more) room for the separations of two bodies' deviations of order 1
 
 
-def bind(
-    force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None, first: int
-) -> GravityAlong:
+def bind(force: Gravity, system: System, threads: int, masses: NDArray[np.float64] | None, first: int) -> GravityAlong:
     """Bind gravity to a System, its deviations, and the slopes of its masses (n, directions)."""
     n, G = len(system), gravitational_constant(force.name, force.G, system)
     varied = np.zeros(0) if masses is None else np.ascontiguousarray(G * masses).reshape(-1)
     room = force.bind(system, threads), np.zeros((2, 3, n)), np.zeros((3, n))
-    return GravityAlong(*room, force.softening**2, G * system.state.masses, varied, first)
+    return GravityAlong(
+        *room, force.softening**2, G * system.state.masses, varied, first, np.zeros((4, first + 2 * WIDTH))
+    )
 
 
 @kernel(GravityAlong)
@@ -54,14 +55,14 @@ def gravity_along(force, t, x, v, a, sums):
         return status
     slopes_of_pairs(force, x, a)
     if x.shape[1] > force.a.shape[1] * (1 + force.first):
-        bends_of_pairs(force, x, a)
+        second_slopes_of_pairs(force, x, a)
     return OK
 
 
 @in_order
 def slopes_of_pairs(force, x, a):
-    """Add the slopes of all pairs' accelerations: w (u - 3 d (d . u) / r^2) with w = G m / r^3, for the separation d
-    and its deviation u; and d / r^3 times the slope of G m."""
+    """Add the slopes of all pairs' accelerations along deviations of order 1: w (u - 3 d (d . u) / r^2) with w = G m /
+    r^3, for the separation d and its deviation u; and d / r^3 times the slope of G m."""
     never_inline()
     n, size = force.a.shape[1], x.shape[1]
     directions = size // n - 1
@@ -72,8 +73,8 @@ def slopes_of_pairs(force, x, a):
             d = vector3(x[0, j] - x[0, i], x[1, j] - x[1, i], x[2, j] - x[2, i])
             inverse = 1.0 / math.sqrt(dot(d, d) + force.softening2)
             weight, square = inverse * inverse * inverse, 3.0 * inverse * inverse
-            for first in range(0, directions, WIDTH):
-                count = min(WIDTH, directions - first)
+            for first in range(0, force.first, WIDTH):
+                count = min(WIDTH, force.first - first)
                 own, other = i * directions + first, j * directions + first
                 u = vectors_at(x, n + other, size, count) - vectors_at(x, n + own, size, count)
                 slope = weight * (u - (square * dot(u, d)) * d)
@@ -87,34 +88,37 @@ def slopes_of_pairs(force, x, a):
 
 
 @in_order
-def bends_of_pairs(force, x, a):
-    """Add what two deviations u and w of order 1 do together to the deviation of order 2: for all pairs of bodies,
-    G m times -3 ((d . u) w + (d . w) u + (u . w) d - 5 (d . u) (d . w) d / r^2) / r^5, and the slope along each of them
-    times the slope of G m along the other."""
+def second_slopes_of_pairs(force, x, a):
+    """Add the slopes along deviations of order 2, and what two deviations u and w of order 1 do together: for all pairs
+    of bodies, G m times -3 ((d . u) w + (d . w) u + (u . w) d - 5 (d . u) (d . w) d / r^2) / r^5, and the slope along
+    each of them times the slope of G m along the other."""
     never_inline()
-    n, size, first = force.a.shape[1], x.shape[1], force.first
-    directions = size // n - 1
+    n, size, first, apart = force.a.shape[1], x.shape[1], force.first, flat(force.apart)
+    directions, room = size // n - 1, force.apart.shape[1]
     for i in range(n):
         for j in range(i):
+            if force.gm[i] == 0.0 and force.gm[j] == 0.0 and force.varied_gm.size == 0:
+                continue
             d = vector3(x[0, j] - x[0, i], x[1, j] - x[1, i], x[2, j] - x[2, i])
             inverse = 1.0 / math.sqrt(dot(d, d) + force.softening2)
             weight, square = inverse * inverse * inverse, inverse * inverse
             row, other = n + i * directions, n + j * directions
+            for one in range(0, first, WIDTH):  # the separations of order 1, and their parts along d
+                count = min(WIDTH, first - one)
+                u = vectors_at(x, other + one, size, count) - vectors_at(x, row + one, size, count)
+                store3(apart, one, room, u)
+                store(apart, 3 * room + one, dot(u, d))
             column = first
             for one in range(first):
-                u = vector3(
-                    x[0, other + one] - x[0, row + one],
-                    x[1, other + one] - x[1, row + one],
-                    x[2, other + one] - x[2, row + one],
-                )
-                ud = dot(u, d)
+                u = vector3(apart[one], apart[room + one], apart[2 * room + one])
+                ud = apart[3 * room + one]
                 for two in range(one, first, WIDTH):
                     count = min(WIDTH, first - two)
-                    w = vectors_at(x, other + two, size, count) - vectors_at(x, row + two, size, count)
-                    wd = dot(w, d)
-                    bend = ud * w + wd * u + (dot(w, u) - (5.0 * square * ud) * wd) * d
-                    bend = (-3.0 * weight * square) * bend
-                    on_own, on_other = force.gm[j] * bend, -force.gm[i] * bend
+                    w, wd = load3(apart, two, room), load(apart, 3 * room + two)
+                    s = vectors_at(x, other + column, size, count) - vectors_at(x, row + column, size, count)
+                    bend = ud * w + wd * u + (dot(w, u) + dot(s, d) - (5.0 * square * ud) * wd) * d
+                    slope = weight * (s - (3.0 * square) * bend)
+                    on_own, on_other = force.gm[j] * slope, -force.gm[i] * slope
                     if force.varied_gm.size > 0:
                         along_u = weight * (u - (3.0 * square * ud) * d)
                         along_w = weight * (w - (3.0 * square * wd) * d)

@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import Vector
-from kickdrift.forces.around import around, column, vector
+from kickdrift.forces.around import around, column, room, vector
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
@@ -73,7 +73,7 @@ class EinsteinInfeldHoffmann(NamedTuple):
     @staticmethod
     def law(p, x, v, m, t, a):
         n, gm, inverse_c2 = x.shape[1], p.gm, 1.0 / (p.light * p.light)
-        phi, newton = np.zeros(n), np.zeros((3, n))
+        phi, newton = room(x)[0], room(x)
         for i in range(n):
             for j in range(n):
                 if j == i or gm[j] == 0.0:

@@ -53,7 +53,9 @@ class Varied:
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along, self._first = masses, along, along if first is None else first
         if self._first < along and not isinstance(force, Gravity):
-            raise InputError(f"force {force.name!r}: has no variational equations of second order; gravity alone has them")
+            raise InputError(
+                f"force {force.name!r}: has no variational equations of second order; gravity alone has them"
+            )
         self._found: Any = None
         for trait in ("external", "works", "velocity_dependent"):
             setattr(self, trait, getattr(force, trait, False))
@@ -77,6 +79,11 @@ class Varied:
         parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
         self._found = getattr(parts, "found", None)
         return parts
+
+
+def unvaried(force: Any) -> Any:
+    """The force of a System without deviations, for that of a varied one; any other force unchanged."""
+    return force.force if isinstance(force, Varied) else force
 
 
 def varied(

@@ -22,7 +22,8 @@ class Sei(Method):
 
     The system has one force ``hill``, whose Coriolis and tidal forces the epicycles solve. Between two kicks the
     guiding centre and the amplitude of each epicycle are constants, and the phase comes from the number of the step.
-    So rounding does not grow where no other force acts. The other forces must not depend on velocity.
+    So rounding does not grow where no other force acts. The other forces must not depend on velocity. Hill's motion is
+    linear, so deviations follow epicycles as particles do.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Sei(Method):
     symplectic = True
     reversible = True
     particles_only = True
+    carries = True
 
     @property
     def evaluations(self) -> int:
@@ -46,15 +48,16 @@ class Sei(Method):
     def check(self, system: System) -> None:
         """Raise InputError for a System without Hill's force, and for other forces that depend on velocity."""
         from kickdrift.forces.fields import Hill
+        from kickdrift.forces.variations import unvaried
 
-        count = sum(isinstance(force, Hill) for force in system.forces)
+        count = sum(isinstance(unvaried(force), Hill) for force in system.forces)
         if count != 1:
             raise InputError(
                 f"{self.name}: needs one force 'hill', and {system.name!r} has {count or 'none'}; leapfrog-dkd is the "
                 "same without epicycles"
             )
         for force in system.forces:
-            if getattr(force, "velocity_dependent", False) and not isinstance(force, Hill):
+            if getattr(force, "velocity_dependent", False) and not isinstance(unvaried(force), Hill):
                 raise InputError(
                     f"{self.name}: force {force.name!r} depends on velocity; Runge-Kutta methods take both"
                 )

@@ -11,6 +11,7 @@ import numpy as np
 
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.fields import Hill
+from kickdrift.forces.variations import unvaried
 from kickdrift.integrators.sei_loop import ROOM, Epicycles, fill_elements, sei_loop
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.model.state import Floats
@@ -28,16 +29,16 @@ class SeiStepper(FixedStepper):
 
     def __init__(self, flow: Flow, options: Options) -> None:
         system: Any = flow.subject
-        (hill,) = (force for force in system.forces if isinstance(force, Hill))
+        (hill,) = (force for force in system.forces if isinstance(unvaried(force), Hill))
         kicks = copy(flow)
         others = system.under(force for force in system.forces if force is not hill)
         kicks.forces = BoundForces(others, flow.forces.threads, jumps=False)
-        self._hill = hill
+        self._hill = unvaried(hill)
         assert options.dt is not None
         super().__init__(
             kicks,
             sei_loop,
-            _epicycles(hill, options.dt),
+            _epicycles(self._hill, options.dt),
             lambda shape: np.zeros((ROOM, *shape[1:])),
             options,
             kept=True,

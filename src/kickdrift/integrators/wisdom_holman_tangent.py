@@ -106,12 +106,12 @@ def leave(blocks, columns, phase, slopes):
 
 
 @driver
-def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, order):
+def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, pushes, order):
     """Apply a row of drifts, each followed by its kick, ``steps`` times. Return a status.
 
     ``stages`` are rows of drifts, kicks, the fractions of dt at the kicks, and the weights of the kernel's correction.
-    ``others`` (k, 2) are the addresses of the slopes of other forces and of their parts, and ``order`` (n,) the rows of
-    the bodies in the system.
+    ``others`` (k, 2) are the addresses of the slopes of other forces and of their parts. ``pushes`` (p, 3) are what
+    columns of masses and parameters do in these forces. ``order`` (n,) are the rows of the bodies in the system.
     """
     slopes, changes, pulls = np.empty(6 * n * WIDTH), np.empty((n, 6)), np.empty((n * (n + 1) // 2, 2))
     drifts, kicks = stages[0], stages[1]
@@ -126,7 +126,7 @@ def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, 
             if kicks[stage] != 0.0:
                 h, t = kicks[stage] * dt, start + (first + step + stages[2, stage]) * dt
                 weight = stages[3, stage] * h * h
-                status = kick_blocks(blocks, n, h, weight, modified, t, others, order, pulls)
+                status = kick_blocks(blocks, n, h, weight, modified, t, others, pushes, order, pulls)
                 if status != OK:
                     return status
     return OK

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kickdrift.forces.bound_slopes import call_slopes
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.kernel import FORCES, OK, call_force
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.dual import as_dual, dual, dual_rows
+from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.vector3 import dot
+from kickdrift.jit.vectors import WIDTH
 
 # Rows of a block: Jacobi positions and velocities, accelerations, inertial positions, masses; a place aside for
 # kernels; positions, velocities and accelerations in the system's order for other forces.
@@ -45,11 +48,11 @@ def from_jacobi(x, masses, inertial):
 
 
 @jit
-def kick_blocks(blocks, n, dt, weight, modified, t, others, order, pulls):
+def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order, pulls):
     """Kick for a time dt, by the accelerations B(x) and ``weight`` times a correction: B at x + weight B, or with
     ``modified`` B + weight B' B. Return a status."""
     never_inline()
-    status = fill_accelerations(blocks, n, X, t, others, order, pulls)
+    status = fill_accelerations(blocks, n, X, t, others, pushes, order, pulls)
     if status == OK and weight != 0.0 and modified:
         add_corrections(blocks, n, weight)
     elif status == OK and weight != 0.0:
@@ -58,7 +61,7 @@ def kick_blocks(blocks, n, dt, weight, modified, t, others, order, pulls):
             aside = dual_rows(blocks[block, ASIDE], n)
             for i in range(n):
                 put_vector(aside, i, vector_at(x, i) + weight * vector_at(a, i))
-        status = fill_accelerations(blocks, n, ASIDE, t, others, order, pulls)
+        status = fill_accelerations(blocks, n, ASIDE, t, others, pushes, order, pulls)
     for block in range(blocks.shape[0]):
         v, a = dual_rows(blocks[block, V], n), dual_rows(blocks[block, A], n)
         for i in range(n):
@@ -67,7 +70,7 @@ def kick_blocks(blocks, n, dt, weight, modified, t, others, order, pulls):
 
 
 @jit
-def fill_accelerations(blocks, n, at, t, others, order, pulls):
+def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
     """Accelerations <- those of gravity less the attraction of the Kepler motions, and of the other forces, at the
     positions in row ``at``. Return a status."""
     status = OK
@@ -84,7 +87,7 @@ def fill_accelerations(blocks, n, at, t, others, order, pulls):
             fill_pulls(x, inertial, pulls)
         pull_pairs(a, inertial, masses, pulls)
         if others.shape[0] > 0:
-            status = max(status, add_others(rows, n, t, others, order))
+            status = max(status, add_others(rows, n, t, others, pushes, order, block))
         to_jacobi(a, masses, others.shape[0] > 0)
         row = n * (n - 1) // 2
         for i in range(1, n):
@@ -96,9 +99,9 @@ def fill_accelerations(blocks, n, at, t, others, order, pulls):
 
 
 @jit
-def add_others(rows, n, t, others, order):
-    """Add the accelerations of the other forces to those of gravity. Return a status, negative for a force that takes no
-    duals."""
+def add_others(rows, n, t, others, pushes, order, block):
+    """Add the accelerations of the other forces to those of gravity. Return a status, which is not
+    OK for a force that takes no duals."""
     own_x, own_v, own_a = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), dual_rows(rows[OWN_A], n)
     inertial, a = dual_rows(rows[INERTIAL], n), dual_rows(rows[A], n)
     for i in range(n):
@@ -109,8 +112,33 @@ def add_others(rows, n, t, others, order):
         status = call_slopes(others[k, 0], others[k, 1], n, t, rows[OWN_X], rows[OWN_V], rows[OWN_A])
         if status != OK:
             return abs(status)
+    status = add_pushes(rows[OWN_A], own_x, n, t, pushes, block) if pushes.shape[0] > 0 else OK
     for i in range(n):
         put_vector(a, i, vector_at(a, i) + vector_at(own_a, order[i]))
+    return status
+
+
+@jit
+def add_pushes(numbers, own_x, n, t, pushes, block):
+    """Add to the slopes of a block what masses and parameters do in other forces. Return a status.
+
+    ``pushes`` (k, 3) are the column, and the addresses of a `pushes_kernel.PushKernel` and its parts. ``numbers`` hold
+    the duals of the accelerations."""
+    never_inline()
+    x, v, a = np.zeros((3, 2 * n)), np.zeros((3, 2 * n)), np.empty((3, 2 * n))
+    for i in range(n):
+        place = vector_at(own_x, i).value
+        x[0, i], x[1, i], x[2, i] = place.x, place.y, place.z
+    for row in range(pushes.shape[0]):
+        if pushes[row, 0] // WIDTH != block:
+            continue
+        a[:, :] = 0.0
+        status = call_force(pushes[row, 1], pushes[row, 2], FORCES, t, x, v, a, None)
+        if status != OK:
+            return status
+        for k in range(3):
+            for i in range(n):
+                numbers[(k * n + i) * SLOT + 1 + pushes[row, 0] % WIDTH] += a[k, n + i]
     return OK
 
 

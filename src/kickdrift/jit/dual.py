@@ -14,7 +14,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
-from kickdrift.jit.numba_private import AttributeTemplate, Conversion, infer_getattr
+from kickdrift.jit.numba_private import AttributeTemplate, Conversion, cgutils, impl_ret_borrowed, infer_getattr
 from kickdrift.jit.vector3_operators import AXES, Vector3, components
 from kickdrift.jit.vectors import WIDTH, constant, lanes_type
 
@@ -126,23 +126,46 @@ def _attribute(context, builder, kind, value, name):
 
 @intrinsic
 def dual_rows(typingctx, memory, columns):
-    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each."""
-    kind = types.Array(DUAL, 2, "C")
+    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each. The memory must
+    live as long."""
 
     def codegen(context, builder, sig, args):
-        given = context.make_array(sig.args[0])(context, builder, args[0])
-        view = context.make_array(kind)(context, builder)
-        size = context.get_constant(types.intp, 8 * SLOT)
-        rows = context.get_constant(types.intp, 3)
-        context.populate_array(
-            view,
-            data=builder.bitcast(given.data, view.data.type),
-            shape=[rows, args[1]],
-            strides=[builder.mul(size, args[1]), size],
-            itemsize=size,
-            meminfo=None,
-        )
-        return view._getvalue()
+        shape = [context.get_constant(types.intp, 3), args[1]]
+        return _shown(context, builder, sig, args[0], shape, False)
 
-    plain = isinstance(memory, types.Array) and memory.layout == "C" and memory.dtype == types.float64
-    return (kind(memory, types.intp), codegen) if plain else None
+    return (types.Array(DUAL, 2, "C")(memory, types.intp), codegen) if _plain(memory) else None
+
+
+@intrinsic
+def kept_duals(typingctx, memory, shape):
+    """Array of duals of this shape, a tuple, in an array of float64 that holds ``SLOT`` numbers for each. The array
+    keeps the memory alive."""
+    kind = types.Array(DUAL, len(shape), "C") if isinstance(shape, types.UniTuple) else None
+
+    def codegen(context, builder, sig, args):
+        found = _shown(context, builder, sig, args[0], cgutils.unpack_tuple(builder, args[1]), True)
+        return impl_ret_borrowed(context, builder, sig.return_type, found)
+
+    return (kind(memory, shape), codegen) if kind and _plain(memory) else None
+
+
+def _plain(memory: types.Type) -> bool:
+    return isinstance(memory, types.Array) and memory.layout == "C" and memory.dtype == types.float64
+
+
+def _shown(context: Any, builder: Any, sig: Any, memory: Any, shape: list[Any], keeps: bool) -> Any:
+    """Emit a view of float64 as duals."""
+    given = context.make_array(sig.args[0])(context, builder, memory)
+    view = context.make_array(sig.return_type)(context, builder)
+    strides = [context.get_constant(types.intp, 8 * SLOT)]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    context.populate_array(
+        view,
+        data=builder.bitcast(given.data, view.data.type),
+        shape=shape,
+        strides=strides,
+        itemsize=context.get_constant(types.intp, 8 * SLOT),
+        meminfo=given.meminfo if keeps else None,
+    )
+    return view._getvalue()

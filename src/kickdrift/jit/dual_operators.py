@@ -15,7 +15,7 @@ from numba import types
 
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, DUAL3, Dual, as_dual, dual
+from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_duals
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.vector3 import thrice, vector3
@@ -190,6 +190,12 @@ def _dual_vector(push):
 @as_written
 def _of_three(x, y, z):
     return dual(vector3(x.value, y.value, z.value), vector3(x.slope, y.slope, z.slope))
+
+
+@as_written
+def dual_zeros(n):
+    """Array (3, n) of duals without value and slopes."""
+    return kept_duals(np.zeros(3 * n * SLOT), (3, n))
 
 
 @as_written

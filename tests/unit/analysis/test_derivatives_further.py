@@ -159,7 +159,10 @@ def test_transits_by_elements_are_products_of_two_jacobians(monkeypatch, tmp_pat
         ({"elements": "star.e"}, "elements: star does not orbit itself; give a primary"),
         ({"elements": "c.e", "primary": "b"}, "elements: c is not on an ellipse about b: e = "),
         ({"second": True, "parameters": "gravity.G"}, "second: goes without parameters"),
-        ({"second": True, "integrator": "wisdom-holman", "dt": 0.1}, "second: the tangent map of wisdom-holman has none"),
+        (
+            {"second": True, "integrator": "wisdom-holman", "dt": 0.1},
+            "second: the tangent map of wisdom-holman has",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_said(given, message):

@@ -125,6 +125,40 @@ def test_a_tangent_map_follows_other_forces_and_kernels(name, forces, given):
     np.testing.assert_allclose(found.matrix[:, 0], slope(end), rtol=0, atol=1e-9 * size)
 
 
+def test_a_tangent_map_takes_masses_and_parameters_of_other_forces():
+    def system(masses=MASSES, j2=1e-2):
+        flat = kd.Oblateness(j2=j2, radius=0.3, pole=(0.1, 0.0, 1.0), G=1.0)
+        return planets(masses=masses).with_forces(kd.Gravity(G=1.0), flat, POTENTIAL)
+
+    def run(**changed):
+        return run_to(system(**changed), "wisdom-holman", 0.05)
+
+    found = kd.transition_matrix(system(), 5.0, "wisdom-holman", 0.05, masses=True, parameters="j2.j2")
+    wanted = slope(lambda by: run(j2=1e-2 + by), 1e-3)
+    np.testing.assert_allclose(found.by_parameters[:, 0], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    for body, h in ((0, 1e-3), (1, 1e-4)):
+        wanted = slope(lambda by, body=body: run(masses=np.array(MASSES) + by * np.eye(3)[body]), h)
+        np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_deviations_follow_epicycles():
+    def end(by):
+        sim = kd.Simulation(sheet(by), "sei", 0.02)
+        sim.run(until=3.0)
+        return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()])
+
+    def sheet(by=0.0):
+        x = [[0.1 + by, 0.2, 0.0], [0.9, -0.3, 0.05], [-0.7, 0.6, -0.02]]
+        v = [[0.0, -0.15, 0.01], [0.1, -1.4, 0.0], [0.05, 1.0, 0.0]]
+        forces = [kd.Hill(omega=1.0, vertical=1.3), kd.Gravity(G=1.0)]
+        return kd.System(x, v, [1e-2, 2e-2, 1e-2], forces=forces, units="nbody")
+
+    found = kd.transition_matrix(sheet(), 3.0, "sei", 0.02)
+    assert found.symplectic_error < 1e-14
+    assert found.by_differences == ()
+    np.testing.assert_allclose(found.matrix[:, 0], slope(end), rtol=0, atol=1e-9 * np.abs(found.matrix).max())
+
+
 def test_a_tangent_map_is_symplectic_over_long_runs():
     found = kd.transition_matrix(planets(), 500.0, "wisdom-holman", 0.05)
     assert found.steps == 10_000
@@ -229,8 +263,10 @@ def test_forces_without_variations_are_refused():
     with pytest.raises(InputError, match="force 'lennard-jones': has no variational equations"):
         kd.transition_matrix(kd.load("lj-1000"), 0.1)
     flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
-    with pytest.raises(InputError, match="masses: the tangent map of wisdom-holman takes them for gravity alone, not w"):
-        kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, masses=True)
+    with pytest.raises(
+        InputError, match=r"the tangent map of wisdom-holman takes none of gravity; .* takes gravity\.G"
+    ):
+        kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, parameters="gravity.G")
     whole = planets().with_forces(kd.Gravity(G=1.0), WholeArrays(k=1.0))
     with pytest.raises(InputError, match="wisdom-holman: its tangent map needs exact slopes of whole-arrays"):
         kd.transition_matrix(whole, 1.0, "wisdom-holman", 0.1)

@@ -60,6 +60,7 @@ FORCES = {
     "springs": kd.Springs(pairs=[(0, 1), (1, 2)], stiffness=2.0, length=0.4),
     "field law": Whirl(k=[1.0, 1.2, 1.4, 1.6, 1.8], w=(0.1, 0.2, 0.3)),
     "body law": Shells(k=0.7),
+    "workspace": kd.EinsteinInfeldHoffmann(c=10.0, G=1.0),
 }
 
 
