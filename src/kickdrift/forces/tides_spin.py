@@ -131,13 +131,10 @@ class TidesSpin(NamedTuple):
         """The tides of this System's bodies; an InputError names a body without mass or moment of inertia."""
         masses, bulge = system.state.masses, p.k2 * p.radius**5
         for i in np.flatnonzero((bulge > 0) & ((masses == 0) | (p.inertia == 0))):
+            body = system.body(int(i))
             if masses[i] == 0:
-                raise InputError(
-                    f"tides-spin: k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0"
-                )
-            raise InputError(
-                f"tides-spin: inertia: {system.body(int(i))} has tides and no moment of inertia; give inertia, over m R^2"
-            )
+                raise InputError(f"tides-spin: k2: {body} has no mass, so its tide would move it without limit; give 0")
+            raise InputError(f"tides-spin: inertia: {body} has tides and no moment of inertia; give inertia")
         if system.dimensions == 2 and p.spin[:2].any():
             raise InputError("tides-spin: spin: expected vectors along z in this two-dimensional system")
         gm = gravitational_constant("tides-spin", p.G, system) * masses
