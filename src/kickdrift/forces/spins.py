@@ -42,7 +42,7 @@ class Beside:
         """Return the parts: a NamedTuple with a compiled body."""
         from kickdrift.forces.spins_kernel import BesideSpins
 
-        if isinstance(self.force, TidesSpin):
+        if self.force.name == TidesSpin.name:
             return self.force.bind(self.system, threads)
         n = len(self.system)
         return BesideSpins(self.force.bind(self.system, threads), np.zeros((2, 3, n)), np.zeros((3, n)))

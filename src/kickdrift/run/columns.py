@@ -61,7 +61,7 @@ def with_body_columns(columns: Any, run: Integration) -> Any:
     """The user's columns, and the masses and radii of bodies that collisions may change, and spins that evolve."""
     own = run.events.roster.columns() if run.events else []
     if spinning(run.system):
-        own.append(Column("spins", "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))  # type: ignore[arg-type]
+        own.append(Column("spins", "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns
 
 

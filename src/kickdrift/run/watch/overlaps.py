@@ -23,7 +23,7 @@ LEVELS = 10  # bits of each coordinate along the space-filling curve
 MARGIN = 1e-12  # of the coordinates, for rounding
 
 _NUMBERS = np.arange(2**LEVELS)
-_SPREAD: NDArray[Any] = sum((_NUMBERS >> bit & 1) << 3 * bit for bit in range(LEVELS))  # every third bit
+_SPREAD = np.sum([(_NUMBERS >> bit & 1) << 3 * bit for bit in range(LEVELS)], axis=0)  # every third bit
 
 
 def overlapping(y0: Floats, y1: Floats, h: float, radii: Floats, massive: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -126,11 +126,12 @@ def crowd_of(patch: Patch, y0: Floats, t0: float, y1: Floats, t1: float, radii: 
         for row in range(math.ceil((-span[1] - last) / patch.length), math.floor((span[1] - first) / patch.length) + 1):
             if k or row:
                 shifts.append((k * patch.width, first, last, row * patch.length, float(k), float(base + row)))
-    out, first, last, up, *image = np.array(shifts).reshape(-1, 6).T[:, :, None]
+    table = np.array(shifts).reshape(-1, 6).T[:, :, None]
+    out, early, late, up = table[:4]
     inside = (low[0] + out <= most[0]) & (high[0] + out >= least[0])
-    which, reach = np.nonzero(inside & (low[1] + first + up <= most[1]) & (high[1] + last + up >= least[1]))
+    which, reach = np.nonzero(inside & (low[1] + early + up <= most[1]) & (high[1] + late + up >= least[1]))
     who = np.concatenate([np.arange(y0.shape[2]), reach])
-    image = np.concatenate([np.zeros(home.shape), np.array(image)[:, which, 0]], axis=1)
+    image = np.concatenate([np.zeros(home.shape), table[4:, which, 0]], axis=1)
     ways = (np.ascontiguousarray(y[:, :, who] + patch.offset(image, t)) for y, t in ((y0, t0), (y1, t1)))
     return Crowd(who, (image + home[:, who]).astype(np.int64), *ways)
 
