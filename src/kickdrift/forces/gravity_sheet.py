@@ -63,6 +63,7 @@ class GravitySheet(NamedTuple):
     G: float | None = None
 
     by_mass = fastmath = time_dependent = works = True  # type: ignore[misc]
+    odd_in_time = ("omega",)  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "omega": "rate", "width": "length", "length": "length", "softening": "length", "G": "gravitational constant",
     }  # fmt: skip
@@ -124,7 +125,3 @@ class GravitySheet(NamedTuple):
     def patch(p):
         """The patch, which collisions see too."""
         return Patch(p.omega, p.width, p.length)
-
-    def reversed(p):
-        """The sheet of the motion backwards in time, which shears the other way."""
-        return p._replace(omega=-p.omega)

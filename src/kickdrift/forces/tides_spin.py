@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_not_negative, opposite, values_in
+from kickdrift.forces.arguments import Vector, check_not_negative, values_in
 from kickdrift.forces.around import column
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import check_open, check_positive, gravitational_constant
@@ -69,6 +69,7 @@ class TidesSpin(NamedTuple):
     name = "tides-spin"  # type: ignore[misc]
     by_mass = velocity_dependent = joins = True  # type: ignore[misc]
     varies = ("k2", "radius", "inertia", "spin", "tau")  # type: ignore[misc]
+    odd_in_time = ("tau", "spin")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "radius": "length",
         "spin": "rate",
@@ -140,7 +141,3 @@ class TidesSpin(NamedTuple):
         gm = gravitational_constant("tides-spin", p.G, system) * masses
         inertia = np.where(bulge > 0, p.inertia * system.coherent_masses * p.radius**2, 0.0)
         return Spinning(gm, bulge, p.tau, inertia, p.spin, float(p.flattening == "rotational"))
-
-    def reversed(p):
-        """The tides of the motion backwards in time, which lead in place of lagging; bodies rotate the other way."""
-        return p._replace(tau=opposite(p.tau), spin=opposite(p.spin))

@@ -150,6 +150,30 @@ def test_the_largest_remnant_is_continuous_where_the_laws_meet():
     assert largest_remnant(3.6) == pytest.approx(0.1 * 2**-1.5, rel=1e-15)
 
 
+@pytest.mark.long
+def test_a_rule_that_numba_compiles():
+    """The rule of `merge`, as machine code."""
+    import numba
+
+    @numba.njit
+    def merge(heavier, lighter):
+        total = heavier.mass + lighter.mass
+        x = heavier.position + lighter.mass / total * (lighter.position - heavier.position)
+        v = heavier.velocity + lighter.mass / total * (lighter.velocity - heavier.velocity)
+        return (kd.Sphere(total, x, v, heavier.radius, heavier.name),)
+
+    def after(event):
+        pair = kd.System(
+            [[0, 0, 0], [3, 0.1, 0]], [[0, 0, 0], [-1, 0, 0]], [1.0, 0.1], radii=[0.5, 0.3], units="nbody",
+            forces=[kd.Gravity()], events=[event],
+        )  # fmt: skip
+        sim = kd.Simulation(pair, "gauss-radau15")
+        sim.run(until=3.0)
+        return sim.state.phase
+
+    np.testing.assert_allclose(after(kd.Collision(rule=merge)), after(kd.Collision(action="merge")), rtol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("gamma", "sine", "speed", "regime"),
     [
