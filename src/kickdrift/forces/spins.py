@@ -6,6 +6,7 @@ of rotation as positions. Only the force that turns the spins sees all columns.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from kickdrift.errors import InputError
 from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.model.state import Floats
+
+SPINS = "spins"  # column of a run's file
 
 
 def spinning(system: Any) -> Any | None:
@@ -28,6 +31,12 @@ def first_spins(system: Any) -> tuple[Floats, Floats]:
     """Spins (3, n) at the start, and moments of inertia (n,)."""
     p = spinning(system).bound_law(system)  # type: ignore[union-attr]
     return np.array(p.spin), np.array(p.inertia)
+
+
+def with_spins(system: Any, spins: Floats) -> Any:
+    """The system with these spins (n, 3) at the start."""
+    given = tuple(map(tuple, spins.tolist()))
+    return system.under(replace(each, spin=given) if each.name == TidesSpin.name else each for each in system.forces)
 
 
 class Beside:
