@@ -141,7 +141,7 @@ def laws() -> list[Claim]:
     tail = abs(largest_remnant(7.2) / (0.1 / 8) - 1)  # (7.2 / 1.8)^-1.5 = 1/8
     return [
         claim("Q*_RD: largest relative error", criterion, "< 1e-13", criterion < 1e-13, f"{PAPER}, eqs. 22 and 30"),
-        claim("interacting mass: largest relative error", cap, "< 1e-9", cap < 1e-9, "quadrature of the cap, eq. 11"),
+        claim("interacting mass: largest relative error", cap, "< 1e-9", cap < 1e-9, "quadrature of the cap"),
         claim(
             "projectile after a hit-and-run: largest relative error", swept, "< 1e-8", swept < 1e-8,
             "quadrature of the swept part, eqs. 46 to 48",
@@ -186,16 +186,16 @@ def regimes() -> list[Claim]:
             for k, (name, speed) in enumerate(expected.items()):
                 edges[name] = largest(edges[name], abs(_edge(impact, material, k) / speed - 1))
     return [
-        claim(f"speed from which there is {name}: largest relative error", off, "< 1e-12", off < 1e-12, PAPER)
+        claim(f"lowest speed of {name}: largest relative error", off, "< 1e-12", off < 1e-12, PAPER)
         if name != "merging"
-        else claim("speed up to which bodies merge: largest relative error", off, "< 1e-12", off < 1e-12, PAPER)
+        else claim("highest speed of a merger: largest relative error", off, "< 1e-12", off < 1e-12, PAPER)
         for name, off in edges.items()
     ]
 
 
 def _edge(impact: Impact, material: Material, number: int) -> float:
     """The speed at which the regime leaves the first ``number`` + 1 stages, by bisection."""
-    stage = {"perfect merging": 0, "partial accretion": 1, "hit-and-run": 1, "erosion": 2}
+    stage = {"perfect merging": 0, "partial accretion": 1, "graze-and-merge": 1, "hit-and-run": 1, "erosion": 2}
     low, high = 1e-3 * impact.speed, 1e4 * impact.speed
     for _ in range(120):
         middle = math.sqrt(low * high)

@@ -4,7 +4,8 @@
 
 Both programs give the accelerations of four bodies by one force alone. REBOUNDx has no wheels: `pip install reboundx`
 compiles its source. Where the two programs differ on purpose, the bodies are chosen so that this does not show:
-REBOUNDx leaves massless bodies out of ``tides_spin``, scales Lense-Thirring's force by M / (M + m) and uses gamma = 1.000021, and lets migration push the star.
+REBOUNDx leaves massless bodies out of tides_spin, scales Lense-Thirring's force by M / (M + m) and uses gamma =
+1.000021, and lets migration push the star.
 """
 
 from __future__ import annotations
@@ -93,7 +94,8 @@ INERTIAS, AXES = (0.07, 0.3, 0.4), [(0.1, 0.2, 0.7), (0.3, 0.0, 1.1), (0.0, -0.4
 
 def spin(sim: Any, force: Any) -> None:
     """REBOUNDx's tau is half the lag of Hut 1981: its force has twice the part with the lag."""
-    for particle, k2, radius, lag, axis, inertia in zip(sim.particles, LOVE, RADII, LAGS, AXES, INERTIAS, strict=False):
+    values = zip(sim.particles, LOVE, RADII, LAGS, AXES, INERTIAS, strict=False)
+    for particle, k2, radius, lag, axis, inertia in values:
         particle.r = radius
         particle.params["k2"], particle.params["tau"], particle.params["Omega"] = k2, 0.5 * lag, list(axis)
         particle.params["I"] = inertia * particle.m * radius**2
@@ -135,7 +137,10 @@ def cases() -> list[Case]:
         Case(kd.RadiationPressure([0.0, 0.0, 0.1, 0.3], c=LIGHT), "radiation_forces", shine),
         Case(kd.Tides((*LOVE, 0.0), (*RADII, 0.0), (*LAGS, 0.0), spins), "tides_constant_time_lag", deform),
         Case(
-            kd.TidesSpin((*LOVE, 0.0), (*RADII, 0.0), (*INERTIAS, 0.0), AXES, (*LAGS, 0.0)), "tides_spin", spin, (0, 1, 2)
+            kd.TidesSpin((*LOVE, 0.0), (*RADII, 0.0), (*INERTIAS, 0.0), AXES, (*LAGS, 0.0)),
+            "tides_spin",
+            spin,
+            (0, 1, 2),
         ),
         Case(kd.CentralPotential(-0.3, -1.7), "central_force", attract),
         Case(

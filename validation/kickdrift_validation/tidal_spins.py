@@ -100,7 +100,7 @@ def precession() -> Iterator[Claim]:
     found = math.atan2(now[1], now[0]) / length
     flat = 0.001 * spin**2 * SMALL**3 / (3.0 * masses[1])  # J2
     wanted = -1.5 * flat * masses[0] / (inertia * spin) * math.cos(tilt) * (1 - e * e) ** -1.5
-    yield rate("tides-spin: rate of precession of the spin", found, wanted, "Murray & Dermott 1999, section 4.8; J2 n^2")
+    yield rate("tides-spin: rate of precession of the spin", found, wanted, "torque of the star on J2")
 
 
 def conservation() -> Iterator[Claim]:
@@ -112,7 +112,9 @@ def conservation() -> Iterator[Claim]:
     yield claim(text, off, "at most 1e-14", off <= 1e-14, "conservation")
     assert report.energy is not None
     off = report.energy.max_relative_error
-    yield claim("tides-spin: energy less work, largest relative error", off, "at most 1e-10", off <= 1e-10, "conservation")
+    yield claim(
+        "tides-spin: energy less work, largest relative error", off, "at most 1e-10", off <= 1e-10, "conservation"
+    )
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

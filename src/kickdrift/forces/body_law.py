@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from kickdrift.forces.around import around
 from kickdrift.forces.body_check import try_bodies
+from kickdrift.forces.central import check_around
 from kickdrift.forces.law import Form, force_of_law, traits_of
 from kickdrift.forces.law_force import LawForce
 from kickdrift.forces.law_parameters import hints_of, kinds_of
@@ -31,6 +33,8 @@ class BodyForce(LawForce):
 
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support, and a law that does not hold for its particles."""
+        if self.Parameters.law is around and "central" in self.Parameters._fields:
+            check_around(self.name, self.law, system)
         super().check(system)
         p = self.bound_law(system)
         if not type(self).__module__.startswith("kickdrift."):

@@ -43,6 +43,12 @@ class Fene(NamedTuple):
         "stiffness": "stiffness", "length": "length", "epsilon": "energy", "sigma": "length"
     }  # fmt: skip
 
+    @property
+    def problem(p):
+        """What is wrong with these parameters; "" if nothing is."""
+        alone = p.epsilon == 0.0 and p.sigma != 1.0
+        return f"sigma is {p.sigma:g} and epsilon 0: the core has no strength; give epsilon too" if alone else ""
+
     def law(p, r):
         left = 1.0 - (r / p.length) ** 2
         left = left if left > 0.0 else math.nan

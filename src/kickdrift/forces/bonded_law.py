@@ -64,6 +64,8 @@ class BondedForce(Grouped):
                         raise InputError(f"{self.name}: types.{name}: unknown parameter {shown(key)}{hint}")
                     self._checked(key, value, f" of type {name}")
         for where, law in self._laws_given():
+            if problem := getattr(law, "problem", ""):
+                raise InputError(f"{self.name}{where}: {problem}")
             check_bonded_slope(f"{self.name}{where}", law, self.kind)
 
     def _checked(self, key: str, value: Any, where: str) -> float:

@@ -95,7 +95,8 @@ def check_around(name: str, law: Any, system: Subject) -> None:
     """Refuse a periodic box, and a law whose ``central`` or ``G`` the system cannot give."""
     check_open(name, system)
     central_body(name, law.central, system)
-    gravitational_constant(name, law.G, system)
+    if hasattr(law, "G"):
+        gravitational_constant(name, law.G, system)
 
 
 def check_axis(key: str, axis: Sequence[float]) -> None:

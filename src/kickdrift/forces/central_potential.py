@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from kickdrift.forces.around import around
 from kickdrift.forces.body_law import body_law
-from kickdrift.forces.central import Central, central_body, check_central, check_open, check_positive
+from kickdrift.forces.central import Central, central_body, check_central, check_positive
 from kickdrift.model.state import Floats
 
 
@@ -64,11 +64,6 @@ class CentralPotential(NamedTuple):
     def check(p):
         check_positive("central-potential", scale=p.scale)
         check_central("central-potential", p.central)
-
-    def check_system(p, system):
-        """Refuse a system that this force cannot run."""
-        check_open("central-potential", system)
-        central_body("central-potential", p.central, system)
 
     def bound(p, system):
         """The power law of this System's central body."""

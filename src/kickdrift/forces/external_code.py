@@ -63,7 +63,8 @@ def named_function(function: Callable[..., Any]) -> str:
 def name_functions(module: ModuleType) -> None:
     """Let files name the functions that a loaded Python file defines, as rules of collisions."""
     for value in list(vars(module).values()):
-        if isinstance(value, FunctionType) and value.__module__ == module.__name__:
+        plain = getattr(value, "py_func", value)  # of a function that numba compiles
+        if isinstance(plain, FunctionType) and plain.__module__ == module.__name__:
             named_function(value)
 
 

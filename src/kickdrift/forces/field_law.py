@@ -78,6 +78,8 @@ def field_law(cls: type) -> Any:
         Raise ValueError for parameters, or for a system, that make no sense.
     ``reversed(p)``
         The parameters of the motion backwards in time; a law of velocity or time needs this for runs back in time.
+    ``odd_in_time`` : names
+        Parameters that change sign in the motion backwards in time, in place of ``reversed``; () if none does.
 
     In a periodic box x is the unwrapped position. A law must not keep state between calls. The force is registered
     under the class's name in lower case, with hyphens, as ``pair_law`` does.

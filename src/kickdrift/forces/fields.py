@@ -138,6 +138,7 @@ class DrivenField(NamedTuple):
     frequency: float
     phase: float = 0.0
 
+    odd_in_time = ("phase",)  # type: ignore[misc]
     dimensions = {"amplitude": "acceleration", "frequency": "frequency"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
     per_mass = time_dependent = True  # type: ignore[misc]
@@ -162,10 +163,6 @@ class DrivenField(NamedTuple):
         """Refuse a field out of the plane of a two-dimensional system."""
         check_in_plane("driven-field", "amplitude", p.amplitude, system)
 
-    def reversed(p):
-        """The field of the motion backwards in time, at t = -s."""
-        return p._replace(phase=-p.phase)
-
 
 @field_law
 class Hill(NamedTuple):
@@ -187,6 +184,7 @@ class Hill(NamedTuple):
     omega: float
     vertical: float = 1.0
 
+    odd_in_time = ("omega",)  # type: ignore[misc]
     dimensions = {"omega": "rate"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
     per_mass = velocity_dependent = True  # type: ignore[misc]
@@ -208,10 +206,6 @@ class Hill(NamedTuple):
         if system.box.periodic_axes[0] or system.box.periodic_axes[2]:
             raise InputError("Hill's frame is periodic along y at most, but the box is periodic along x or z")
 
-    def reversed(p):
-        """Hill's frame of the motion backwards in time, which turns the other way."""
-        return p._replace(omega=-p.omega)
-
 
 @field_law
 class LinearDrag(NamedTuple):
@@ -227,6 +221,7 @@ class LinearDrag(NamedTuple):
 
     rate: float
 
+    odd_in_time = ("rate",)  # type: ignore[misc]
     dimensions = {"rate": "rate"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
     per_mass = True  # type: ignore[misc]
@@ -247,10 +242,6 @@ class LinearDrag(NamedTuple):
     def check(p):
         if p.rate < 0:
             raise InputError(f"rate must be zero or more, got {p.rate}")
-
-    def reversed(p):
-        """The drag of the motion backwards in time, which pushes."""
-        return p._replace(rate=-p.rate)
 
 
 @checked_arguments

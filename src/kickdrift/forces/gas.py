@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.arguments import Vector, check_not_negative, opposite
+from kickdrift.forces.arguments import Vector, check_not_negative
 from kickdrift.forces.around import around, vector
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
     check_along_z,
-    check_around,
     check_axis,
     check_central,
     check_positive,
@@ -80,6 +79,7 @@ class GasDrag(NamedTuple):
     name = "gas-drag"  # type: ignore[misc]
     velocity_dependent = works = external = True  # type: ignore[misc]
     varies = ("coefficient",)  # type: ignore[misc]
+    odd_in_time = ("coefficient", "pole")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "coefficient": "inverse length",
         "scale": "length",
@@ -106,7 +106,6 @@ class GasDrag(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_around("gas-drag", p, system)
         check_along_z("pole", p.pole, system)
 
     def bound(p: Any, system):
@@ -115,10 +114,6 @@ class GasDrag(NamedTuple):
         thinness = 0.5 / p.aspect**2 if p.aspect else 0.0
         speed = (1.0 - p.headwind) * math.sqrt(gm)
         return Gas(central, p.coefficient, p.scale, p.slope, speed, thinness, axis(p.pole), np.zeros_like(share))
-
-    def reversed(p):
-        """The gas of the motion backwards in time, which turns the other way and pushes."""
-        return p._replace(coefficient=opposite(p.coefficient), pole=opposite(p.pole))
 
 
 class Background(NamedTuple):
@@ -168,6 +163,7 @@ class DynamicalFriction(NamedTuple):
 
     name = "dynamical-friction"  # type: ignore[misc]
     by_mass = velocity_dependent = works = external = True  # type: ignore[misc]
+    odd_in_time = ("log",)  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "density": "density",
         "dispersion": "velocity",
@@ -199,10 +195,6 @@ class DynamicalFriction(NamedTuple):
         check_central("dynamical-friction", p.central)
         check_not_negative(density=p.density, log=p.log)
 
-    def check_system(p, system):
-        """Refuse a system that this force cannot run."""
-        check_around("dynamical-friction", p, system)
-
     def bound(p: Any, system):
         """The background of this System's bodies."""
         central, gm, share = Attraction.of("dynamical-friction", p, system)
@@ -210,7 +202,3 @@ class DynamicalFriction(NamedTuple):
         strength = 4.0 * math.pi * (gm / masses[central]) ** 2 * masses * p.density * p.log
         inverse = 1.0 / (math.sqrt(2.0) * p.dispersion)
         return Background(central, strength, p.scale, p.slope, inverse, np.zeros_like(share))
-
-    def reversed(p):
-        """The friction of the motion backwards in time, which pushes."""
-        return p._replace(log=-p.log)

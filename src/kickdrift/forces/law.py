@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from kickdrift.forces.arguments import opposite
 from kickdrift.forces.law_check import check_class
 from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
@@ -30,7 +31,14 @@ def traits_of(cls: Any, more: tuple[str, ...] = ()) -> dict[str, Any]:
         found["works"] = found["time_dependent"]
     if "reversed" in vars(cls):
         found["reversed"] = lambda force: force.with_law(force.law.reversed())
+    elif "odd_in_time" in vars(cls):
+        found["reversed"] = lambda force: force.with_law(mirrored(force.law))
     return found
+
+
+def mirrored(law: Any) -> Any:
+    """The parameters of the motion back in time: those that the law's class names in ``odd_in_time`` change sign."""
+    return law._replace(**{key: opposite(getattr(law, key)) for key in law.odd_in_time})
 
 
 def _of_law(trait: str) -> property:

@@ -6,7 +6,6 @@ import math
 from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import opposite
 from kickdrift.forces.around import column
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import check_open, check_positive, gravitational_constant
@@ -51,6 +50,7 @@ class MassChange(NamedTuple):
     name = "mass-change"  # type: ignore[misc]
     by_mass = time_dependent = works = external = True  # type: ignore[misc]
     varies = ("rate",)  # type: ignore[misc]
+    odd_in_time = ("rate",)  # type: ignore[misc]
     dimensions = {"rate": "rate", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
     @staticmethod
@@ -86,7 +86,3 @@ class MassChange(NamedTuple):
         """The changing masses of this System."""
         gm = gravitational_constant("mass-change", p.G, system) * system.state.masses
         return Changes(gm, p.rate, p.form == "exponential")
-
-    def reversed(p):
-        """The change of the motion backwards in time."""
-        return p._replace(rate=opposite(p.rate))

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_not_negative, number, opposite
+from kickdrift.forces.arguments import Vector, check_not_negative, number
 from kickdrift.forces.around import around, vector
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
     check_along_z,
-    check_around,
     check_axis,
     check_central,
     check_positive,
@@ -80,6 +79,7 @@ class Migration(NamedTuple):
     name = "migration"  # type: ignore[misc]
     velocity_dependent = works = external = True  # type: ignore[misc]
     varies = ("tau_a", "tau_e", "tau_i")  # type: ignore[misc]
+    odd_in_time = ("tau_a", "tau_e", "tau_i")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "tau_a": "time",
         "tau_e": "time",
@@ -112,7 +112,6 @@ class Migration(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_around("migration", p, system)
         check_along_z("pole", p.pole, system)
 
     def bound(p: Any, system):
@@ -121,7 +120,3 @@ class Migration(NamedTuple):
         a, e, i = (np.divide(1.0, tau, out=0.0 * tau, where=tau != 0) for tau in (p.tau_a, p.tau_e, p.tau_i))
         still = np.zeros_like(share)
         return Disc(central, a, e, i, gm * (1.0 + share), p.edge or 0.0, p.width, axis(p.pole), still)
-
-    def reversed(p):
-        """The migration of the motion backwards in time."""
-        return p._replace(tau_a=opposite(p.tau_a), tau_e=opposite(p.tau_e), tau_i=opposite(p.tau_i))

@@ -15,7 +15,6 @@ from kickdrift.forces.central import (
     Attraction,
     Central,
     check_along_z,
-    check_around,
     check_central,
     check_open,
     check_positive,
@@ -68,6 +67,7 @@ class EinsteinInfeldHoffmann(NamedTuple):
 
     name = "relativity-eih"  # type: ignore[misc]
     by_mass = velocity_dependent = external = True  # type: ignore[misc]
+    odd_in_time = ()  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
     @staticmethod
@@ -115,10 +115,6 @@ class EinsteinInfeldHoffmann(NamedTuple):
     def bound(p, system):
         """The masses as sources."""
         return Sources(*_sources("relativity-eih", p, system))
-
-    def reversed(p):
-        """The same, since the force has even powers of v alone."""
-        return p
 
 
 @body_law
@@ -213,6 +209,7 @@ class LenseThirring(NamedTuple):
 
     name = "lense-thirring"  # type: ignore[misc]
     by_mass = velocity_dependent = True  # type: ignore[misc]
+    odd_in_time = ("angular_momentum",)  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "angular_momentum": "angular momentum",
         "c": "velocity",
@@ -232,7 +229,6 @@ class LenseThirring(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_around("lense-thirring", p, system)
         check_along_z("angular_momentum", p.angular_momentum, system)
         light("lense-thirring", p.c, system)
 
@@ -243,11 +239,6 @@ class LenseThirring(NamedTuple):
         factor = 2.0 * gravitational_constant("lense-thirring", p.G, system) / (c * c)
         x, y, z = (factor * s for s in p.angular_momentum)
         return Rotation(central, (x, y, z), share)
-
-    def reversed(p):
-        """The force of the motion backwards in time, where the central body rotates the other way."""
-        x, y, z = p.angular_momentum
-        return p._replace(angular_momentum=(-x, -y, -z))
 
 
 def _sources(name: str, p: Any, system: Subject) -> tuple[Floats, float]:

@@ -8,16 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import check_not_negative, opposite, values_in
+from kickdrift.forces.arguments import check_not_negative, values_in
 from kickdrift.forces.around import around
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
     central_body,
-    check_around,
     check_central,
-    check_open,
     check_positive,
     light,
 )
@@ -104,7 +102,6 @@ class RadiationPressure(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_around("radiation-pressure", p, system)
         if p.form == "full":
             light("radiation-pressure", p.c, system)
 
@@ -162,6 +159,7 @@ class NonGravitational(NamedTuple):
     name = "non-gravitational"  # type: ignore[misc]
     velocity_dependent = works = external = True  # type: ignore[misc]
     varies = ("a1", "a2", "a3")  # type: ignore[misc]
+    odd_in_time = ("a2", "a3")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "a1": "acceleration",
         "a2": "acceleration",
@@ -187,8 +185,6 @@ class NonGravitational(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_open("non-gravitational", system)
-        central_body("non-gravitational", p.central, system)
         if system.dimensions == 2 and values_in(p.a3).any():
             raise InputError("a3: is out of the plane of this two-dimensional system; expected 0")
 
@@ -196,7 +192,3 @@ class NonGravitational(NamedTuple):
         """The accelerations of this System's bodies."""
         central = central_body("non-gravitational", p.central, system)
         return Recoil(central, p.a1, p.a2, p.a3, p.scale, p.power, np.zeros(len(system)))
-
-    def reversed(p):
-        """The recoil of the motion backwards in time, whose transverse and normal directions are opposite."""
-        return p._replace(a2=opposite(p.a2), a3=opposite(p.a3))

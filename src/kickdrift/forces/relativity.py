@@ -11,7 +11,6 @@ from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    check_around,
     check_central,
     check_positive,
     light,
@@ -69,6 +68,7 @@ class PostNewtonian(NamedTuple):
 
     name = "relativity-1pn"  # type: ignore[misc]
     by_mass = fastmath = True  # type: ignore[misc]
+    odd_in_time = ()  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
     @property
@@ -107,14 +107,9 @@ class PostNewtonian(NamedTuple):
 
     def check_system(p, system):
         """Refuse a system that this force cannot run."""
-        check_around("relativity-1pn", p, system)
         light("relativity-1pn", p.c, system)
 
     def bound(p, system):
         """The correction of this System's central body."""
         central, gm, share = Attraction.of("relativity-1pn", p, system)
         return Schwarzschild(central, gm, light("relativity-1pn", p.c, system) ** 2, p.form == "full", share)
-
-    def reversed(p):
-        """The same, since the force has even powers of v alone."""
-        return p

@@ -6,6 +6,7 @@ of rotation as positions. Only the force that turns the spins sees all columns.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from kickdrift.errors import InputError
 from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.model.state import Floats
+
+SPINS = "spins"  # column of a run's file
 
 
 def spinning(system: Any) -> Any | None:
@@ -30,6 +33,12 @@ def first_spins(system: Any) -> tuple[Floats, Floats]:
     return np.array(p.spin), np.array(p.inertia)
 
 
+def with_spins(system: Any, spins: Floats) -> Any:
+    """The system with these spins (n, 3) at the start."""
+    given = tuple(map(tuple, spins.tolist()))
+    return system.under(replace(each, spin=given) if each.name == TidesSpin.name else each for each in system.forces)
+
+
 class Beside:
     """A force of a System with spins: on the bodies alone, unless the force turns the spins."""
 
@@ -42,7 +51,7 @@ class Beside:
         """Return the parts: a NamedTuple with a compiled body."""
         from kickdrift.forces.spins_kernel import BesideSpins
 
-        if isinstance(self.force, TidesSpin):
+        if self.force.name == TidesSpin.name:
             return self.force.bind(self.system, threads)
         n = len(self.system)
         return BesideSpins(self.force.bind(self.system, threads), np.zeros((2, 3, n)), np.zeros((3, n)))

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_not_negative, opposite, values_in
+from kickdrift.forces.arguments import Vector, check_not_negative, values_in
 from kickdrift.forces.around import around, column
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import (
     Attraction,
     Central,
-    check_around,
     check_central,
     check_positive,
 )
@@ -80,6 +79,7 @@ class Tides(NamedTuple):
     name = "tides"  # type: ignore[misc]
     by_mass = True  # type: ignore[misc]
     varies = ("k2", "radius", "tau", "spin")  # type: ignore[misc]
+    odd_in_time = ("tau", "spin")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "radius": "length",
         "tau": "time",
@@ -131,10 +131,6 @@ class Tides(NamedTuple):
         if p.rotation is not None and p.rotation not in ROTATIONS:
             raise InputError(f"rotation: expected one of {', '.join(ROTATIONS)}, got {shown(p.rotation)}")
 
-    def check_system(p, system):
-        """Refuse a system that this force cannot run."""
-        check_around("tides", p, system)
-
     def bound(p: Any, system):
         """The tides of this System's bodies; an InputError names a body without mass or without a spin."""
         central, gm, share = Attraction.of("tides", p, system)
@@ -170,10 +166,6 @@ class Tides(NamedTuple):
             np.where(lagging & ~p.spin.any(axis=0), slaved, 0.0),
             share,
         )
-
-    def reversed(p):
-        """The tides of the motion backwards in time, which lead in place of lagging."""
-        return p._replace(tau=opposite(p.tau), spin=opposite(p.spin))
 
 
 def _lags(p: Tides) -> bool:

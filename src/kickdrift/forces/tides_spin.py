@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.arguments import Vector, check_not_negative, opposite, values_in
+from kickdrift.forces.arguments import Vector, check_not_negative, values_in
 from kickdrift.forces.around import column
 from kickdrift.forces.body_law import body_law
 from kickdrift.forces.central import check_open, check_positive, gravitational_constant
@@ -69,6 +69,7 @@ class TidesSpin(NamedTuple):
     name = "tides-spin"  # type: ignore[misc]
     by_mass = velocity_dependent = joins = True  # type: ignore[misc]
     varies = ("k2", "radius", "inertia", "spin", "tau")  # type: ignore[misc]
+    odd_in_time = ("tau", "spin")  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "radius": "length",
         "spin": "rate",
@@ -131,19 +132,12 @@ class TidesSpin(NamedTuple):
         """The tides of this System's bodies; an InputError names a body without mass or moment of inertia."""
         masses, bulge = system.state.masses, p.k2 * p.radius**5
         for i in np.flatnonzero((bulge > 0) & ((masses == 0) | (p.inertia == 0))):
+            body = system.body(int(i))
             if masses[i] == 0:
-                raise InputError(
-                    f"tides-spin: k2: {system.body(int(i))} has no mass, so its tide would move it without limit; give 0"
-                )
-            raise InputError(
-                f"tides-spin: inertia: {system.body(int(i))} has tides and no moment of inertia; give inertia, over m R^2"
-            )
+                raise InputError(f"tides-spin: k2: {body} has no mass, so its tide would move it without limit; give 0")
+            raise InputError(f"tides-spin: inertia: {body} has tides and no moment of inertia; give inertia")
         if system.dimensions == 2 and p.spin[:2].any():
             raise InputError("tides-spin: spin: expected vectors along z in this two-dimensional system")
         gm = gravitational_constant("tides-spin", p.G, system) * masses
         inertia = np.where(bulge > 0, p.inertia * system.coherent_masses * p.radius**2, 0.0)
         return Spinning(gm, bulge, p.tau, inertia, p.spin, float(p.flattening == "rotational"))
-
-    def reversed(p):
-        """The tides of the motion backwards in time, which lead in place of lagging; bodies rotate the other way."""
-        return p._replace(tau=opposite(p.tau), spin=opposite(p.spin))

@@ -115,12 +115,12 @@ class Record:
         """Add wall time to a part of the work: a constant of this module."""
         self.spent[part] = self.spent.get(part, 0.0) + seconds
 
-    def take(self, before: Sample, after: Sample) -> None:
-        """Add the change of conserved quantities by an event."""
+    def take(self, lost: Taken) -> None:
+        """Add what an event took."""
         self.taken = Taken(
-            self.taken.energy + before.energies.total - after.energies.total,
-            self.taken.momentum + _lost(before.momentum, after.momentum),
-            self.taken.angular_momentum + _lost(before.angular_momentum, after.angular_momentum),
+            self.taken.energy + lost.energy,
+            self.taken.momentum + lost.momentum,
+            self.taken.angular_momentum + lost.angular_momentum,
         )
 
     @unwarned
@@ -187,7 +187,3 @@ def _vectors(rows: Floats, first: int, taken: int) -> Floats | None:
     values = rows[:, first : first + 3]
     there = ~np.isnan(values).all(axis=1)
     return (values + rows[:, taken : taken + 3])[there] if there.any() else None
-
-
-def _lost(before: Floats | None, after: Floats | None) -> Floats | float:
-    return 0.0 if before is None or after is None else before - after

@@ -29,6 +29,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         _check_kind(event)
         if system.box.periodic:
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
+        if isinstance(event, CloseApproach | Escape) and patch_of(system) is not None:
+            raise InputError(f"{event.kind}: does not see the images of a shear-periodic patch; a collision does")
         if isinstance(event, CloseApproach):
             check_room(event.kind, len(system) * (len(system) - 1) // 2, "pairs of bodies", PAIR_BYTES)
             bodies = [index_of(system, body, f"{event.kind}: bodies") for body in event.bodies or ()]

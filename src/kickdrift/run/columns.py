@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.spins import spinning
+from kickdrift.forces.spins import SPINS, spinning
 from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
@@ -61,7 +61,7 @@ def with_body_columns(columns: Any, run: Integration) -> Any:
     """The user's columns, and the masses and radii of bodies that collisions may change, and spins that evolve."""
     own = run.events.roster.columns() if run.events else []
     if spinning(run.system):
-        own.append(Column("spins", "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))  # type: ignore[arg-type]
+        own.append(Column(SPINS, "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns
 
 

@@ -71,7 +71,7 @@ class ShownReport(Shown):
         if self.energy_taken is not None:
             taken = measured(f"{self.energy_taken:.8g}", energy_unit)
             lines.append(("energy taken", f"{taken} by collisions and removed bodies"))
-            if any(spin := self.angular_momentum_taken or ()):
+            if self.angular_momentum_error is not None and any(spin := self.angular_momentum_taken or ()):
                 size = measured(f"{math.hypot(*spin):.6g}", units.symbol("angular momentum") if units else "")
                 lines.append(("spin", f"angular momentum {size} went from orbits into bodies, or left with them"))
         if self.stopped:

@@ -101,7 +101,9 @@ class Meter:
             measured = self._forces.measure(sim.time, seen)
             power = np.nan
             if measured is not None:
-                power = float(np.einsum("i,ki,ki->", sim.system.coherent_masses, phase[1], measured.accelerations[:, :n]))
+                power = float(
+                    np.einsum("i,ki,ki->", sim.system.coherent_masses, phase[1], measured.accelerations[:, :n])
+                )
             self._last = where, (power, np.nan if measured is None else float(measured.potential))
         return self._last[1]
 

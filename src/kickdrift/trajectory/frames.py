@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.spins import SPINS, spinning, with_spins
 from kickdrift.looks.observers import Energies
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
@@ -82,8 +83,15 @@ class Frame:
     @property
     def state(self) -> State:
         """State for a Simulation of the same bodies: ``sim.state = run[k].state``."""
-        phase = np.array([self.positions.T, self.velocities.T])
-        return State(phase, self._run.masses.copy(), self._run.ids.copy(), self.box, self.time, self.step)
+        phase, spins = np.array([self.positions.T, self.velocities.T]), self._spins
+        own = self._run.masses.copy(), self._run.ids.copy()
+        return State(phase, *own, self.box, self.time, self.step, None if spins is None else spins.T.copy())
+
+    @property
+    def _spins(self) -> Floats | None:
+        """Spins (n, 3) of bodies whose spins evolve, else None."""
+        found = self._run.framed(slice(self.index, self.index + 1)).get(SPINS)
+        return found[0] if found is not None and found.shape[1:] == (len(self._run.ids), 3) else None
 
     def system(self) -> System:
         """System for a new run from this frame's positions, velocities and time, with no steps done.
@@ -94,7 +102,8 @@ class Frame:
         from kickdrift.trajectory.record import system_of
 
         self._run.refuse_changed()
-        return system_of(self._run, self.index)
+        system, spins = system_of(self._run, self.index), self._spins
+        return system if spins is None or spinning(system) is None else with_spins(system, spins)
 
     @property
     def _alone(self) -> Frames:

@@ -255,6 +255,7 @@ def test_a_system_that_does_not_fit_a_force_is_refused(bonds, force, more, messa
     [
         (lambda: kd.HarmonicBond(1.0, -1.0), "harmonic-bond: length must be a length, zero or more, got -1.0"),
         (lambda: kd.HarmonicBond(math.inf, 1.0), "harmonic-bond: stiffness: expected a finite number"),
+        (lambda: kd.Fene(sigma=0.9), "fene: sigma is 0.9 and epsilon 0: the core has no strength; give epsilon too"),
         (lambda: kd.Fene(types={}), "fene: types: expected a table of types"),
         (lambda: kd.Fene(types={"a": {"stiffnes": 1.0}}), "unknown parameter 'stiffnes'; did you mean 'stiffness'"),
     ],

@@ -298,8 +298,8 @@ def test_what_can_depend_on_velocity():
         if cls.__module__.startswith("kickdrift.")
     }
     assert [name for name, yes in depends.items() if yes] == [
-        "relativity-1pn", "relativity-eih", "lense-thirring", "relativity-2.5pn", "tides", "radiation-pressure",
-        "non-gravitational", "migration", "gas-drag", "dynamical-friction", "hill", "linear-drag",
+        "relativity-1pn", "relativity-eih", "lense-thirring", "relativity-2.5pn", "tides", "tides-spin",
+        "radiation-pressure", "non-gravitational", "migration", "gas-drag", "dynamical-friction", "hill", "linear-drag",
     ]  # fmt: skip
 
 

@@ -51,6 +51,9 @@ def test_a_restart_and_a_file_hold_the_spins(tmp_path):
         assert run.observables["spins"].shape == (5, 2, 3)
         np.testing.assert_array_equal(run.observables["spins"][-1], whole.state.spins.T)
         np.testing.assert_array_equal(run.observables["spins"][0], SPINS)
+        np.testing.assert_array_equal(run[-1].state.spins, whole.state.spins)
+        again = kd.Simulation(run[-1].system(), "gauss-radau15")
+    np.testing.assert_array_equal(again.state.spins, whole.state.spins)
 
 
 def test_a_state_carries_its_spins():
@@ -100,7 +103,10 @@ def test_a_file_gives_units_and_names_what_is_missing():
         ({"inertia": [0.25, 0.0]}, "tides-spin: inertia: Planet has tides and no moment of inertia; give inertia"),
         ({"tau": -1.0}, "tides-spin: tau must be zero or more"),
         ({"flattening": "yes"}, "tides-spin: flattening: expected rotational or none"),
-        ({"events": [kd.Collision(radii=0.1, action="merge")]}, "collision: action 'merge' cannot act on bodies joined"),
+        (
+            {"events": [kd.Collision(radii=0.1, action="merge")]},
+            "collision: action 'merge' cannot act on bodies joined",
+        ),
     ],
 )
 def test_what_is_refused(change, message):
@@ -109,9 +115,9 @@ def test_what_is_refused(change, message):
 
 
 def test_methods_and_derivatives_without_spins_are_refused():
-    with pytest.raises(InputError, match="wisdom-holman: needs .* 'tides-spin' depends on velocity"):
+    with pytest.raises(InputError, match=r"wisdom-holman: needs .* 'tides-spin' depends on velocity"):
         kd.Simulation(with_spins(), "wisdom-holman", dt=0.1)
-    with pytest.raises(InputError, match="tides-spin.*no variational equations"):
+    with pytest.raises(InputError, match=r"tides-spin.*no variational equations"):
         kd.transition_matrix(with_spins(), 1.0)
     state = kd.Simulation(with_spins(), "gauss-radau15").state
     with pytest.raises(InputError, match=r"state: expected finite spins of shape \(3, 2\)"):

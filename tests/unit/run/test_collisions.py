@@ -18,11 +18,13 @@ from kickdrift.run.watch import contacts, watched_stepper
 from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.fragments import fragmented
 from kickdrift.run.watch.scaling_laws import (
+    GRAZING_MERGER,
     HIT_AND_RUN,
     MERGING,
     Impact,
     Material,
     disruption_energy,
+    hit_and_run_speed,
     impact_energy,
     largest_remnant,
     left_of_projectile,
@@ -148,6 +150,30 @@ def test_the_largest_remnant_is_continuous_where_the_laws_meet():
     assert largest_remnant(3.6) == pytest.approx(0.1 * 2**-1.5, rel=1e-15)
 
 
+@pytest.mark.long
+def test_a_rule_that_numba_compiles():
+    """The rule of `merge`, as machine code."""
+    import numba
+
+    @numba.njit
+    def merge(heavier, lighter):
+        total = heavier.mass + lighter.mass
+        x = heavier.position + lighter.mass / total * (lighter.position - heavier.position)
+        v = heavier.velocity + lighter.mass / total * (lighter.velocity - heavier.velocity)
+        return (kd.Sphere(total, x, v, heavier.radius, heavier.name),)
+
+    def after(event):
+        pair = kd.System(
+            [[0, 0, 0], [3, 0.1, 0]], [[0, 0, 0], [-1, 0, 0]], [1.0, 0.1], radii=[0.5, 0.3], units="nbody",
+            forces=[kd.Gravity()], events=[event],
+        )  # fmt: skip
+        sim = kd.Simulation(pair, "gauss-radau15")
+        sim.run(until=3.0)
+        return sim.state.phase
+
+    np.testing.assert_allclose(after(kd.Collision(rule=merge)), after(kd.Collision(action="merge")), rtol=1e-15)
+
+
 @pytest.mark.parametrize(
     ("gamma", "sine", "speed", "regime"),
     [
@@ -156,6 +182,7 @@ def test_the_largest_remnant_is_continuous_where_the_laws_meet():
         (0.3, 0.3, 4.0, "erosion"),
         (1.0, 0.0, 4.0, "super-catastrophic disruption"),
         (0.3, 0.9, 2.0, "hit-and-run"),
+        (1.0, 0.6, 1.15, "graze-and-merge"),
     ],
 )
 def test_regimes(gamma, sine, speed, regime):
@@ -168,8 +195,21 @@ def test_regimes(gamma, sine, speed, regime):
     if regime == HIT_AND_RUN:
         assert masses[0] == EARTH
         assert masses[1] == pytest.approx(left_of_projectile(impact, ROCK), rel=1e-14)
-    elif regime != MERGING:
+    elif regime in (MERGING, GRAZING_MERGER):
+        assert masses == [pytest.approx(impact.total, rel=1e-15)]
+    else:
         assert masses[0] == pytest.approx(largest_remnant(ratio) * impact.total, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "sine", "ratio"),
+    [(1.0, 0.75, 1.13813), (1.0, 1.0, 1.08), (0.1, 0.96, 1.05380)],  # by hand from the fit of Genda et al. 2012
+)
+def test_the_speed_of_hit_and_run(gamma, sine, ratio):
+    target, other = meeting(gamma, sine, 1.0)
+    impact = Impact(target.mass, other.mass, target.radius, other.radius, 1.0, sine)
+    escape = np.sqrt(2 * ROCK.G * impact.total / (target.radius + other.radius))
+    assert hit_and_run_speed(impact, ROCK) / escape == pytest.approx(ratio, abs=2e-5)
 
 
 @settings(max_examples=60, deadline=None)

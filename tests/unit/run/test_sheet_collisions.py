@@ -203,6 +203,12 @@ def test_bad_input(make, message):
         make()
 
 
+@pytest.mark.parametrize("event", [kd.CloseApproach(1.0), kd.Escape(100.0)])
+def test_events_that_do_not_see_images_are_refused(event):
+    with pytest.raises(InputError, match=f"^{event.kind}: does not see the images of a shear-periodic patch"):
+        kd.load("shearing-sheet").watched([event])
+
+
 def test_a_step_across_many_patches_is_refused():
     fast = patch([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [[900.0, 0.0, 0.0], [0.0, -3.0, 0.0]])
     with pytest.raises(RunError, match="crosses many widths or lengths of the patch in one step; take a smaller dt"):

@@ -210,7 +210,7 @@ def system_with(first: System, memory: Memory) -> System:
     ids, known = memory["ids"], np.isin(memory["ids"], first.state.ids)
     if "names" not in memory:
         if not known.all():
-            raise InputError("checkpoint: holds bodies that the system has not")
+            raise InputError("checkpoint: some of its bodies are missing in the system")
         keep = np.isin(first.state.ids, ids)
         memory = memory | {
             "names": [name for name, kept in zip(first.names, keep, strict=False) if kept],

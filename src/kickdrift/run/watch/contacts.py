@@ -17,6 +17,7 @@ from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
 from kickdrift.run.watch.span import Act, Part, Span, separation
 
+LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
 ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
 
 
@@ -90,9 +91,14 @@ class Contacts(Checkpointed):
 
     def first(self, span: Span) -> Act | None:
         """First contact in the searched span."""
-        rows = self._rows[: self._count].tolist()
-        found = [act for row in rows if (act := self._confirmed(span, *row)) is not None]
-        return min(found, key=lambda act: act.time, default=None)
+        found: dict[int, Act] = {}  # by row, from the earliest contact on the cubic to the last that may be the first
+        for k, row in sorted(enumerate(self._rows[: self._count].tolist()), key=lambda each: each[1][1]):
+            best = min((act.time for act in found.values()), default=np.inf)
+            if span.t0 + (row[1] - LATE) * span.length > best:
+                break
+            if (act := self._confirmed(span, *row)) is not None:
+                found[k] = act
+        return min((found[k] for k in sorted(found)), key=lambda act: act.time, default=None)
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
         """Contact on the method's own solution, or None."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from kickdrift.model.sphere import Sphere
 from kickdrift.model.state import Floats
-from kickdrift.run.watch.scaling_laws import HIT_AND_RUN, MERGING, Impact, Material, Remnants, remnants
+from kickdrift.run.watch.scaling_laws import GRAZING_MERGER, HIT_AND_RUN, MERGING, Impact, Material, Remnants, remnants
 
 ROOM = 1.1  # distances on the ring, over those of spheres that touch
 LAUNCH = 1.05  # speed of the fragments over their escape speed
@@ -78,7 +78,7 @@ def _cubes(heavier: Sphere, lighter: Sphere) -> float:
 
 def _shares(found: Remnants, impact: Impact, smallest: float) -> tuple[float, float, float]:
     """Masses of the largest body, of what is left of the projectile, and of the debris."""
-    if found.regime == MERGING:
+    if found.regime in (MERGING, GRAZING_MERGER):
         return impact.total, 0.0, 0.0
     if found.regime == HIT_AND_RUN:
         debris = impact.projectile - found.second

@@ -22,6 +22,9 @@ GROUP = 8  # bodies under a lowest box
 LEVELS = 10  # bits of each coordinate along the space-filling curve
 MARGIN = 1e-12  # of the coordinates, for rounding
 
+_NUMBERS = np.arange(2**LEVELS)
+_SPREAD = np.sum([(_NUMBERS >> bit & 1) << 3 * bit for bit in range(LEVELS)], axis=0)  # every third bit
+
 
 def overlapping(y0: Floats, y1: Floats, h: float, radii: Floats, massive: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Pairs (2, P) of rows i < j that may touch in a step, in order of i and j. Two massless bodies are no pair."""
@@ -55,11 +58,8 @@ def _codes(centres: Floats) -> NDArray[Any]:
         low = centres.min(axis=1)
         size = float((centres.max(axis=1) - low).max()) or 1.0
         steps = np.nan_to_num((centres - low[:, None]) * ((2**LEVELS - 1) / size)).astype(np.int64)
-    codes = np.zeros(centres.shape[1], np.int64)
-    for bit in range(LEVELS):
-        for axis in range(3):
-            codes |= (steps[axis] >> bit & 1) << (3 * bit + axis)
-    return codes
+    spread = _SPREAD[steps]
+    return spread[0] | spread[1] << 1 | spread[2] << 2
 
 
 @driver

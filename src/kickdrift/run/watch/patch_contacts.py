@@ -116,22 +116,22 @@ def crowd_of(patch: Patch, y0: Floats, t0: float, y1: Floats, t1: float, radii: 
             f"step {step} (t = {t0:.9g}): a body crosses many widths or lengths of the patch in one step; take a "
             f"smaller dt"
         )
-    span, bodies, images = most - least, [np.arange(y0.shape[2])], [np.zeros(home.shape)]
+    span, shifts = most - least, []
     columns = int(span[0] / patch.width)
     for k in range(-columns, columns + 1):
         begin = k * patch.shear * t0
         base = -round(begin / patch.length)
         shift = begin + base * patch.length
         first, last = sorted((shift, shift + k * patch.shear * (t1 - t0)))
-        inside = (low[0] + k * patch.width <= most[0]) & (high[0] + k * patch.width >= least[0])
         for row in range(math.ceil((-span[1] - last) / patch.length), math.floor((span[1] - first) / patch.length) + 1):
-            if k == row == 0:
-                continue
-            up = row * patch.length
-            (reach,) = np.nonzero(inside & (low[1] + first + up <= most[1]) & (high[1] + last + up >= least[1]))
-            bodies.append(reach)
-            images.append(np.repeat([[float(k)], [float(base + row)]], len(reach), axis=1))
-    who, image = np.concatenate(bodies), np.concatenate(images, axis=1)
+            if k or row:
+                shifts.append((k * patch.width, first, last, row * patch.length, float(k), float(base + row)))
+    table = np.array(shifts).reshape(-1, 6).T[:, :, None]
+    out, early, late, up = table[:4]
+    inside = (low[0] + out <= most[0]) & (high[0] + out >= least[0])
+    which, reach = np.nonzero(inside & (low[1] + early + up <= most[1]) & (high[1] + late + up >= least[1]))
+    who = np.concatenate([np.arange(y0.shape[2]), reach])
+    image = np.concatenate([np.zeros(home.shape), table[4:, which, 0]], axis=1)
     ways = (np.ascontiguousarray(y[:, :, who] + patch.offset(image, t)) for y, t in ((y0, t0), (y1, t1)))
     return Crowd(who, (image + home[:, who]).astype(np.int64), *ways)
 
@@ -142,5 +142,8 @@ def _once(crowd: Crowd, places: Whole) -> tuple[Whole, Whole]:
     turned = crowd.bodies[places[0]] > crowd.bodies[places[1]]
     places = np.where(turned, places[::-1], places)
     image = crowd.images[:, places[1]] - crowd.images[:, places[0]]
-    pairs, first = np.unique(np.concatenate([crowd.bodies[places], image]), axis=1, return_index=True)
-    return np.ascontiguousarray(pairs), np.ascontiguousarray(places[:, first])
+    pairs = np.concatenate([crowd.bodies[places], image])
+    order = np.lexsort(pairs[::-1])
+    pairs, places = pairs[:, order], places[:, order]
+    first = np.append(True, (pairs[:, 1:] != pairs[:, :-1]).any(axis=0))[: pairs.shape[1]]
+    return np.ascontiguousarray(pairs[:, first]), np.ascontiguousarray(places[:, first])

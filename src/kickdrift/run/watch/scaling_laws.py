@@ -1,7 +1,7 @@
 """Outcome of a collision of two gravity-dominated bodies: the scaling laws of Leinhardt & Stewart 2012.
 
-Equation numbers are those of ApJ 745, 79, doi:10.1088/0004-637X/745/1/79. The heavier body is the target. Lengths,
-masses and speeds are in any units in which G holds.
+Equation numbers are those of ApJ 745, 79, doi:10.1088/0004-637X/745/1/79, as the programs Swiftest and collresolve give
+them. The heavier body is the target. Lengths, masses and speeds are in any units in which G holds.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-MERGING, HIT_AND_RUN = "perfect merging", "hit-and-run"
+MERGING, GRAZING_MERGER, HIT_AND_RUN = "perfect merging", "graze-and-merge", "hit-and-run"
 ACCRETION, EROSION, DISRUPTION = "partial accretion", "erosion", "super-catastrophic disruption"
 SUPER = 1.8  # Q_R / Q*_RD from which a disruption is super-catastrophic
 ETA = -1.5  # exponent of the largest remnant there
@@ -47,13 +47,13 @@ class Impact(NamedTuple):
 
     @property
     def overlap(self) -> float:
-        """Length of the projectile that meets the target, at most its diameter; eq. 7."""
+        """Length of the projectile that meets the target, at most its diameter."""
         reach = self.target_radius + self.projectile_radius
         return min((1.0 - self.sine) * reach, 2.0 * self.projectile_radius)
 
     @property
     def interacting(self) -> float:
-        """Fraction alpha of the projectile's mass that meets the target; eq. 11."""
+        """Fraction alpha of the projectile's mass that meets the target."""
         length, r = self.overlap, self.projectile_radius
         return length**2 * (3.0 * r - length) / (4.0 * r**3)
 
@@ -109,6 +109,17 @@ def escape_speed(impact: Impact, material: Material) -> float:
     return math.sqrt(2.0 * material.G * mass / radius)
 
 
+def hit_and_run_speed(impact: Impact, material: Material) -> float:
+    """Speed below which two bodies that graze each other lose so much of it that they merge.
+
+    Over the escape speed of both at contact this is 2.43 g^2 h + 1.86 h - 0.0408 g^2 + 1.08, with h = (1 - sine)^(5/2)
+    and g the difference of the masses over their sum (Kokubo & Genda 2010; Genda, Kokubo & Ida 2012,
+    doi:10.1088/0004-637X/744/2/137)."""
+    escape = math.sqrt(2.0 * material.G * impact.total / (impact.target_radius + impact.projectile_radius))
+    unlike, open_angle = ((impact.target - impact.projectile) / impact.total) ** 2, (1.0 - impact.sine) ** 2.5
+    return escape * (2.43 * unlike * open_angle + 1.86 * open_angle - 0.0408 * unlike + 1.08)
+
+
 def left_of_projectile(impact: Impact, material: Material) -> float:
     """Mass of what is left of the projectile after a hit-and-run: the reverse impact.
 
@@ -130,9 +141,9 @@ def left_of_projectile(impact: Impact, material: Material) -> float:
 def remnants(impact: Impact, material: Material) -> Remnants:
     """Regime of an impact, and the masses of its largest bodies.
 
-    Bodies slower than `escape_speed` merge. A grazing impact that does not erode the target is a hit-and-run. All
-    others leave one largest remnant: more than the target (partial accretion), less (erosion), or less than a tenth of
-    the total mass (super-catastrophic disruption)."""
+    Bodies slower than `escape_speed` merge. A grazing impact that does not erode the target is a hit-and-run, or below
+    `hit_and_run_speed` a graze-and-merge. All others leave one largest remnant: more than the target (partial
+    accretion), less (erosion), or less than a tenth of the total mass (super-catastrophic disruption)."""
     if impact.projectile == 0.0 or impact.speed <= escape_speed(impact, material):
         return Remnants(MERGING, impact.total)
     if impact.interacting == 0.0:
@@ -141,6 +152,8 @@ def remnants(impact: Impact, material: Material) -> Remnants:
     ratio = energy / oblique_disruption_energy(impact, material)
     largest = largest_remnant(ratio) * impact.total
     if largest >= impact.target:
+        if impact.grazing and impact.speed <= hit_and_run_speed(impact, material):
+            return Remnants(GRAZING_MERGER, impact.total)
         if impact.grazing:
             return Remnants(HIT_AND_RUN, impact.target, left_of_projectile(impact, material))
         return Remnants(ACCRETION, largest)

@@ -25,6 +25,7 @@ from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.patch import HERE, patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.run.watch.booked import energy_of_places, taken_between, taken_by_bounce
 from kickdrift.run.watch.collisions import Change, changed
 from kickdrift.run.watch.roster import Roster
 from kickdrift.run.watch.search import Search
@@ -265,17 +266,21 @@ class WatchedStepper:
         """Bounce, merge or remove bodies, and restart from y."""
         system, event = self._system, act.event
         row = entry(system, event.kind, act.time, step, act.bodies, act.distance, "")
-        before = self._run.sample_at(y, act.time)
+        local = event.action == "bounce" and energy_of_places(system)
+        start, before = y, None if local else self._run.sample_at(y, act.time)
         change = self._changed(act, y, step)
         row["done"], y = change.done, change.y
         if change.other_bodies:
             self._follow(change)
         self._search.begin_crossings()
         self.inner.reset(y, act.time, step)
-        after = self._run.sample_at(y, act.time)
-        row["energy"] = before.energies.total - after.energies.total
+        if before is None:
+            taken = taken_by_bounce(system, start, y, act.bodies)
+        else:
+            taken = taken_between(before, self._run.sample_at(y, act.time))
+        row["energy"] = taken.energy
         if event.action != "bounce" or event.restitution != 1 or act.image != HERE:  # type: ignore[union-attr]
-            self._run.record.take(before, after)
+            self._run.record.take(taken)
         self._search.log.add(row)
         self._run.bodies_changed()
 
