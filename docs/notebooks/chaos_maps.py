@@ -43,7 +43,7 @@ def henon_heiles(t, state):
 
 
 sim = kd.Simulation(kd.Problem(henon_heiles, both.ravel()), "rk4", dt=0.05)
-sim.run(until=LENGTH, interval=LENGTH / 4)
+sim.run(until=LENGTH, every=2000)
 end = sim.state.y.reshape(4, 2, -1)
 apart = np.linalg.norm(end[:, 1] - end[:, 0], axis=0)
 growth = np.log10(apart / NEAR)

@@ -13,24 +13,24 @@ import kickdrift as kd
 bodies = [
     {"name": "star", "mass": 1.0},
     {"name": "inner", "mass": 1e-3, "a": 1.0, "e": 0.05, "M": 0.0},
-    {"name": "outer", "mass": 1e-3, "a": 1.18, "e": 0.05, "omega": 170.0, "M": 100.0},
+    {"name": "outer", "mass": 1e-3, "a": 1.25, "e": 0.05, "omega": 170.0, "M": 200.0},
 ]
 system = kd.System.from_elements(bodies)
 
 # %% [markdown]
-# Two planets of Jupiter's mass, only two Hill radii apart, meet within some orbits. Each method takes the same long
-# step.
+# Two planets of Jupiter's mass, 2.5 Hill radii apart, are too near to be stable (Gladman 1993). They meet within some
+# orbits. Each method takes the same long step.
 
 # %%
 series, paths = {}, {}
 for method in ("wisdom-holman", "trace"):
-    sim, seen, path = kd.Simulation(system, method, dt=0.02), [], []
+    sim, seen, path = kd.Simulation(system, method, dt=0.01), [], []
 
     def look(s, seen=seen, path=path):
         seen.append((s.time, s.energy().total))
         path.append(s.state.positions - s.state.positions[0])
 
-    sim.run(until=60.0, every=5, observe=look)
+    sim.run(until=100.0, every=5, observe=look)
     series[method], paths[method] = np.array(seen), np.array(path)
     worst = np.abs(series[method][:, 1] / series[method][0, 1] - 1).max()
     print(f"{method:14} largest relative energy error {worst:.1e}")
