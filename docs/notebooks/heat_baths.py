@@ -28,9 +28,7 @@ temperatures = {}
 for bath, options in baths.items():
     sim, seen = kd.Simulation(system, bath, dt=0.005, temperature=1.0, **options), []
     sim.equilibrate(1.0, time=10.0)
-    sim.run(
-        2500, every=5, observe=lambda s, seen=seen: seen.append((s.time, 2 * s.energy().kinetic / (3 * 999)))
-    )
+    sim.run(2500, every=5, observe=lambda s, seen=seen: seen.append((s.time, 2 * s.energy().kinetic / (3 * 999))))
     temperatures[bath] = np.array(seen)
     mean = kd.analysis.block_average(temperatures[bath][:, 1])
     print(f"{bath:12} {mean.value:.4f} +- {mean.error:.4f}")
