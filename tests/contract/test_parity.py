@@ -195,8 +195,8 @@ OPTIONS: dict[str, dict[str, str]] = {
 # has all its columns.
 OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
-    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"}, "analyze": {"--overwrite"},
-    "transits": {"--overwrite"},
+    "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
+    "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -16,7 +17,8 @@ from tests.folders import DOCS, TOP
 
 PAGES = sorted(DOCS.rglob("*.md"))
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
-MADE = {"report.md", "command-line.md"}  # made by docs/hooks.py
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.py"))
+MADE = {"report.md", "command-line.md", "gallery.md", *(f"notebooks/{each.stem}.md" for each in NOTEBOOKS)}  # by hooks
 APART = {"first-hour"}  # pages whose blocks a reader copies one by one
 
 
@@ -67,11 +69,16 @@ def test_the_reference_has_every_public_name():
 
 
 def test_the_site_is_built(tmp_path):
-    """Build strictly: a dead link, an unlisted page or an unknown name is an error. Nothing is fetched."""
+    """Build strictly: a dead link, an unlisted page or an unknown name is an error. Nothing is fetched. Notebooks
+    are not executed here."""
     pytest.importorskip("mkdocs")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path / "site"]
     done = subprocess.run(
-        command, cwd=TOP, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+        command,
+        cwd=TOP,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "KICKDRIFT_NOTEBOOKS": "source"},
     )
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
@@ -79,5 +86,22 @@ def test_the_site_is_built(tmp_path):
         "api.html": "momentum_error",
         "command-line.html": "--integrator",
         "index.html": "Lennard-Jones",
+        "notebooks/first_hour.html": "first_hour.ipynb",
+        "gallery.html": "two-worlds.png",
     }.items():
         assert words in (site / name).read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("script", NOTEBOOKS, ids=lambda script: script.stem)
+def test_a_notebook_runs_and_ends_in_a_picture(script):
+    """Execute the notebook as the site's build does: its last cell draws."""
+    pytest.importorskip("nbclient")
+    code = f"import json, notebook_pages; print(json.dumps(notebook_pages.executed({script.stem!r})))"
+    path = os.pathsep.join([str(DOCS), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=900
+    )
+    assert done.returncode == 0, done.stderr
+    *_, last = json.loads(done.stdout)["cells"]
+    assert any("image/png" in output.get("data", {}) for output in last["outputs"])

@@ -21,6 +21,7 @@ from time import monotonic
 from typing import IO, Any, NamedTuple
 
 from kickdrift.cli.console import out, print_table
+from kickdrift.display.pace import Pace, print_line
 from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation import report_file
@@ -200,11 +201,15 @@ def _outcome(
 
 
 class Display:
-    """Failed claims and a line for each script on standard output; on a terminal, a bar that says what runs."""
+    """Failed claims and a line for each script on standard output; on a terminal, a bar that says what runs. The time
+    left is an estimate from the scripts' usual times; without a terminal it stands on standard error."""
 
-    def __init__(self, total: int, quiet: bool = False) -> None:
-        self.total, self.done = total, 0
+    def __init__(self, scripts: Sequence[Script], quiet: bool = False) -> None:
+        self.total, self.done = len(scripts), 0
         self._begun: Counter[str] = Counter()
+        self._seconds, self._whole, self._pace = 0.0, sum(script.seconds for script in scripts), Pace()
+        self._pace.moved(0, round(self._whole))
+        self._quiet = quiet
         self._bar = None if quiet or not sys.stderr.isatty() else self._new_bar()
 
     def _new_bar(self) -> Any:
@@ -237,18 +242,27 @@ class Display:
     def ended(self, outcome: Outcome) -> None:
         """A script is through."""
         self.done += 1
+        self._seconds += outcome.script.seconds
         self._begun.pop(outcome.script.name, None)
         out(
             f"[{self.done}/{self.total}] {outcome.script.name}: {verdicts(outcome.count())} in "
             f"{duration(outcome.seconds)}"
         )
         sys.stdout.flush()
+        self._pace.moved(round(self._seconds), round(self._whole))
+        if self._bar is None and not self._quiet and self._pace.left:
+            print_line(f"validating: {self._left()}")
         self._move()
+
+    def _left(self) -> str:
+        """Share of the usual time that is done, and the time left as text."""
+        left = f", about {duration(self._pace.left)} left" if self._pace.left else ""
+        return f"{100 * self._seconds / max(self._whole, 1e-9):.0f} %{left}"
 
     def _move(self) -> None:
         if self._bar:
             now = ", ".join(f"{name} ({counted(number, 'claim')})" for name, number in self._begun.items())
-            self._bar.update(self._bar.task_ids[0], completed=self.done, description=now)
+            self._bar.update(self._bar.task_ids[0], completed=self.done, description=f"{self._left()}: {now}")
 
 
 def verdicts(found: Counter[str]) -> str:
@@ -287,7 +301,7 @@ def validate(
     with (
         terminable(),
         tempfile.TemporaryDirectory(prefix="kickdrift-validate-") as scratch,
-        Display(len(wanted), quiet) as display,
+        Display(wanted, quiet) as display,
     ):
         limit = None if long else LONGEST
         runs = outcomes(wanted, Path(scratch), long, jobs, package=package, limit=limit, tell=display.tell)

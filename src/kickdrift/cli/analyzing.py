@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.amounts import length
-from kickdrift.cli.console import out
-from kickdrift.cli.options import JsonOption, OverwriteOption
+from kickdrift.cli.console import busy, out
+from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption
 from kickdrift.cli.printing import show_found
 from kickdrift.disk.outputs import refuse_outputs
 
@@ -49,12 +49,14 @@ def analyze(
     ] = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Find the proper frequencies of each orbit, their secular periods, and resonant angles that librate."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])
     from kickdrift.analysis.secular_run import orbit_report
 
-    found = orbit_report(run, str(frame), str(plane), order, until)
+    with busy(f"analysing {run}", quiet):
+        found = orbit_report(run, str(frame), str(plane), order, until)
     show_found(found, json_file, overwrite)
     if plot is not None:
         from kickdrift.plots.runs import checked_target, save_figure

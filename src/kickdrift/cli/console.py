@@ -144,9 +144,16 @@ def say(text: str, quiet: bool = False) -> None:
 
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Callable[[str], Callable[[int, int], Any]]]:
-    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, on a terminal."""
+    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar on standard error, or prints lines."""
     with showing.progress_bar(quiet) as bar:
         yield lambda label: _noting(clean(label, CELL), bar(label))
+
+
+@contextmanager
+def busy(label: str, quiet: bool = False) -> Iterator[None]:
+    """Show what is being done on standard error, for work that counts nothing and takes more than two seconds."""
+    with showing.busy(clean(label, CELL), quiet):
+        yield
 
 
 def _noting(label: str, move: Callable[[int, int], Any]) -> Callable[[int, int], Any]:

@@ -74,10 +74,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift new", "Write liquid.toml, with a comment on each choice."),
         ("kickdrift new planets --output mine.toml", "A star with planets, under another name."),
     ),
-    "schema": (
-        ("kickdrift schema > system-file.schema.json", "The schema, beside your own system files."),
-        ("kickdrift --load mine.py schema", "With the forces and methods of a file of yours."),
-    ),
+    "schema": (("kickdrift schema > system-file.schema.json", "The schema, beside your own system files."),),
     "cite": (
         ("kickdrift cite run.h5md > run.bib", "The method, the forces and the system of a run."),
         ("kickdrift cite nose-hoover", "One method."),

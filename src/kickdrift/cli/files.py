@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.console import out, print_lines, progress_bar, say
+from kickdrift.cli.console import busy, out, print_lines, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
@@ -118,7 +118,9 @@ def plot(
         from kickdrift.plots.figures import plot_file
 
         target = output or file.with_suffix(".png")
-        out(str(plot_file(file, target, kind and str(kind), column, overwrite=overwrite)))
+        with busy(f"drawing {file}", quiet):
+            drawn = plot_file(file, target, kind and str(kind), column, overwrite=overwrite)
+        out(str(drawn))
         if not kind and not column:
             name_columns(file)
     else:

@@ -9,7 +9,7 @@ import typer
 
 from kickdrift.cli.amounts import in_units
 from kickdrift.cli.amounts import length as span
-from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
@@ -252,7 +252,8 @@ def certify(
             from kickdrift.trajectory.universe import mdanalysis
 
             sources = [mdanalysis("--topology").Universe(str(topology), each) for each in runs]
-        found = ensemble_checks(sources, temperature, pressure, constraints=constraints)
+        with busy("testing", quiet):
+            found = ensemble_checks(sources, temperature, pressure, constraints=constraints)
     _print_page(found, json_file, overwrite)
 
 

@@ -16,8 +16,26 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options, parsed, takers
 from kickdrift.integrators.option import DOUBLE, DT, MIXED, PRECISION, Option
 
+
+def system_names(incomplete: str) -> list[str]:
+    """Names of shipped systems that begin so, for completion in a shell; without any, the shell completes files."""
+    from kickdrift.systemfile.files import shipped
+
+    return [name for name in shipped() if name.startswith(incomplete)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """Names of integrators that begin so, for completion in a shell."""
+    from kickdrift.integrators import INTEGRATORS
+
+    return [name for name in INTEGRATORS if name.startswith(incomplete)]
+
+
 SystemArgument = Annotated[
-    str, typer.Argument(metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.")
+    str,
+    typer.Argument(
+        metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.", autocompletion=system_names
+    ),
 ]
 SubjectArgument = Annotated[
     str,
@@ -25,6 +43,7 @@ SubjectArgument = Annotated[
         metavar="SYSTEM",
         help="A system file, the name of a shipped system, or a Python file, which is run: "
         "it defines f and y0, or a System.",
+        autocompletion=system_names,
     ),
 ]
 

@@ -20,6 +20,7 @@ from kickdrift.cli.options import (
     QuietOption,
     SubjectArgument,
     ThreadsOption,
+    method_names,
     with_options,
 )
 from kickdrift.disk.outputs import refuse_outputs, write_json
@@ -38,7 +39,10 @@ if TYPE_CHECKING:
 )
 def run(
     system: SubjectArgument,
-    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
+    integrator: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="See: kickdrift list integrators.", autocompletion=method_names),
+    ] = None,
     options: Any = None,
     steps: Annotated[
         int | None, typer.Option(metavar="N", parser=whole(0), help="Number of steps, such as 1e6.")

@@ -11,6 +11,7 @@ from typing import Any
 
 from kickdrift.display import layout
 from kickdrift.display.card import Spark, card
+from kickdrift.display.pace import LineBar, Pace, busy_line
 from kickdrift.text import CELL, clean
 
 KEY = 17  # width of a line's key
@@ -102,13 +103,14 @@ def following(progress: bool | Callable[..., Any] | None, label: str) -> Iterato
 
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Callable[[str], Bar]]:
-    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar: on standard error where this is a
-    terminal, in a notebook below its cell, else nowhere."""
+    """Yield ``bar(label)``, which returns a function (done, of) that moves a bar with rate and time left: on standard
+    error where this is a terminal, in a notebook below its cell. Elsewhere it prints lines on standard error now and
+    then."""
     if not quiet and _in_notebook():
         yield _notebook_bar
         return
     if not _has_terminal(quiet):
-        yield lambda label: _nothing
+        yield LineBar if _has_lines(quiet) else lambda label: _nothing
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -117,27 +119,38 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str], Bar]]:
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
+        TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
 
         def bar(label: str) -> Bar:
-            task = progress.add_task(clean(label, CELL), total=None)
-            return lambda done, of: progress.update(task, completed=done, total=of)
+            task, pace = progress.add_task(clean(label, CELL), total=None, rate=""), Pace()
+
+            def move(done: int, of: int) -> None:
+                pace.moved(done, of)
+                progress.update(task, completed=done, total=of, rate=pace.rate_text(of))
+
+            return move
 
         yield bar
 
 
 @contextmanager
 def members_bar(quiet: bool = False) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Yield a function (done, of, failed) that shows these with the rate and the remaining time; None without a
-    terminal or notebook."""
+    """Yield a function (done, of, failed) that shows these with the rate and the remaining time: as a bar on a terminal
+    and in a notebook, else as lines on standard error. None if nothing is to be shown."""
     if not quiet and _in_notebook():
         bar = _notebook_bar("members")
         yield lambda done, of, failed: bar(done, of)
         return
     if not _has_terminal(quiet):
-        yield None
+        line = LineBar("members")
+        yield (
+            (lambda done, of, failed: line(done, of, f", {failed} failed" if failed else ""))
+            if _has_lines(quiet)
+            else None
+        )
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -166,6 +179,30 @@ def _has_terminal(quiet: bool) -> bool:
     return not quiet and sys.stderr is not None and sys.stderr.isatty()
 
 
+def _has_lines(quiet: bool) -> bool:
+    """Whether lines can be written on standard error."""
+    return not quiet and sys.stderr is not None
+
+
+@contextmanager
+def busy(label: str, quiet: bool = False) -> Iterator[None]:
+    """Show what is being done, for work that counts nothing: a sign that turns on a terminal, else a line on standard
+    error after two seconds."""
+    if not _has_lines(quiet) or _in_notebook():
+        yield
+    elif _has_terminal(quiet):
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        layout = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+        with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
+            progress.add_task(clean(label, CELL), total=None)
+            yield
+    else:
+        with busy_line(clean(label, CELL)):
+            yield
+
+
 def _in_notebook() -> bool:
     """Whether the program runs in a notebook, which has loaded IPython."""
     ipython = sys.modules.get("IPython")
@@ -175,17 +212,18 @@ def _in_notebook() -> bool:
 
 def _notebook_bar(label: str) -> Bar:
     """A bar below the notebook's cell, which goes when all is done."""
-    from IPython.display import HTML, display  # type: ignore[import-not-found]
+    from IPython.display import HTML, display
 
     handle = display(HTML(""), display_id=True)
-    last = 0.0
+    last, pace = 0.0, Pace()
 
     def show(done: int, of: int) -> None:
         nonlocal last
+        pace.moved(done, of)
         if done < of and monotonic() - last < NOTEBOOK_SECONDS:
             return
         last = monotonic()
-        text = f"{escape(label)} <progress value={done} max={of}></progress> {100 * done // max(of, 1)} %"
+        text = f"{escape(label)} <progress value={done} max={of}></progress> {pace.text(done, of)}"
         handle.update(HTML(text if done < of else ""))
 
     return show

@@ -133,3 +133,21 @@ def test_the_camera_sees_what_is_nearer_larger():
     assert np.isnan(seen.scale[3])
     turned = Camera(azimuth=-90.0, elevation=0.0, turn=90.0).at(1.0)
     np.testing.assert_allclose(turned[2], [1.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_too_many_particles_are_thinned_and_the_film_says_so(liquid, monkeypatch):
+    from kickdrift.plots import filmed
+
+    monkeypatch.setattr(filmed, "MOST", 5)
+    found = kd.movie(liquid, liquid.with_suffix(".gif"), size=SIZE, every=4)
+    assert found.notes == ("the film shows 5 of 12 particles, evenly chosen",)
+
+
+def test_a_body_that_merges_is_filmed_up_to_its_end(tmp_path):
+    """Names are shown as text: a dollar sign begins no formula."""
+    pair = kd.System(
+        [[-1, 0, 0], [1, 0.1, 0]], [[1, 0, 0], [-1, 0, 0]], masses=[2.0, 1.0], radii=0.3, names=["$A", "<b>$"],
+        forces=[kd.Gravity(G=1e-3)], units="nbody", events=[kd.Collision()],
+    )  # fmt: skip
+    kd.Simulation(pair, "leapfrog", dt=0.05).run(40, every=4, output=tmp_path / "pair.h5md")
+    assert kd.movie(tmp_path / "pair.h5md", tmp_path / "pair.gif", size=SIZE).frames == 11
