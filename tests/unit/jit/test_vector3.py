@@ -109,7 +109,11 @@ def found(run, a, b, w):
 
 
 @EACH
-@pytest.mark.parametrize("lanes", shortened(MIXTURES, ALIKE + MIXTURES[1:2]), ids=lambda lanes: "".join("L" if each else "n" for each in lanes))
+@pytest.mark.parametrize(
+    "lanes",
+    shortened(MIXTURES, ALIKE + MIXTURES[1:2]),
+    ids=lambda lanes: "".join("L" if each else "n" for each in lanes),
+)
 @given(operands())
 @settings(max_examples=60, deadline=None)
 def test_bits_are_those_of_components_written_out(kind, lanes, numbers):
