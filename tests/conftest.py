@@ -8,6 +8,7 @@ import signal
 import sys
 
 import pytest
+from hypothesis import settings
 
 from tests import own_methods
 from tests.compiled import without_compiling
@@ -19,6 +20,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 # Likewise numba's threads: threads that spin while waiting for a core make a force on two threads 30 times as slow.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+settings.register_profile("kickdrift", deadline=None)  # the first case of a test may compile
+settings.load_profile("kickdrift")
 
 # Scanning numba's many lasting objects for garbage took an eighth of the time at Python's own thresholds.
 gc.set_threshold(50_000, 20, 20)

@@ -25,7 +25,7 @@ TURN = 2.0 * np.pi  # a year, with G = 1, au and the Sun's mass
 DT = 0.4 * TURN
 YEARS = 20_000
 RADII = [4.65e-3, *[2e-3] * 3]  # au, of the Sun and of giants four times as wide as Jupiter, so that some collide
-HEAVY = 0.01  # mass of the giants of which some leave within 20 000 yr
+HEAVY = 0.01  # mass of each giant; some giants leave within 20 000 yr
 FAR = 200.0  # au
 INNER = ("gauss-radau15", "bulirsch-stoer")
 OUTCOMES = ("survival", "ejection", "collision")
@@ -115,7 +115,7 @@ def energy(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
 
 
 def jacobi_constant(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
-    """Of the massless body in the rotating frame of the two others on circles."""
+    """Jacobi constant of the massless body; the two other bodies move on circles."""
     r = x[1] - x[0]
     turn = np.cross(r, v[1] - v[0]) / (r @ r)
     potential = m[0] / np.linalg.norm(x[2] - x[0]) + m[1] / np.linalg.norm(x[2] - x[1])

@@ -22,7 +22,7 @@ EVERY = 16  # steps between two checks of that growth
 
 
 class Columns(NamedTuple):
-    """The numbers by which the end is differentiated: coordinates and velocities of bodies, masses, parameters."""
+    """The variables of the derivatives: coordinates and velocities of bodies, masses, parameters."""
 
     bodies: tuple[int, ...]  # rows of the System whose start varies
     masses: tuple[int, ...] = ()  # rows of the System whose mass varies

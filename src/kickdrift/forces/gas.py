@@ -57,7 +57,7 @@ class GasDrag(NamedTuple):
     slope : float
         The density falls as R^-slope; default 0.
     headwind : float
-        Part of the orbital speed by which the gas is slower; default 0.
+        The gas turns slower than an orbit by this fraction of the orbital speed; default 0.
     aspect : float
         Height of the disc over its radius; default 0, gas of the same density at all heights.
     pole : (x, y, z)

@@ -36,7 +36,7 @@ class Sources(NamedTuple):
 
 
 class Radiators(NamedTuple):
-    """All bodies as sources of gravitational waves."""
+    """All bodies as sources of gravitational waves; not `Sources`, since each type has one compiled law."""
 
     gm: Floats  # (n,) G m
     light: float

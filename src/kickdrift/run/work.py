@@ -20,7 +20,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 POINTS, FEWER = 12, 10  # looks through which a polynomial goes in each interval; with fewer, for the error
-RESOLVED = 0.01  # largest error of the work, relative to it, with which the looks resolve it
+RESOLVED = 0.01  # the looks resolve a work whose relative error is at most this
 ROWS = 2**15  # intervals at a time
 
 

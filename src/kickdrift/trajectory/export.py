@@ -15,8 +15,11 @@ from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
 
 _WRITERS = {
-    "MDAnalysis": to_mdanalysis.write, "ASE": to_ase.write, "rebound": to_rebound.write, ".data": to_lammps.write,
-}  # fmt: skip
+    "MDAnalysis": to_mdanalysis.write,
+    "ASE": to_ase.write,
+    "rebound": to_rebound.write,
+    ".data": to_lammps.write,
+}
 
 
 class Exported(NamedTuple):

@@ -174,7 +174,7 @@ def joined(radii: Floats, survivor: int, absorbed: int) -> Floats:
 
 
 def bounced(masses: Floats, y: Floats, i: int, j: int, restitution: float, offset: Floats | float = 0.0) -> Floats:
-    """Copy of y (2, 3, n) after the bounce of two hard spheres, of which the second is an image at the ``offset``.
+    """Copy of y (2, 3, n) after the bounce of two hard spheres. The second sphere is an image at the ``offset``.
 
     The normal part of their relative velocity is reversed and multiplied by ``restitution``. Momentum is conserved.
     """
