@@ -28,11 +28,13 @@ from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum
-from tests.long import rest
+from tests.long import rest, shortened
 from tests.processes import python
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+OURS_OF_FORCES = [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")]
+OF_EACH_MODULE = [*{FORCES[name].__module__: name for name in [*FORCES][::-1]}.values()]  # the first force of each
 CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # values of a record in which any two runs differ
 
 
@@ -142,11 +144,12 @@ def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Ca
 # --- every method ---
 
 
+@pytest.mark.parametrize("chosen", [False, rest(True)], ids=["defaults", "choices"])
 @pytest.mark.parametrize("name", METHODS)
-def test_a_run_goes_on_from_a_checkpoint(name):
+def test_a_run_goes_on_from_a_checkpoint(name, chosen):
     """Fixed steps, with and without a pair list that is pruned before and after the checkpoint. An adaptive method is
     also stopped inside a step."""
-    for options in choices(name):
+    for options in choices(name)[1:] if chosen else [{}]:
         for make in subjects(name, **options):
             builds = []
 
@@ -190,7 +193,7 @@ def test_pieces_and_looks_change_no_bit(name):
 # --- every force ---
 
 
-@pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
+@pytest.mark.parametrize("name", shortened(OURS_OF_FORCES, {*OURS_OF_FORCES} & {*OF_EACH_MODULE}))
 def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
     rng = np.random.default_rng(8)
@@ -404,9 +407,6 @@ def test_threads_change_no_bit(names):
         assert of_each == [of_each[0]] * len(THREADS), name
 
 
-OF_EACH_MODULE = [*{FORCES[name].__module__: name for name in [*FORCES][::-1]}.values()]  # the first force of each
-
-
 def one_of_a_kind(case: same_bits.Case) -> bool:
     """Whether a case is in the short set: the first force of each module in double precision, and of the pair forces
     those that other tests compile too, one of them in mixed precision."""
@@ -427,7 +427,7 @@ def test_forces_give_the_same_bits_however_they_run(short):
     assert apart == []
     assert {case.precision for case in taken} == set(PRECISIONS)
     assert {case.system for case in taken} == {case.system for case in expected}
-    ours = {name for name in OF_EACH_MODULE if FORCES[name].__module__.startswith("kickdrift.")}
+    ours = {*OURS_OF_FORCES} & {*OF_EACH_MODULE}
     assert len(ours) > 15
     assert not short or ours <= {case.system.split()[0] for case in taken}
 

@@ -228,7 +228,7 @@ def test_a_run_in_a_leaning_box_keeps_its_energy_and_its_bits(precision):
 
 def test_mixed_precision_agrees_with_double():
     x = liquid(LEANING, 500, 3)
-    shaken = kd.System(x, box=LEANING, forces=[kd.LennardJones(cutoff=2.5, truncation="force-shift")])
+    shaken = kd.System(x, box=LEANING, forces=[kd.LennardJones(cutoff=2.5, truncation="switch")])
     double, mixed = (BoundForces(shaken, mixed=m).measure(0.0, shaken.state.phase) for m in (False, True))
     size = np.sqrt((double.accelerations**2).mean())
     assert np.sqrt(((double.accelerations - mixed.accelerations) ** 2).mean()) < 1e-5 * size
