@@ -16,6 +16,8 @@ from tests.folders import TOP
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other are many times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# numba colours each of the many errors that it meets while it tries functions, a tenth of the compilation time.
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 # Likewise numba's threads: threads that spin while waiting for a core make a force on two threads 30 times as slow.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 

@@ -128,12 +128,13 @@ def test_a_value_that_an_option_cannot_have_is_refused_by_its_name(name, key):
 def test_an_option_of_other_methods_is_refused_as_a_keyword_and_passed_over_in_a_file(name):
     others = [key for key in known_options() if key not in METHODS[name].tunable and key != PRECISION.name]
     assert others
+    plain = from_file(name, "")
     for key in others:
         value = value_of(known_options()[key])
         with pytest.raises(InputError, match=f"^{key}: {name} does not take it; it takes dt"):
-            kd.Simulation(from_file(name, ""), name, **step(name), **{key: value})
+            kd.Simulation(plain, name, **step(name), **{key: value})
     sim = kd.Simulation(from_file(name, f"{others[0]} = {toml(value_of(known_options()[others[0]]))}"), **step(name))
-    assert sim.options == kd.Simulation(from_file(name, ""), **step(name)).options
+    assert sim.options == kd.Simulation(plain, **step(name)).options
 
 
 def test_defaults_are_those_declared():

@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ def rooms() -> list[str]:
     return ["text", "errors", *names]
 
 
+@cache
 def named(text: str) -> set[str]:
     """Modules, or names in them, that a source imports anywhere."""
     found: set[str] = set()
@@ -40,11 +42,15 @@ def imported(text: str) -> set[str]:
     return {name for name in named(text) if name.split(".")[0] == "kickdrift"}
 
 
+@cache
 def by_name(text: str) -> set[str]:
     """Names of kickdrift's modules that a source imports as text, up to the first gap for a variable."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+        if not isinstance(node, ast.Call):
+            continue
+        called = getattr(node.func, "attr", getattr(node.func, "id", ""))  # a function of a module, or by its name
+        if called in ("import_module", "__import__"):
             given = node.args[0]
             parts = given.values if isinstance(given, ast.JoinedStr) else [given]
             begin = parts[0].value if isinstance(parts[0], ast.Constant) else ""

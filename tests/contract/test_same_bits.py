@@ -21,16 +21,20 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
-from kickdrift.integrators.method import MIXED, PRECISIONS
+from kickdrift.integrators.method import DOUBLE, PRECISIONS
+from kickdrift.integrators.registration import REGISTERED
 from kickdrift.integrators.step_control import CONTROLLERS
 from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum
+from tests.long import rest, shortened
 from tests.processes import python
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
+OURS_OF_FORCES = [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")]
+OF_EACH_MODULE = [*{FORCES[name].__module__: name for name in [*FORCES][::-1]}.values()]  # the first force of each
 CLOCKS = {"wall_seconds": 0.0, "compile_seconds": 0.0, "spent": {}}  # values of a record in which any two runs differ
 
 
@@ -140,11 +144,12 @@ def assert_goes_on(make: Callable[..., kd.Simulation], first: Callable, then: Ca
 # --- every method ---
 
 
+@pytest.mark.parametrize("chosen", [False, rest(True)], ids=["defaults", "choices"])
 @pytest.mark.parametrize("name", METHODS)
-def test_a_run_goes_on_from_a_checkpoint(name):
+def test_a_run_goes_on_from_a_checkpoint(name, chosen):
     """Fixed steps, with and without a pair list that is pruned before and after the checkpoint. An adaptive method is
     also stopped inside a step."""
-    for options in choices(name):
+    for options in choices(name)[1:] if chosen else [{}]:
         for make in subjects(name, **options):
             builds = []
 
@@ -188,7 +193,7 @@ def test_pieces_and_looks_change_no_bit(name):
 # --- every force ---
 
 
-@pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
+@pytest.mark.parametrize("name", shortened(OURS_OF_FORCES, {*OURS_OF_FORCES} & {*OF_EACH_MODULE}))
 def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
     rng = np.random.default_rng(8)
@@ -363,12 +368,15 @@ def disc() -> kd.System:
 
 
 THREADS = (1, 2, 4)
+OURS = [name for name in METHODS if name not in REGISTERED]  # which another process knows
+# The first method of each family, with and without a heat bath: the others run the same loops.
+OF_EACH_LOOP = [*{(integrator(name).family, integrator(name).bath): name for name in OURS[::-1]}.values()]
 
 
-def fingerprints() -> list[list[str]]:
-    """Fingerprints of runs with every method, continued on each number of threads after a start on one thread."""
+def fingerprints(names: list[str]) -> list[list[str]]:
+    """Fingerprints of runs with these methods, continued on each number of threads after a start on one thread."""
     found = []
-    for name in METHODS:
+    for name in names:
         for subject, dt in ((lambda: liquid(343, 2.5), 0.002), (disc, 0.02)):
             method = integrator(name)
             options = ({"dt": dt} if method.needs_dt else {}) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
@@ -387,32 +395,41 @@ def fingerprints() -> list[list[str]]:
     return found
 
 
-def test_threads_change_no_bit():
+@pytest.mark.parametrize("names", [OF_EACH_LOOP, rest(OURS)], ids=["of each loop", "all"])
+def test_threads_change_no_bit(names):
     """In a process that may use four threads, whatever the machine has."""
-    code = f"import json, {__name__} as t; print(json.dumps(t.fingerprints()))"
+    code = f"import json, {__name__} as t; print(json.dumps(t.fingerprints({names})))"
     run = python(code, timeout=900, NUMBA_NUM_THREADS="4")
     assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
-    assert len(found) >= len(METHODS) - 5
+    assert len(found) >= len(names) - 5
     for name, *of_each in found:
         assert of_each == [of_each[0]] * len(THREADS), name
 
 
-def compiles_alone(case: same_bits.Case) -> bool:
-    """Whether a case needs its own machine code, which no other test compiles and which takes seconds."""
-    return case.precision == MIXED and case.system.startswith("lennard-jones") and " shift " not in case.system
+def one_of_a_kind(case: same_bits.Case) -> bool:
+    """Whether a case is in the short set: the first force of each module in double precision, and of the pair forces
+    those that other tests compile too, one of them in mixed precision."""
+    if not case.system.startswith("lennard-jones"):
+        return case.precision == DOUBLE and (case.system in OF_EACH_MODULE or case.system not in FORCES)
+    chosen = ("lennard-jones cut 1 species", "lennard-jones shift 2 species", "lennard-jones 1 species, 4 chunks")
+    return case.system in chosen and (case.precision == DOUBLE or " shift " in case.system)
 
 
-@pytest.mark.parametrize("alone", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_forces_give_the_same_bits_however_they_run(alone):
+@pytest.mark.parametrize("short", [True, rest(False)], ids=["one of a kind", "the rest"])
+def test_forces_give_the_same_bits_however_they_run(short):
     """Every registered force, each truncation, mixtures and both precisions: threads, pieces, looks, file, restart."""
     velocities = {name for name, force in FORCES.items() if getattr(force, "velocity_dependent", False)}
     method = {name: "rk4" if name in velocities else "velocity-verlet" for name in same_bits.systems()}
     listed = [case for case in same_bits.cases(long=False) if case.method == method[case.system]]
-    taken, apart = same_bits.compared([case for case in listed if compiles_alone(case) == alone])
+    expected = [case for case in listed if one_of_a_kind(case) == short]
+    taken, apart = same_bits.compared(expected)
     assert apart == []
-    assert {case.precision for case in taken} == ({MIXED} if alone else set(PRECISIONS))
-    assert alone or {case.system for case in taken} == set(same_bits.systems())
+    assert {case.precision for case in taken} == set(PRECISIONS)
+    assert {case.system for case in taken} == {case.system for case in expected}
+    ours = {*OURS_OF_FORCES} & {*OF_EACH_MODULE}
+    assert len(ours) > 15
+    assert not short or ours <= {case.system.split()[0] for case in taken}
 
 
 # --- checkpoints of other runs ---

@@ -121,6 +121,7 @@ def test_heyoka():
     assert start.apart(x, start.reference[1]) < 1e-10
 
 
+@pytest.mark.long
 def test_solvers_end_where_the_reference_does():
     """Run ten years with each solver against gauss-radau15; check gauss-radau15 against the stored hundred years."""
     start = bodies.planets()

@@ -68,6 +68,7 @@ def test_the_reference_has_every_public_name():
     assert named == (set(kd.__all__) | set(kd.analysis.__all__)) - {"analysis", "__version__"}
 
 
+@pytest.mark.long
 def test_the_site_is_built(tmp_path):
     """Build strictly: a dead link, an unlisted page or an unknown name is an error. Nothing is fetched. Notebooks
     are not executed here."""

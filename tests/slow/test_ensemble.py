@@ -420,6 +420,7 @@ def test_workers_with_another_kickdrift(system, client, monkeypatch):
         kd.Ensemble(system).run(client)
 
 
+@pytest.mark.long
 def test_a_script_needs_no_guard(system, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

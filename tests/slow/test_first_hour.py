@@ -63,6 +63,7 @@ def test_no_line_hides_another():
         assert max(map(len, block.code.splitlines())) <= 120
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("code", [block.code for block in pages.blocks(PAGE) if block.language == "lammps"])
 def test_the_lines_of_lammps_run(code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

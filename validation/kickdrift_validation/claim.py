@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift.analysis.bench import processor
 from kickdrift_validation.folders import CHECKOUT
 
 Claim = dict[str, object]
@@ -78,6 +77,8 @@ def show(claims: Iterable[Claim]) -> int:
 
 def where(*packages: str) -> str:
     """The processor, and the versions of kickdrift, numba and those of ``packages`` that are installed."""
+    from kickdrift.analysis.bench import processor  # loads numba, which most scripts' first lines do not need
+
     found = [name for name in ("kickdrift", "numba", *packages) if find_spec(name)]
     return f"{processor()}; " + ", ".join(f"{name} {version(name)}" for name in found)
 

@@ -13,7 +13,6 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
 
-from kickdrift.analysis.bench import processor
 from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.outputs import written_whole
 from kickdrift.engines import ENGINES
@@ -70,6 +69,8 @@ def _figures_of(path: Path) -> list[str]:
 
 
 def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) -> list[str]:
+    from kickdrift.analysis.bench import processor  # loads numba
+
     total = sum((outcome.count() for outcome in found), Counter[str]())
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     machine = f"{processor()}, {counted(os.cpu_count() or 1, 'core')}, {platform.system()} {platform.machine()}"

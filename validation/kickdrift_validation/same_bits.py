@@ -20,7 +20,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -269,8 +268,8 @@ def child(ways: str) -> None:
 def compared(listed: list[Case]) -> tuple[list[Case], list[str]]:
     """The cases that methods took, and those without the same bits in every way, with the ways that differ."""
     taken, apart = [], []
-    with ThreadPoolExecutor() as pool:
-        all_ways, on_one_thread = pool.map(lambda ways: elsewhere(listed, ways), ("histories", "plain"))
+    all_ways = elsewhere(listed, "histories")
+    on_one_thread = elsewhere(listed, "plain")  # afterwards: the machine code is then on disk
     for case, ways, alone in zip(listed, all_ways, on_one_thread, strict=True):
         if ways is None:
             continue

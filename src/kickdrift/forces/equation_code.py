@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, njit, types
+from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
 from kickdrift.errors import InputError
 from kickdrift.jit.described import Description
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import inner, overload
 from kickdrift.jit.numba_private import NumbaWarning
 from kickdrift.jit.package_files import UnknownSource
 from kickdrift.model.partial import Partial
@@ -158,7 +158,7 @@ def _place(typingctx, address):
 def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int) -> Any:
     """Compile the function's caller, whose arguments are t and pointers to y and to the function's value."""
     function = partial.function
-    inner = function if hasattr(function, "py_func") else njit(function, error_model="numpy")
+    own = function if hasattr(function, "py_func") else inner()(function)
     complex_numbers = ".view(complex128)" if partial.paired else ""
     column = f".reshape(({n >> partial.paired}, 1))" if partial.column else ""
     y = f"given{complex_numbers}{column}"
@@ -170,7 +170,7 @@ def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int
         f"    given, value = carray(y, ({n},)){'.copy()' if partial.turned else ''}, carray(dy, ({outputs},))",
         *([*turned, "        given[i] = -given[i]"] if partial.turned else []),
         "    try:",
-        f"        write(value{complex_numbers}, inner({', '.join([f'{sign}t', y, *given.expressions])}))",
+        f"        write(value{complex_numbers}, own({', '.join([f'{sign}t', y, *given.expressions])}))",
         "    except Exception:",
         f"        memory[{FAILED}], memory[{TIME}] = 1.0, t",
         f"        for i in range({n}):",
@@ -182,7 +182,7 @@ def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int
     ]
     constants = {f"constant{k}": value for k, value in enumerate(given.constants)}
     numbers = {"float64": np.float64, "int64": np.int64, "complex128": np.complex128}
-    scope = {"carray": carray, "place": _place, "write": write, "inner": inner, **numbers, **constants}
+    scope = {"carray": carray, "place": _place, "write": write, "own": own, **numbers, **constants}
     exec("\n".join(lines), scope)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaWarning)  # about the user's code, such as slow products of matrices

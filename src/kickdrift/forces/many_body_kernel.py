@@ -24,12 +24,12 @@ from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, re
 from kickdrift.forces.pair_kernel import PairKernel, compute_for
 from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import as_written, jit
-from kickdrift.jit.gathering import place_at
+from kickdrift.jit.gathering import place_at, rows_of
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import lowest_bit
-from kickdrift.jit.memory import store
+from kickdrift.jit.memory import broadcast, store
 from kickdrift.jit.vectors import WIDTH
 
 THREE_LANES = unsigned(STRIDE)
@@ -143,6 +143,19 @@ def collect(pairs, chunks):
             gx, gy, gz = load_vector(pairs.force[c], cluster)
             fx, fy, fz = fx + gx, fy + gy, fz + gz
         store_vector(total, cluster, fx, fy, fz)
+
+
+@as_written
+def row_numbers(table, species, rows, stride, column):
+    """Return four lanes: the parameters from ``column`` on in these rows of a table with ``stride`` numbers in a row.
+    For one species all lanes take the first row."""
+    if species > 1:
+        a, b, c, d = rows_of(table, rows, stride, column)
+    else:
+        zero = splat(0.0)
+        a, b = broadcast(table, column, zero), broadcast(table, column + 1, zero)
+        c, d = broadcast(table, column + 2, zero), broadcast(table, column + 3, zero)
+    return a, b, c, d
 
 
 @as_written

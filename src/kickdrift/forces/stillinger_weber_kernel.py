@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.clusters import STRIDE, chunk_clusters
-from kickdrift.forces.many_body_kernel import clear, collect, law_body, react
+from kickdrift.forces.many_body_kernel import clear, collect, law_body, react, row_numbers
 from kickdrift.forces.neighbours import ROW, block_of_neighbours
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.elementary import lane_exp, lane_log
-from kickdrift.jit.gathering import rows_of
 from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
 from kickdrift.jit.masks import mask_bits, select
 from kickdrift.jit.memory import aligned, load, store
@@ -60,14 +59,10 @@ def stillinger_weber(law, force, chunks):
 @as_written
 def pair_numbers(law, own, kind):
     """Return the parameters of the pairs with neighbours of these species."""
-    table, species = law.by_pair, law.by_pair.shape[0]
-    if species > 1:
-        row = kind + own * species
-        c, sigma, gs, a = rows_of(table, row, COLUMNS, 0)
-        b, one, p, q = rows_of(table, row, COLUMNS, 4)
-    else:
-        c, sigma, gs, a = splat(table[0, 0, 0]), splat(table[0, 0, 1]), splat(table[0, 0, 2]), splat(table[0, 0, 3])
-        b, one, p, q = splat(table[0, 0, 4]), splat(table[0, 0, 5]), splat(table[0, 0, 6]), splat(table[0, 0, 7])
+    species = law.by_pair.shape[0]
+    row = kind + own * species
+    c, sigma, gs, a = row_numbers(law.by_pair, species, row, COLUMNS, 0)
+    b, one, p, q = row_numbers(law.by_pair, species, row, COLUMNS, 4)
     return c, sigma, gs, a, b, one, p, q
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.clusters import STRIDE, chunk_clusters
-from kickdrift.forces.many_body_kernel import clear, collect, law_body, react
+from kickdrift.forces.many_body_kernel import clear, collect, law_body, react, row_numbers
 from kickdrift.forces.neighbours import ROW, block_of_neighbours
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.elementary import lane_exp, lane_log, lane_sine_cosine
-from kickdrift.jit.gathering import place_at, rows_of
+from kickdrift.jit.gathering import place_at
 from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, splat
 from kickdrift.jit.masks import any_lane, lowest_bit, mask_bits, select
 from kickdrift.jit.memory import aligned, load, store
@@ -61,25 +61,15 @@ def tersoff(law, force, chunks):
 @as_written
 def pair_numbers(law, own, kind, column):
     """Return four parameters of pairs with neighbours of these species."""
-    table, species = law.by_pair, law.by_pair.shape[0]
-    if species > 1:
-        a, b, c, d = rows_of(table, kind + own * species, PAIR, column)
-    else:
-        a, b = splat(table[0, 0, column]), splat(table[0, 0, column + 1])
-        c, d = splat(table[0, 0, column + 2]), splat(table[0, 0, column + 3])
-    return a, b, c, d
+    species = law.by_pair.shape[0]
+    return row_numbers(law.by_pair, species, kind + own * species, PAIR, column)
 
 
 @as_written
 def triple_numbers(law, own, bonded, kind, column):
     """Return four parameters of triples with a bond to one species and other neighbours of these species."""
-    table, species = law.by_triple, law.by_pair.shape[0]
-    if species > 1:
-        a, b, c, d = rows_of(table, kind + (own * species + bonded) * species, TRIPLE, column)
-    else:
-        a, b = splat(table[0, 0, 0, column]), splat(table[0, 0, 0, column + 1])
-        c, d = splat(table[0, 0, 0, column + 2]), splat(table[0, 0, 0, column + 3])
-    return a, b, c, d
+    species = law.by_pair.shape[0]
+    return row_numbers(law.by_triple, species, kind + (own * species + bonded) * species, TRIPLE, column)
 
 
 @chunk_task

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
@@ -115,7 +116,7 @@ class Simulation(Present):
         self.integration = Integration(job, self._engine, watched)
         self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
-        self._outputs = Outputs(self.integration, self.checkpoint)
+        self._outputs = Outputs(self.integration, partial(checkpoint_of, self.integration))
         self.followers: list[Follower] = []  # views that show this Simulation while it runs
         self.plan: Plan | None = None  # the plan of `run` without arguments
         self.state = system.state

@@ -42,6 +42,7 @@ def growth_of_nearby(problem: kd.Problem, seed: int, time: float) -> float:
     return math.log(np.linalg.norm(ends[1] - ends[0]) / 1e-7)
 
 
+@pytest.mark.long
 def test_the_exponent_of_lorenz_is_the_published_one():
     found = megno(kd.load("ode-lorenz"), 2000.0, "rk4", 0.01)
     assert found.verdict == "chaotic"
@@ -53,6 +54,7 @@ def test_the_exponent_of_lorenz_is_the_published_one():
     assert found.as_json()["verdict"] == "chaotic"
 
 
+@pytest.mark.long
 def test_orbits_of_one_energy_are_regular_and_chaotic():
     regular, chaotic = (megno(star(y), 2000.0, "yoshida6", 0.1) for y in (REGULAR, CHAOTIC))
     assert regular.verdict == "regular"

@@ -94,6 +94,7 @@ def ladder(problem, length, dt):
     return bench._row("rk4", {"steps": round(length / dt)}, 10.0)
 
 
+@pytest.mark.long
 def test_the_energy_is_compared_where_chaos_forbids_positions():
     def f(t, y):
         return y[2], y[3], -y[0] - 2 * y[0] * y[1], -y[1] - y[0] * y[0] + y[1] * y[1]
@@ -136,6 +137,7 @@ def test_a_stiff_problem_over_eleven_decades(monkeypatch):
     assert min(row.error for row in found.of("lsoda") if row.error is not None) < 1e-4
 
 
+@pytest.mark.long
 def test_integrators_suit_the_subject():
     assert "blanes-moan6" in default_integrators(pendulum(), False)
     assert "velocity-verlet" not in default_integrators(lorenz(), False)

@@ -15,6 +15,7 @@ from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.varied_run import VariedRun
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
+from tests.long import rest
 
 MASSES = [1.0, 1e-3, 3e-4]
 
@@ -230,7 +231,7 @@ def test_slopes_by_masses_and_parameters_of_all_forces():
         kd.transition_matrix(system(), 2.0, parameters="j2.pole")
 
 
-@pytest.mark.parametrize("law", [WholeArrays, WholeColumns])
+@pytest.mark.parametrize("law", [WholeArrays, rest(WholeColumns)])
 def test_a_law_of_whole_arrays_takes_central_differences_and_says_so(law):
     system = kd.System([[0.3, -0.2, 0.9], [1.0, 0.0, 0.0]], forces=[law(k=1.0)], units="nbody")
     found = kd.transition_matrix(system, 1.7, "gauss-radau15")

@@ -254,6 +254,7 @@ def test_ases_optimisers_find_the_minimum(optimiser):
     assert atoms.get_potential_energy() == pytest.approx(3 * (-EPSILON - shift), rel=1e-9)
 
 
+@pytest.mark.long
 def test_ases_cell_optimisers_use_our_stress():
     """The crystal reaches the same lattice constant as with ASE's own forces."""
     edges = []

@@ -130,6 +130,7 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
     assert len(compiled(3.0)) == 1, "nothing may be saved"
 
 
+@pytest.mark.long
 def test_processes_that_save_and_prune_at_once(tmp_path):
     """Each process gets its results, whatever the others remove."""
     script = (

@@ -6,6 +6,7 @@ import importlib
 import linecache
 import sys
 from dataclasses import replace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -21,6 +22,7 @@ from kickdrift.trajectory.checkpoints import decoded, encoded
 from kickdrift.trajectory.h5md import Writer
 from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.record import changed_sources, system_of
+from tests.long import rest
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 
@@ -91,9 +93,9 @@ def test_what_was_interrupted_ends_in_the_same_file(tmp_path, case):
 
 
 METHODS = {method.name: method for method in INTEGRATORS.values()}
-OF_METHODS = [(name, {}) for name in METHODS]
+OF_METHODS: list[Any] = [(name, {}) for name in METHODS]
 OF_METHODS += [
-    (name, {key: value})
+    rest(name, {key: value})
     for name in METHODS for key, all in METHODS[name].choices.items() for value in all if tried_with(name, key)
 ]  # fmt: skip
 

@@ -148,6 +148,7 @@ def test_both_programs_sample_the_same_plane(monkeypatch, fluid):
 # --- integrators ---
 
 
+@pytest.mark.long
 def test_integrators_in_small(capsys):
     """One method of each kind; the claims cover the others."""
     rows = list(integrators.study(["symplectic-euler", "rk4", "dormand-prince45"]))
