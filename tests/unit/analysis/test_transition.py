@@ -264,9 +264,7 @@ def test_forces_without_variations_are_refused():
     with pytest.raises(InputError, match="force 'lennard-jones': has no variational equations"):
         kd.transition_matrix(kd.load("lj-1000"), 0.1)
     flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
-    with pytest.raises(
-        InputError, match=r"the tangent map of wisdom-holman takes none of gravity; .* takes gravity\.G"
-    ):
+    with pytest.raises(InputError, match=r"map of wisdom-holman takes none of gravity; .* takes gravity\.G"):
         kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, parameters="gravity.G")
     whole = planets().with_forces(kd.Gravity(G=1.0), WholeArrays(k=1.0))
     with pytest.raises(InputError, match="wisdom-holman: its tangent map needs exact slopes of whole-arrays"):
