@@ -47,7 +47,7 @@ class Command(TyperCommand):
         known = {word: ALONE[word] for option in self.params for word in option.opts if word in ALONE}
         given = [
             f"{word}={known[word]}" if word in known and not (after.isascii() and after.isdigit()) else word
-            for word, after in zip(args, [*args[1:], ""], strict=True)
+            for word, after in zip(args, [*args, ""][1:], strict=True)
         ]
         parsed: list[str] = super().parse_args(ctx, given)
         return parsed
