@@ -447,7 +447,10 @@ def test_a_journal_that_is_none(system, client, tmp_path):
 def test_a_notebook_shows_a_table_with_the_energy_errors(tmp_path):
     pd = pytest.importorskip("pandas")
     made = table.frame(
-        [{"member": k, "status": "done" if k else "failed", "energy_rms_relative_error": 1e-5 * k or None} for k in range(4)],
+        [
+            {"member": k, "status": "done" if k else "failed", "energy_rms_relative_error": 1e-5 * k or None}
+            for k in range(4)
+        ],
         {"name": "x"},
     )
     html = made._repr_html_()

@@ -79,7 +79,8 @@ def turn(name: str, steps: int, watched: bool) -> tuple[float, kd.Simulation, in
     sim.followers.append(server.feed)
     given = [sys.executable, "-c", READ_PAGE, str(server.port), server.token]
     with subprocess.Popen(given, stdout=subprocess.PIPE, text=True) as page:
-        assert page.stdout and page.stdout.readline().strip() == "200"
+        assert page.stdout
+        assert page.stdout.readline().strip() == "200"
         began = perf_counter()
         sim.run(steps)
         took = perf_counter() - began

@@ -175,7 +175,7 @@ def _in_notebook() -> bool:
 
 def _notebook_bar(label: str) -> Bar:
     """A bar below the notebook's cell, which goes when all is done."""
-    from IPython.display import HTML, display  # type: ignore[import-not-found]
+    from IPython.display import HTML, display
 
     handle = display(HTML(""), display_id=True)
     last = 0.0

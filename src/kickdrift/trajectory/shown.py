@@ -29,7 +29,8 @@ class ShownRun(Shown):
     def view(self, **options: Any) -> Any:
         """Show the frames in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
 
-        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md. ``frames`` is the most of them."""
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`.
+        ``frames`` is the most of them. See docs/live.md."""
         return above("view")(self, **options)
 
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:

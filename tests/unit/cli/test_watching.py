@@ -48,7 +48,11 @@ def test_a_port_may_stand_before_the_system_and_be_left_out():
 
 @pytest.mark.parametrize(
     ("given", "why"),
-    [(["--imd-wait"], "needs --imd"), (["--imd", "70000"], "a port is"), (["--live", "--quiet"], "--quiet keeps silent")],
+    [
+        (["--imd-wait"], "needs --imd"),
+        (["--imd", "70000"], "a port is"),
+        (["--live", "--quiet"], "--quiet keeps silent"),
+    ],
 )
 def test_options_that_make_no_sense_are_refused(given, why):
     found = RUNNER.invoke(app, [*SHORT, *given])

@@ -93,8 +93,8 @@ def heard(server: Server, after: int, into: list[tuple[str, Any]]) -> threading.
     assert answer.status == 200
 
     def read() -> None:
-        events = answer.read().decode().split("\n\n")
-        into.extend((kind, json.loads(text)) for kind, text in re.findall(r"event: (\w+)\ndata: (.+)", "\n\n".join(events)))
+        events = re.findall(r"event: (\w+)\ndata: (.+)", answer.read().decode())
+        into.extend((kind, json.loads(text)) for kind, text in events)
         there.close()
 
     thread = threading.Thread(target=read, daemon=True)
