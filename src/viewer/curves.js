@@ -8,7 +8,7 @@ export const short = (value) => {
   if (value === 0) return "0";
   const size = Math.abs(value);
   const text = size >= 1e5 || size < 1e-3 ? value.toExponential(1) : Number(value.toPrecision(4)).toString();
-  return text.replace("-", "−").replace("e+", "e");
+  return text.replaceAll("-", "−").replace("e+", "e");
 };
 
 export class Curves {

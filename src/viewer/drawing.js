@@ -7,7 +7,8 @@ import {Lines} from "./lines.js";
 import {Spheres} from "./spheres.js";
 
 const TURN = 96; // pieces of an ellipse
-const TRAIL = 400; // frames of a trail
+const TRAIL = 600, PIECES = 6000; // frames of a trail, and pieces of all trails
+const TAIL = 0.75; // of a revolution, for the trail of a body on an ellipse
 const COARSE = 0.5; // largest turn between frames, in radians, for which a trail is a path
 const SLOW = 30, QUICK = 14; // milliseconds a frame between which the resolution stays
 const STILL = 220; // milliseconds without motion before a picture of full sharpness
@@ -36,9 +37,9 @@ export class Drawing {
     this.spheres = new Spheres(radii, pixels);
     this.group.add(this.spheres.mesh);
     const bodies = scene.kind === "orbits" ? scene.shown : 0;
-    this.boxLines = scene.periodic ? new Lines(12, 1.1) : null;
-    this.trailLines = bodies ? new Lines(bodies * TRAIL, 1.5) : null;
-    this.ellipseLines = bodies ? new Lines(bodies * TURN, 1.0) : null;
+    this.boxLines = scene.periodic ? new Lines(12, 0.7) : null;
+    this.trailLines = bodies ? new Lines(bodies * TRAIL, 1.1) : null;
+    this.ellipseLines = bodies ? new Lines(bodies * TURN, 0.7) : null;
     for (const lines of this.lines) this.group.add(lines.mesh);
     this.labels = scene.names.map((name, i) => this.label(names, name, i));
     this.controls = new OrbitControls(this.camera, canvas);
@@ -69,8 +70,9 @@ export class Drawing {
     const {scene, camera} = this, up = new Vector3(...scene.up);
     const turn = new Quaternion().setFromUnitVectors(new Vector3(0, 0, 1), up);
     const from = scene.flat ? [0, -0.001, 1] : scene.kind === "box" ? [0.78, -1.3, 0.62] : [0.25, -1.0, 0.85];
-    const narrow = Math.max(1, (this.height || 1) / (this.width || 1));
-    const far = (scene.reach * narrow * (scene.kind === "box" ? 1.0 : 1.12)) / Math.sin((camera.fov * Math.PI) / 360);
+    const height = this.height || 1, free = Math.min(height - 120, (this.width || 1) - (this.width > 720 ? 320 : 20));
+    const part = Math.max(0.3, free / height) * (scene.kind === "box" ? 1.06 : 0.98);
+    const far = scene.reach / part / Math.sin((camera.fov * Math.PI) / 360);
     this.origin = this.follow === null ? scene.centre : this.origin;
     this.controls.target.set(0, 0, 0);
     camera.position.copy(new Vector3(...from).normalize().multiplyScalar(far).applyQuaternion(turn));
@@ -123,27 +125,32 @@ export class Drawing {
     return [look[4 * i], look[4 * i + 1], look[4 * i + 2]];
   }
 
-  /** Whether a body turns too far between frames for a trail of straight pieces. */
-  coarse(i, k) {
+  /** Angle by which a body turns between frames on its ellipse, nearly; 0 without an ellipse. */
+  turned(i, k) {
     const ellipse = this.moments.ellipse(k, i);
-    if (!ellipse) return false;
-    const a = Math.hypot(...ellipse.subarray(3, 6)), near = this.moments.place(Math.max(0, k - 1), i);
-    const here = this.moments.place(k, i);
-    return Boolean(near && here && Math.hypot(...here.map((x, c) => x - near[c])) > COARSE * a);
+    if (!ellipse || !k) return 0;
+    const here = this.moments.place(k, i), near = this.moments.place(k - 1, i), sun = this.scene.central;
+    if (!here || !near) return 0;
+    const [now, then] = [this.moments.place(k, sun), this.moments.place(k - 1, sun)];
+    const way = Math.hypot(...here.map((x, c) => x - near[c] - (now && then ? now[c] - then[c] : 0)));
+    return way / Math.hypot(...ellipse.subarray(3, 6));
   }
 
   drawTrails(k) {
-    const {trailLines: lines, moments} = this, first = Math.max(0, k - TRAIL);
+    const {trailLines: lines, moments} = this, most = Math.min(TRAIL, Math.floor(PIECES / this.scene.shown));
     lines.clear();
     if (this.shows.trails) for (let i = 0; i < this.scene.shown; i++) {
-      if (this.coarse(i, k)) continue;
-      let before = null;
+      const turn = this.turned(i, k);
+      if (turn > COARSE) continue;
+      const first = Math.max(0, k - (turn ? Math.min(most, Math.ceil((TAIL * 2 * Math.PI) / turn)) : most));
+      let before = null, opacity = 0;
       const colour = this.colourOf(i);
       for (let f = first; f <= k; f++) {
         const at = moments.place(f, i)?.map((x, c) => x - this.origin[c]) ?? null;
-        const strong = 0.9 * ((f - first) / (k - first || 1)) ** 1.3;
-        if (before && at) lines.piece(before, at, colour, Math.max(0.08, strong), Math.max(0.08, strong));
+        const next = ((f - first) / (k - first || 1)) ** 1.4;
+        if (before && at) lines.piece(before, at, colour, opacity, next);
         before = at;
+        opacity = next;
       }
     }
     lines.done();
@@ -157,7 +164,7 @@ export class Drawing {
       if (!ellipse || !at) continue;
       const point = (angle) => [0, 1, 2].map((x) => at[x] - this.origin[x] + ellipse[x]
         + ellipse[3 + x] * Math.cos(angle) + ellipse[6 + x] * Math.sin(angle));
-      const colour = this.colourOf(i), strong = this.coarse(i, k) ? 0.75 : 0.38;
+      const colour = this.colourOf(i), strong = this.turned(i, k) > COARSE ? 0.75 : 0.4;
       for (let s = 0, before = point(0); s < TURN; s++) {
         const next = point(((s + 1) / TURN) * 2 * Math.PI);
         lines.piece(before, next, colour, strong, strong);
@@ -179,6 +186,8 @@ export class Drawing {
     this.width = width;
     this.height = height;
     this.camera.aspect = width / height;
+    const side = width > 720 ? 150 : 0, foot = height > 420 ? 26 : 0; // the free part of the page is not in its middle
+    this.camera.setViewOffset(width, height, side, foot, width, height);
     this.renderer.setPixelRatio(this.ratio);
     this.renderer.setSize(width, height, false);
     this.place();

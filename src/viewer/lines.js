@@ -1,7 +1,7 @@
 // Lines of a width in pixels: each piece is a rectangle that the shader turns towards the screen.
 
-import {BufferAttribute, DynamicDrawUsage, GLSL3, InstancedBufferAttribute, InstancedBufferGeometry, Mesh,
-  RawShaderMaterial} from "three";
+import {GLSL3, Mesh, RawShaderMaterial} from "three";
+import {Squares} from "./squares.js";
 
 const VERTEX = `
 precision highp float;
@@ -26,7 +26,7 @@ void main() {
   vec2 along = (b.xy / b.w - a.xy / a.w) * screen;
   along = length(along) > 0.0 ? normalize(along) : vec2(1.0, 0.0);
   vec4 end = position.x < 0.5 ? a : b;
-  end.xy += (vec2(-along.y, along.x) * position.y + along * (position.x - 0.5)) * width / screen * end.w;
+  end.xy += vec2(-along.y, along.x) * position.y * width / screen * end.w;
   colour = position.x < 0.5 ? first : last;
   gl_Position = end;
 }`;
@@ -41,19 +41,9 @@ void main() { pixel = colour; }`;
 export class Lines {
   constructor(most, width) {
     this.most = most;
-    this.geometry = new InstancedBufferGeometry();
-    this.geometry.setAttribute("position", new BufferAttribute(new Float32Array([0, -1, 1, -1, 1, 1, 0, 1]), 2));
-    this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    const buffer = (name, array, wide, whole) => {
-      const made = new InstancedBufferAttribute(array, wide, whole);
-      made.setUsage(DynamicDrawUsage);
-      this.geometry.setAttribute(name, made);
-      return made;
-    };
-    this.from = buffer("from", new Float32Array(3 * most), 3, false);
-    this.to = buffer("to", new Float32Array(3 * most), 3, false);
-    this.first = buffer("first", new Uint8Array(4 * most), 4, true);
-    this.last = buffer("last", new Uint8Array(4 * most), 4, true);
+    this.squares = new Squares(most, [0, -1, 1, -1, 1, 1, 0, 1],
+      {from: [Float32Array, 3], to: [Float32Array, 3], first: [Uint8Array, 4], last: [Uint8Array, 4]});
+    this.geometry = this.squares.geometry;
     this.material = new RawShaderMaterial({vertexShader: VERTEX, fragmentShader: FRAGMENT, glslVersion: GLSL3,
       transparent: true, depthWrite: false,
       uniforms: {screen: {value: [1, 1]}, width: {value: width}, near: {value: 0.01}}});
@@ -68,17 +58,16 @@ export class Lines {
   /** A piece from a to b (three numbers each) in a colour [r, g, b], with opacities from 0 to 1 at its ends. */
   piece(a, b, [red, green, blue], begin, end) {
     if (this.used === this.most) return;
-    const k = this.used++;
-    this.from.array.set(a, 3 * k);
-    this.to.array.set(b, 3 * k);
-    this.first.array.set([red, green, blue, 255 * begin], 4 * k);
-    this.last.array.set([red, green, blue, 255 * end], 4 * k);
+    const first = 4 * this.used++, {squares} = this;
+    for (let k = first; k < first + 4; k++) {
+      squares.array("from").set(a, 3 * k);
+      squares.array("to").set(b, 3 * k);
+      squares.array("first").set([red, green, blue, 255 * begin], 4 * k);
+      squares.array("last").set([red, green, blue, 255 * end], 4 * k);
+    }
   }
 
-  done() {
-    this.geometry.instanceCount = this.used;
-    for (const each of [this.from, this.to, this.first, this.last]) each.needsUpdate = true;
-  }
+  done() { this.squares.drawn(this.used); }
 
   dispose() {
     this.geometry.dispose();

@@ -2,10 +2,14 @@
 
 import {unpacked} from "./packed.js";
 
+const ENERGY = "kinetic energy";
+
 /** Moments of the scene, numbered from 0. */
 export class Moments {
-  constructor(particles) {
-    this.particles = particles;
+  /** `masses` are those of the particles, in units in which m v² / 2 is an energy. */
+  constructor(masses) {
+    this.particles = masses.length;
+    this.masses = masses;
     this.chunks = [];
     this.count = 0;
     this.ranges = {};
@@ -30,6 +34,7 @@ export class Moments {
       const known = this.ranges[name];
       this.ranges[name] = known ? {low: Math.min(known.low, low), high: Math.max(known.high, high)} : {low, high};
     });
+    this.ranges[ENERGY] = {low: 0, high: Math.max(this.ranges[ENERGY]?.high ?? 0, chunk.energy)};
     this.chunks.push({first: this.count, count: chunk.count, steps, times, matrix, positions, values, ellipses,
       origin: chunk.origin});
     this.count += chunk.count;
@@ -100,11 +105,22 @@ export class Moments {
   /** Writes values for a colour at frame k into `out` (n), as parts of the range over all frames. */
   parts(name, k, out) {
     const [chunk, j] = this.at(k), n = this.particles;
+    if (name === ENERGY) return this.energies(k, out);
     const here = chunk.values[name], whole = this.ranges[name];
     if (!here) return out.fill(0);
     const wide = whole.high - whole.low || 1, scale = (here.high - here.low) / 254 / wide;
     const base = (here.low - whole.low) / wide;
     for (let i = 0; i < n; i++) out[i] = base + scale * Math.min(254, here.levels[n * j + i]);
+    return out;
+  }
+
+  /** Kinetic energies as parts of the largest one: the square of the speed, times half the mass. */
+  energies(k, out) {
+    const [chunk, j] = this.at(k), n = this.particles, {low, high, levels} = chunk.values.speed;
+    for (let i = 0; i < n; i++) {
+      const speed = low + (high - low) * Math.min(254, levels[n * j + i]) / 254;
+      out[i] = (0.5 * this.masses[i] * speed * speed) / (this.ranges[ENERGY].high || 1);
+    }
     return out;
   }
 

@@ -1,8 +1,8 @@
 // Shaded spheres. Each is a square that faces the camera, and the shader makes a sphere of it. Squares are sorted from
 // front to back, so that hidden parts cost nothing: software rendering keeps its pace.
 
-import {BufferAttribute, DynamicDrawUsage, GLSL3, InstancedBufferAttribute, InstancedBufferGeometry, Mesh,
-  RawShaderMaterial, Color} from "three";
+import {Color, GLSL3, Mesh, RawShaderMaterial} from "three";
+import {Squares} from "./squares.js";
 
 const VERTEX = `
 precision highp float;
@@ -43,7 +43,7 @@ void main() {
   float half_ = max(dot(n, vec3(-0.23, 0.33, 0.915)), 0.0);
   float half2 = half_ * half_, half8 = half2 * half2 * half2 * half2;
   float shine = half8 * half8 * half8;
-  vec3 lit = colour.rgb * (0.34 + 0.10 * n.y + 0.66 * key) * (0.62 + 0.38 * smoothstep(0.0, 0.45, n.z)) + 0.20 * shine;
+  vec3 lit = colour.rgb * (0.44 + 0.10 * n.y + 0.60 * key) * (0.66 + 0.34 * smoothstep(0.0, 0.42, n.z)) + 0.18 * shine;
   vec3 own = mix(colour.rgb, vec3(1.0), 0.55 * n.z * n.z);
   pixel = vec4(mix(mix(lit, own, colour.a), background, 0.62 * mist * (1.0 - colour.a)), 1.0);
 }`;
@@ -61,20 +61,9 @@ export class Spheres {
     this.pixels = pixels;
     this.keys = new Uint16Array(n);
     this.heads = new Uint32Array(BUCKETS + 1);
-    this.geometry = new InstancedBufferGeometry();
-    this.geometry.setAttribute("position", new BufferAttribute(new Float32Array([-1, -1, 1, -1, 1, 1, -1, 1]), 2));
-    this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    const buffer = (array, width, whole) => {
-      const made = new InstancedBufferAttribute(array, width, whole);
-      made.setUsage(DynamicDrawUsage);
-      return made;
-    };
-    this.centre = buffer(new Float32Array(3 * n), 3, false);
-    this.size = buffer(new Float32Array(2 * n), 2, false);
-    this.drawn = buffer(new Uint8Array(4 * n), 4, true);
-    this.geometry.setAttribute("centre", this.centre);
-    this.geometry.setAttribute("size", this.size);
-    this.geometry.setAttribute("look", this.drawn);
+    this.squares = new Squares(n, [-1, -1, 1, -1, 1, 1, -1, 1],
+      {centre: [Float32Array, 3], size: [Float32Array, 2], look: [Uint8Array, 4]});
+    this.geometry = this.squares.geometry;
     this.material = new RawShaderMaterial({vertexShader: VERTEX, fragmentShader: FRAGMENT, glslVersion: GLSL3, uniforms: {
       factor: {value: 1}, perPixel: {value: 0.001}, fog: {value: [0, 1]}, background: {value: new Color(0, 0, 0)}}});
     this.mesh = new Mesh(this.geometry, this.material);
@@ -100,20 +89,21 @@ export class Spheres {
       there++;
     }
     for (let k = 0; k < BUCKETS; k++) heads[k + 1] += heads[k];
-    const [c, s, l] = [this.centre.array, this.size.array, new Uint32Array(this.drawn.array.buffer)];
-    const look = new Uint32Array(this.look.buffer);
+    const {squares} = this, c = squares.array("centre"), s = squares.array("size");
+    const l = new Uint32Array(squares.array("look").buffer), look = new Uint32Array(this.look.buffer);
     for (let i = 0; i < n; i++) {
       if (keys[i] === 65535) continue;
-      const to = heads[keys[i]]++;
-      c[3 * to] = p[3 * i];
-      c[3 * to + 1] = p[3 * i + 1];
-      c[3 * to + 2] = p[3 * i + 2];
-      s[2 * to] = this.radii[i];
-      s[2 * to + 1] = this.pixels[i];
-      l[to] = look[i];
+      const first = 4 * heads[keys[i]]++;
+      for (let to = first; to < first + 4; to++) {
+        c[3 * to] = p[3 * i];
+        c[3 * to + 1] = p[3 * i + 1];
+        c[3 * to + 2] = p[3 * i + 2];
+        s[2 * to] = this.radii[i];
+        s[2 * to + 1] = this.pixels[i];
+        l[to] = look[i];
+      }
     }
-    this.geometry.instanceCount = there;
-    this.centre.needsUpdate = this.size.needsUpdate = this.drawn.needsUpdate = true;
+    squares.drawn(there);
   }
 
   dispose() {

@@ -13,7 +13,7 @@ export const STYLE = `
 .view > canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: grab; display: block }
 .view > canvas:active { cursor: grabbing }
 .names { position: absolute; inset: 0; pointer-events: none; overflow: hidden }
-.name { position: absolute; left: 0; top: 0; padding: 0 3px; border: 0; background: none; color: var(--ink); opacity: .85;
+.name { will-change: transform; position: absolute; left: 0; top: 0; padding: 0 3px; border: 0; background: none; color: var(--ink); opacity: .85;
   font: 12px/16px inherit; font-family: inherit; font-size: 12px; white-space: nowrap; pointer-events: auto; cursor: pointer }
 .name:hover, .name.followed { opacity: 1; text-decoration: underline; text-underline-offset: 3px }
 .head { position: absolute; left: 16px; top: 12px; max-width: calc(100% - 360px); pointer-events: none }
@@ -38,7 +38,7 @@ button.tool[aria-pressed=true] { color: var(--mark); border-color: var(--mark) }
 button.tool svg { width: 16px; height: 16px; fill: none; stroke: currentColor; stroke-width: 1.7; stroke-linecap: round;
   stroke-linejoin: round }
 button.tool svg .solid { fill: currentColor }
-.legend { position: absolute; left: 12px; bottom: 76px; min-width: 150px; max-width: 240px }
+.legend { position: absolute; left: 12px; bottom: 76px; width: 196px }
 .legend label { display: flex; align-items: center; gap: 8px; color: var(--faint); font-size: 12px }
 .legend select { height: 26px; flex: 1; background: none }
 .classes { display: flex; flex-wrap: wrap; gap: 3px 12px; margin-top: 7px }
@@ -50,8 +50,8 @@ button.tool svg .solid { fill: currentColor }
   font-variant-numeric: tabular-nums }
 .size { margin-top: 7px }
 .size input { flex: 1; width: 60px; accent-color: var(--mark) }
-.compass { position: absolute; left: 14px; bottom: 0; width: 64px; height: 64px; pointer-events: none }
-.foot { position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
+.view > canvas.compass { inset: auto; left: 214px; bottom: 74px; width: 64px; height: 64px; pointer-events: none }
+.foot { will-change: transform; position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
   padding: 0 10px }
 .foot .track { position: relative; flex: 1; min-width: 60px; height: 32px; display: flex; align-items: center }
 .foot input { width: 100%; margin: 0; accent-color: var(--mark); cursor: pointer }
@@ -65,7 +65,7 @@ button.tool svg .solid { fill: currentColor }
 .curvehead .now { font-variant-numeric: tabular-nums; color: var(--mark) }
 .plot { position: relative; height: 74px; cursor: crosshair; touch-action: none; margin-top: 3px }
 .plot canvas { position: absolute; inset: 0; width: 100%; height: 74px }
-.marker { position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
+.marker { will-change: transform; position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
 .most, .least { position: absolute; right: 2px; font-size: 10.5px; color: var(--faint); font-variant-numeric: tabular-nums;
   background: var(--card); border-radius: 3px; padding: 0 2px; line-height: 13px; pointer-events: none }
 .most { top: 0 } .least { bottom: 0 }

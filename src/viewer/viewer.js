@@ -30,8 +30,9 @@ import {unpacked} from "./packed.js";
 import {STYLE} from "./style.js";
 
 const LASTS = 20; // seconds that a run lasts at speed 1, within the limits below
-const FEWEST = 8, MOST = 60; // frames a second
+const FEWEST = 8, MOST = 120; // frames a second
 const TURN = 0.35; // radians a second
+const TOLD = 120; // milliseconds between updates of the clock while playing
 
 class View {
   constructor(host, scene, {live}) {
@@ -42,6 +43,7 @@ class View {
     this.speed = 1;
     this.plays = false;
     this.gone = false;
+    this.told = 0;
     this.fps = 0;
     this.past = [];
   }
@@ -56,10 +58,11 @@ class View {
     shade.append(style, this.root);
     const canvas = element("canvas"), names = element("div", "names");
     this.root.append(canvas, names);
-    const [radii, pixels, species] = await Promise.all([scene.radii, scene.pixels, scene.speciesOf].map(unpacked));
+    const [radii, pixels, species, masses] =
+      await Promise.all([scene.radii, scene.pixels, scene.speciesOf, scene.masses].map(unpacked));
     this.species = species;
     this.parts = new Float32Array(scene.shown);
-    this.moments = new Moments(scene.shown);
+    this.moments = new Moments(masses);
     for (const chunk of scene.chunks) await this.moments.add(chunk);
     this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels);
     this.drawing.wake = () => this.wake();
@@ -159,6 +162,13 @@ class View {
     this.frame = Math.max(0, Math.min(this.count - 1, k));
     if (this.colour?.kind === "range") this.coloured();
     this.drawing.place(this.frame);
+    const now = performance.now();
+    if (!this.plays || now - this.told > TOLD) this.tell(now);
+  }
+
+  /** Updates slider, clock and curves. These cost more than the particles where a processor draws, so not in each frame. */
+  tell(now) {
+    this.told = now;
     this.controls.shown(this.frame, this.count, this.moments.time(this.frame), this.moments.step(this.frame));
   }
 
@@ -191,6 +201,7 @@ class View {
   }
 
   pause() {
+    if (this.plays) this.tell(performance.now());
     this.plays = false;
     this.controls.played(false);
     this.drawing.touch();
@@ -242,6 +253,9 @@ class View {
 
   /** Draws the directions of x, y and z. */
   oriented() {
+    const turn = this.drawing.camera.quaternion.toArray().join();
+    if (turn === this.drawn) return;
+    this.drawn = turn;
     const size = 64, ratio = 2, on = this.compass.getContext("2d");
     if (this.compass.width !== size * ratio) this.compass.width = this.compass.height = size * ratio;
     on.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -147,6 +147,8 @@ SCRIPTS = (
     Script("claims/evaluations.py", "the article: evaluations a step, and what they buy"),
     Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
     Script("claims/tolerance.py", "the article: rtol below 1e-12"),
+    # views
+    Script("viewer.py", "pages of view in a browser: pictures, pace, keys, no request", 60, peers=("playwright",)),
     # statistics and files
     Script("force_faults.py", "certify passes right forces, and finds and names planted faults", 40),
     Script(

@@ -51,6 +51,11 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),
         ("kickdrift plot --stability rk4 --stability yoshida6", "Stability regions, without a run."),
     ),
+    "view": (
+        ("kickdrift view run.h5md", "One page for any browser: particles that turn, curves and the report."),
+        ("kickdrift view solar-system -o planets.html", "The start of a shipped system."),
+        ("kickdrift view run.h5md --color speed --frames 100", "Coloured by speed, with 100 frames."),
+    ),
     "export": (("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),),
     "info": (
         ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),

@@ -25,13 +25,14 @@ from kickdrift.cli.relaxing import relax
 from kickdrift.cli.running import resume, run
 from kickdrift.cli.starting import cite, doctor, new
 from kickdrift.cli.usage import plain
+from kickdrift.cli.viewing import view
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
 from kickdrift.model.other_names import other_name
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, export, info, show, cite,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, export, info, show, cite,
     validate, doctor,
 )  # fmt: skip
 

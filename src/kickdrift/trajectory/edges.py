@@ -42,7 +42,7 @@ def boxes(
     very object, and so do frames that the mask ``whole`` (frames,) leaves out."""
     there = contents.read(contents.series(EDGES, "f8", 0, shape_of(first)), chosen)
     found = [first] * len(there)
-    other = (there != stored(first) * factor).reshape(len(there), -1).any(axis=1)
+    other = (there != stored(first) * factor).any(axis=tuple(range(1, there.ndim)))
     for k in np.flatnonzero(other if whole is None else other & whole):
         try:
             found[k] = restored(there[k] / factor, first)

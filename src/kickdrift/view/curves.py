@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def thinned(values: Floats) -> NDArray[np.int64]:
     known = np.nan_to_num(np.asarray(values, "f8"))
     edges = np.linspace(0, count, MOST_POINTS // 2).round().astype(int)
     kept = {0, count - 1}
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         part = known[begin:end]
         kept |= {begin + int(np.argmin(part)), begin + int(np.argmax(part))}
     return np.array(sorted(kept))

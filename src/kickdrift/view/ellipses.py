@@ -16,7 +16,8 @@ def axes_of(found: Paths) -> Floats:
     The ellipse is the orbit about the centre of mass of the bodies inside (Jacobi). The row of the central body, and
     rows without an ellipse, are nan.
     """
-    assert found.central is not None
+    central = found.central
+    assert central is not None
     frames, n = found.positions.shape[:2]
     axes = np.full((frames, n, 9), np.nan)
     found = found._replace(names=tuple(map(str, range(n))))
@@ -31,8 +32,8 @@ def axes_of(found: Paths) -> Floats:
         middle = -at.e[..., None] * long - here  # the ellipse passes through the body
         bound = (at.e < 1.0)[..., None]
         found_axes = np.where(bound, np.concatenate([middle, long, short], axis=2), np.nan)
-    others = np.delete(np.arange(n), found.central)
-    inside = np.cumsum(found.held[:, [found.central, *others]], axis=1)[:, 1:]
+    others = np.delete(np.arange(n), central)
+    inside = np.cumsum(found.held[:, [central, *others]], axis=1)[:, 1:]
     part = 1.0 - found.held[:, others] / inside  # the barycentre of the body and all inside its orbit is at rest
     axes[:, others] = found_axes * part[..., None]
     return axes

@@ -57,7 +57,7 @@ def quantised(part: Floats, bits: int) -> NDArray:
     """Whole numbers of 8, 16 or 32 bits for values from 0 to 1. The largest number stands for nan: nothing is there."""
     most = 2**bits - 1
     kind = f"u{bits // 8}"
-    if kind not in KINDS:
+    if KINDS.get(kind) != bits:
         raise InputError(f"bits: expected 8, 16 or 32, got {bits}")
     there = np.isfinite(part)
     level = np.floor(np.where(there, np.clip(part, 0.0, 1.0), 0.0) * most)

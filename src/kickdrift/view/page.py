@@ -13,7 +13,7 @@ from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory import reader
-from kickdrift.view.scene import FRAMES, Scene, scene_of
+from kickdrift.view.scene import Scene, scene_of
 
 # A page may run its own two scripts and styles, and may load nothing.
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -75,7 +75,7 @@ def write_page(
     given: reader.Run | Any | Simulation | str | os.PathLike[str],
     output: str | os.PathLike[str],
     *,
-    frames: int = FRAMES,
+    frames: int | None = None,
     color: str | None = None,
     size: float = 1.0,
     overwrite: bool = False,

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.problem import Problem
@@ -23,7 +24,7 @@ from kickdrift.model.unit_systems import symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
-from kickdrift.text import counted, suggestion
+from kickdrift.text import counted, measured, suggestion
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.chosen import BLOCK_BYTES
 from kickdrift.trajectory.merged import masses_held
@@ -32,7 +33,8 @@ from kickdrift.trajectory.overview import overview_of
 from kickdrift.view.curves import curves_of
 from kickdrift.view.stage import Stage
 
-FRAMES = 500  # most frames of a view, spread evenly
+FRAMES = 501  # most frames of a view, spread evenly: the start and 500 more
+FRAMES_OF_FEW = 2001  # the same for a few bodies, whose trails need them
 MOST_PLACES = 5_000_000  # particles times frames of a view
 MOST_EVENTS = 500
 
@@ -41,7 +43,7 @@ Scene = dict[str, Any]
 
 def scene_of(
     given: reader.Run | System | Simulation | str | os.PathLike[str],
-    frames: int = FRAMES,
+    frames: int | None = None,
     colour: str | None = None,
     size: float = 1.0,
 ) -> Scene:
@@ -50,7 +52,7 @@ def scene_of(
     Parameters
     ----------
     given : Run, System, Simulation, or a path or the name of a shipped system
-    frames : most frames, spread evenly
+    frames : most frames, spread evenly; default 501, and 2001 for a few bodies under gravity
     colour : what colours the particles first: "species" or "body", "speed", "kinetic energy", or one of the run's own
         columns with a number for each particle
     size : factor of the spheres' sizes
@@ -60,7 +62,7 @@ def scene_of(
     InputError
         For a file that is no run and no system of particles, and for an unknown colour.
     """
-    if frames < 1:
+    if frames is not None and frames < 1:
         raise InputError(f"frames: expected 1 or more, got {frames}")
     if not 0.0 < size < np.inf:
         raise InputError(f"size: expected a positive number, got {size}")
@@ -78,7 +80,7 @@ def scene_of(
     return found | {"colour": colour or found["colour"], "size": float(size)}
 
 
-def scene_of_file(path: str | os.PathLike[str], frames: int = FRAMES) -> Scene:
+def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Scene:
     """Scene of a run's file, or of the start of a system file or shipped system."""
     text = os.fspath(path)
     if text.endswith((".toml", ".py")) or (is_shipped(text) and not os.path.lexists(text)):
@@ -118,41 +120,53 @@ def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
     return x[stage.rows], v[stage.rows], m[stage.rows]
 
 
-def scene_of_run(run: reader.Run, frames: int = FRAMES, growing: bool = False) -> Scene:
+def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = False) -> Scene:
     """Scene of an open file. A run without frames shows its start."""
     stage = Stage.of(run.system(), run.masses, run.names, run.species_index)
     notes = stage.notes()
-    if growing:
-        notes.append(f"The run goes on: the view shows the {counted(len(run), 'frame')} written so far.")
+    if growing or not run.closed:
+        why = "goes on" if growing else "did not finish"
+        notes.append(f"The run {why}: the view shows the {counted(len(run), 'frame')} written so far.")
     more = _told(run)
     if not len(run):
         found = scene_of_system(run.system())
         return found | more | {"notes": [*notes, "The run has no frames: the view shows its start."]}
     shown = len(stage.masses[stage.rows])
-    every = -(-len(run) // max(1, min(frames, MOST_PLACES // shown)))
-    chosen = range(len(run))[::every]
-    if every > 1:
-        notes.append(f"Shows {len(chosen):,} of {len(run):,} frames: every {every}th.")
-    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
-    values = {name: np.asarray(run[::every].observables[name])[:, stage.rows] for name in columns}
-    x, v = (_read(run, what, every, stage.rows) for what in ("positions", "velocities"))
+    most = frames or (FRAMES_OF_FEW if stage.few else FRAMES)
+    kept = min(len(run), max(1, min(most, MOST_PLACES // shown)))
+    chosen = np.linspace(0, len(run) - 1, kept).round().astype(int)
+    if kept < len(run):
+        notes.append(f"Shows {kept:,} of {len(run):,} frames, spread evenly.")
+    x, v = (_read(run, what, chosen, stage.rows) for what in ("positions", "velocities"))
     held = np.broadcast_to(stage.masses[stage.rows], x.shape[:2])
     if stage.gravity is not None and stage.stride == 1:
-        held = masses_held(run, list(chosen), x, v)
+        held = masses_held(run, chosen, x, v)
         for y in (x, v):
             y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
-    moments = run[::every]
-    boxes = run.boxes_of(chosen)
-    chunk = stage.chunk(moments.steps, moments.times, x, v, boxes, values, held)
+    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
+    observed = run[:].observables if columns else {}
+    values = {name: np.asarray(observed[name])[chosen][:, stage.rows] for name in columns}
+    boxes = run.boxes_of(range(len(run)))
+    chunk = stage.chunk(
+        run.all_steps[chosen], run.all_times[chosen], x, v, [boxes[k] for k in chosen], values, held
+    )  # fmt: skip
     more["columns"] = [{"name": name, "label": name, "unit": symbol_of(unit)} for name, unit in columns.items()]
-    return stage.scene([chunk], x[0], v[0], notes=notes, **more)
+    found = stage.scene([chunk], x[0], v[0], notes=notes, **more)
+    if stage.few:
+        far = np.linalg.norm(x - np.array(found["centre"]), axis=2)
+        found["reach"] = max(found["reach"], float(np.nanquantile(far, 0.8)))
+    return found
 
 
-def _read(run: reader.Run, what: str, every: int, rows: slice) -> Floats:
-    """Positions or velocities (f, k, 3) of the shown rows at every so many frames, read in blocks."""
-    size = max(1, BLOCK_BYTES // (24 * len(run.ids) * every)) * every
-    starts = range(0, len(run), size)
-    return np.concatenate([run.vectors(what, slice(k, min(k + size, len(run)), every), rows) for k in starts])
+def _read(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) -> Floats:
+    """Positions or velocities (f, k, 3) of the shown rows at the chosen frames, read in blocks."""
+    most = max(1, BLOCK_BYTES // (24 * len(run.ids)))  # frames of a block
+    starts = np.flatnonzero(np.diff(chosen // most, prepend=-1))
+    found = []
+    for part in np.split(chosen, starts[1:]):
+        block = run.vectors(what, slice(int(part[0]), int(part[-1]) + 1), rows)
+        found.append(block[part - part[0]])
+    return np.concatenate(found)
 
 
 def _told(run: reader.Run) -> dict[str, Any]:
@@ -162,6 +176,7 @@ def _told(run: reader.Run) -> dict[str, Any]:
     events = run.whole_events()
     return {
         "curves": curves_of(samples.times, samples.observables, run.units, own),
+        "caption": _caption(run),
         "verdict": [list(line) for line in overview_of(run)],
         "events": [
             {"time": each["time"], "text": " and ".join([each["kind"].replace("-", " "), *each["bodies"]][:1])
@@ -169,6 +184,13 @@ def _told(run: reader.Run) -> dict[str, Any]:
             for each in events[:MOST_EVENTS]
         ],
     }  # fmt: skip
+
+
+def _caption(run: reader.Run) -> list[str]:
+    """Method and step of a run."""
+    method, dt = run.method.get("integrator"), run.method.get("dt")
+    step = measured(f"dt = {dt:g}", symbol_of(run.units.time)) if isinstance(dt, int | float) else ""
+    return [text for text in (str(method or ""), step) if text]
 
 
 @contextmanager
@@ -181,7 +203,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[tuple[reader.Run, bool]]:
             raise
     else:
         with run:
-            yield run, not run.closed
+            yield run, False
         return
     with tempfile.TemporaryDirectory(prefix="kickdrift-") as folder:
         copy = Path(folder) / Path(path).name

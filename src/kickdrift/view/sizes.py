@@ -43,9 +43,9 @@ def pixels_of(masses: Floats, central: int | None, kind: str) -> Floats:
     mass = np.where(masses > 0, masses, np.nan)
     wide = np.log10(mass / np.nanmin(mass)) if np.isfinite(mass).any() else np.zeros(len(masses))
     most = np.nanmax(wide) if np.isfinite(wide).any() else 0.0
-    size = 3.5 + 3.0 * np.nan_to_num(wide) / max(float(most), 3.0)
+    size = 4.5 + 3.5 * np.nan_to_num(wide) / max(float(most), 3.0)
     if central is not None:
-        size[central] = 9.0
+        size[central] = 10.0
     return size
 
 

@@ -101,7 +101,7 @@ class Stage:
         places = _Places.of(x, boxes or [self.system.box] * len(x))
         bits = 32 if x.size <= FINE and self.kind != "box" else 16
         speed = np.linalg.norm(v, axis=2)
-        values = {"speed": speed, "kinetic energy": 0.5 * self.units.coherent_mass * m * speed**2, **(columns or {})}
+        energy = 0.5 * self.units.coherent_mass * m * np.nan_to_num(speed) ** 2
         found: dict[str, Any] = {
             "count": len(x),
             "steps": packed(np.asarray(steps, "f8")),
@@ -109,7 +109,8 @@ class Stage:
             "origin": places.origin,
             "matrix": packed(places.matrices),
             "positions": packed(quantised(np.moveaxis(places.parts, 2, 1), bits), delta=True),
-            "values": {name: _ranged(each) for name, each in values.items()},
+            "energy": float(energy.max(initial=0.0)),  # the browser makes kinetic energies from speeds
+            "values": {name: _ranged(each) for name, each in {"speed": speed, **(columns or {})}.items()},
         }
         if self.few and self.gravity is not None and len(self.masses) > 1:
             paths = Paths(np.asarray(times), x, v, self.masses, np.broadcast_to(m, x.shape[:2]), (), self.gravity,
@@ -143,6 +144,7 @@ class Stage:
             "species": list(system.species),
             "speciesOf": packed(self.species_index[self.rows].astype("u2")),
             "names": list(named),
+            "masses": packed(m * self.units.coherent_mass),
             "radii": packed(radii_of(system, x[there], len(m), self.rows).astype("f4")),
             "pixels": packed(pixels_of(m, central, self.kind).astype("f4")),
             "central": central,
@@ -167,7 +169,7 @@ class Stage:
         if self.stride == 1:
             return []
         shown = len(self.masses[self.rows])
-        return [f"Shows {shown:,} of {len(self.masses):,} particles: every {self.stride}th."]
+        return [f"Shows {shown:,} of {len(self.masses):,} particles: one in {self.stride}."]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,137 @@
+"""Scenes of runs, Systems and Simulations: positions, ellipses, what is left out, and bad input."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.trajectory.locking import locked
+from kickdrift.view import scene, stage
+from kickdrift.view.packing import restored, unpacked
+from kickdrift.view.page import as_json
+from kickdrift.view.scene import scene_of
+from tests.run_files import make_system, write
+from tests.systems import liquid
+
+
+def places(chunk):
+    """Positions (f, n, 3) of a chunk, as a browser makes them."""
+    parts = np.moveaxis(restored(unpacked(chunk["positions"])), 1, 2)
+    matrix = np.broadcast_to(unpacked(chunk["matrix"]).reshape(-1, 3, 3), (len(parts), 3, 3))
+    return np.array(chunk["origin"]) + np.einsum("fnk,fkj->fnj", parts, matrix)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenes") / "liquid.h5md"
+    kd.Simulation(liquid(), dt=0.001).run(20, every=1, output=path)
+    return path
+
+
+def test_a_run_shows_its_frames_in_the_box(path):
+    found = scene_of(path)
+    chunk = found["chunks"][0]
+    with kd.open(path) as run:
+        there = np.array([frame.wrapped() for frame in run])
+        apart = places(chunk) - there
+        apart -= np.round(apart / run.box.lengths) * run.box.lengths  # a particle on a face may be on the other one
+        assert np.abs(apart).max() < np.max(run.box.lengths) / 60000
+        assert unpacked(chunk["times"]).tolist() == run.times.tolist()
+        speed = np.linalg.norm(run[:].velocities, axis=2)
+    assert (found["kind"], found["shown"], chunk["count"], found["notes"]) == ("box", 64, 21, [])
+    assert chunk["values"]["speed"]["high"] == pytest.approx(speed.max())
+    assert chunk["energy"] == pytest.approx(0.5 * speed.max() ** 2)
+    assert [each["name"] for each in found["curves"]] == ["energy error", "temperature"]
+    assert found["verdict"][0][0] == "system"
+    json.loads(as_json(found))
+
+
+def test_fewer_frames_are_spread_evenly_and_said(path):
+    found = scene_of(path, frames=5)
+    assert unpacked(found["chunks"][0]["steps"]).tolist() == [0, 5, 10, 15, 20]
+    assert found["notes"] == ["Shows 5 of 21 frames, spread evenly."]
+
+
+def test_a_leaning_box_keeps_its_corners():
+    box = kd.Box(matrix=[[4, 0, 0], [1, 4, 0], [0.5, -1, 4]])
+    x = np.random.default_rng(0).uniform(-9, 9, (30, 3))
+    chunk = scene_of(kd.System(x, box=box))["chunks"][0]
+    np.testing.assert_allclose(unpacked(chunk["matrix"]).reshape(3, 3), box.matrix)
+    np.testing.assert_allclose(places(chunk)[0], box.wrap(x), atol=2e-4)
+
+
+def test_ellipses_pass_through_the_bodies_and_have_the_barycentre_as_a_focus():
+    system = kd.load("sun-jupiter")
+    found = scene_of(system)
+    chunk = found["chunks"][0]
+    at, axes = places(chunk)[0], unpacked(chunk["ellipses"])[0]
+    assert np.isnan(axes[0]).all()
+    middle, long, short = at[1] + axes[1, :3], axes[1, 3:6], axes[1, 6:]
+    focus = np.sqrt(long @ long - short @ short) / np.linalg.norm(long)
+    np.testing.assert_allclose(middle + focus * long, 0.0, atol=1e-4)
+    u, w = (at[1] - middle) @ long / (long @ long), (at[1] - middle) @ short / (short @ short)
+    assert u**2 + w**2 == pytest.approx(1.0, abs=1e-4)
+    m, v = system.state.masses, system.state.velocities
+    moving = v[1] - m @ v / m.sum()
+    np.testing.assert_allclose(np.cross(-long * w + short * u, moving), 0.0, atol=1e-4)
+
+
+def test_a_simulation_and_a_shipped_system_show_one_moment():
+    assert scene_of(kd.Simulation(kd.load("figure-eight")))["chunks"][0]["count"] == 1
+    found = scene_of("lj-1000")
+    assert found["notes"] == ["Shows the start: a system file holds no frames."]
+    assert found["shown"] == 1000
+
+
+def test_many_particles_are_thinned_and_the_view_says_so(monkeypatch):
+    monkeypatch.setattr(stage, "MOST_PARTICLES", 50)
+    found = scene_of(liquid(count=216))
+    assert (found["shown"], found["total"]) == (44, 216)
+    assert found["notes"][0] == "Shows 44 of 216 particles: one in 5."
+    assert places(found["chunks"][0]).shape == (1, 44, 3)
+
+
+def test_many_particles_of_a_run_are_read_thinned(path, monkeypatch):
+    monkeypatch.setattr(stage, "MOST_PARTICLES", 50)
+    monkeypatch.setattr(scene, "MOST_PLACES", 100)
+    found = scene_of(path)
+    with kd.open(path) as run:
+        there = run[-1].wrapped()[::2]
+        lengths = run.box.lengths
+    apart = places(found["chunks"][0])[-1] - there
+    assert found["notes"] == ["Shows 32 of 64 particles: one in 2.", "Shows 3 of 21 frames, spread evenly."]
+    assert np.abs(apart - np.round(apart / lengths) * lengths).max() < 1e-3
+
+
+def test_a_file_being_written_shows_what_is_there(path):
+    with locked(path):
+        found = scene_of(path)
+    assert found["notes"] == ["The run goes on: the view shows the 21 frames written so far."]
+
+
+def test_a_run_without_frames_shows_its_start(tmp_path):
+    write(tmp_path / "run.h5md", make_system("lj"), [])
+    found = scene_of(tmp_path / "run.h5md")
+    assert found["notes"][-1] == "The run has no frames: the view shows its start."
+    assert found["chunks"][0]["count"] == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "line"),
+    [
+        ("ode-kepler", {}, "ode-kepler: is a Problem, which has no particles to show; kickdrift plot draws Problems"),
+        ("lj-1000", {"colour": "sped"}, "color: expected one of species, speed, kinetic energy, got 'sped'; did you"),
+        ("lj-1000", {"frames": 0}, "frames: expected 1 or more, got 0"),
+        ("lj-1000", {"size": -1.0}, "size: expected a positive number, got -1.0"),
+        (3, {}, "view: expected a run, a System or a Simulation, got int"),
+        ("none.h5md", {}, "none.h5md: no such file"),
+    ],
+)
+def test_bad_input(given, options, line):
+    with pytest.raises(InputError) as error:
+        scene_of(given, **options)
+    assert str(error.value).startswith(line)

@@ -1,0 +1,248 @@
+"""Pages of kickdrift view in a real browser: do they draw, move and answer, and do they stay by themselves?
+
+    python -m kickdrift_validation.viewer [--figures FOLDER] [--store]
+
+Chromium without a window, which draws on the processor alone, opens the page of five runs from disk: a liquid, a
+mixture, the solar system, a collision, and a leaning box. Names in the collision hold markup, which has to
+stay text. The first frame's picture is compared with a stored one (data/viewer); ``--store`` stores the pictures anew.
+The comparison takes the particles, the box and the orbits alone, since letters differ between machines. The figure
+shows the pages of the mixture and of the planets.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kickdrift.view.page import write_page
+from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.viewer_scenes import MARKUP, runs
+
+STORED = Path(__file__).parent / "data" / "viewer"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+SIZE = {"width": 1000, "height": 640}
+DIFFERENT = 24  # of 255: a pixel that differs by more in a colour counts as another one
+MOST = 0.01  # share of the pixels that may differ: edges of spheres, which a rounding of the graphics moves
+PACE = 30.0  # frames a second
+TRIES = 4  # of the pace, 3 s each; the best counts, since other programs share the machine
+CHROMIUM = "Chromium"
+
+# The picture of frame 0 at one pixel a point, as PNG text; of the canvas alone.
+PICTURE = """() => {
+  const {drawing} = view;
+  drawing.theme = {background: "#f6f7f9", ink: "#20262e", box: "#5c6672"};
+  view.setFrame(0); drawing.reset(); drawing.resolution(1); drawing.render();
+  return drawing.canvas.toDataURL("image/png");
+}"""
+
+
+def pixels(png: bytes) -> np.ndarray:
+    """Colours (height, width, 3) of a picture."""
+    from PIL import Image
+
+    return np.asarray(Image.open(BytesIO(png)).convert("RGB")).astype(int)
+
+
+class Page:
+    """A page in the browser, and what it said and asked for."""
+
+    def __init__(self, browser: Any, path: Path) -> None:
+        self.context = browser.new_context(viewport=SIZE, color_scheme="light")
+        self.tab = self.context.new_page()
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        self.tab.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
+        self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.tab.on("dialog", lambda dialog: (self.errors.append(f"dialog {dialog.message}"), dialog.dismiss()))
+        self.tab.on("request", lambda request: self.requests.append(request.url))
+        self.tab.goto(path.as_uri())
+        self.tab.wait_for_function("globalThis.view", timeout=60_000)
+        self.address = path.as_uri()
+
+    def ask(self, script: str, given: Any = None) -> Any:
+        return self.tab.evaluate(script, given)
+
+    def picture(self) -> bytes:
+        return base64.b64decode(self.ask(PICTURE).partition(",")[2])
+
+    @property
+    def outside(self) -> list[str]:
+        """What the page asked for, beside itself."""
+        return [url for url in self.requests if url != self.address and not url.startswith(("data:", "blob:"))]
+
+    @property
+    def frame(self) -> int:
+        return int(self.ask("view.frame"))
+
+
+def keys_work(page: Page) -> dict[str, bool]:
+    """Which keys do what they should."""
+    press, last, found = page.tab.keyboard.press, int(page.ask("view.count")) - 1, {}
+    for key, frame in (
+        ("End", last),
+        ("ArrowLeft", last - 1),
+        ("Home", 0),
+        ("ArrowRight", 1),
+        ("Shift+ArrowRight", 11),
+    ):
+        press(key)
+        found[key] = page.frame == frame
+    press("Home")
+    press(" ")
+    page.tab.wait_for_timeout(700)
+    found["space"] = bool(page.ask("view.plays")) and page.frame > 0
+    press(" ")
+    found["space again"] = not page.ask("view.plays")
+    before = page.ask("view.drawing.camera.position.toArray()")
+    page.tab.mouse.move(420, 300)
+    page.tab.mouse.down()
+    page.tab.mouse.move(520, 330, steps=4)
+    page.tab.mouse.up()
+    moved = page.ask("view.drawing.camera.position.toArray()")
+    found["drag"] = not np.allclose(before, moved, rtol=1e-3)
+    press("r")
+    found["r"] = bool(np.allclose(page.ask("view.drawing.camera.position.toArray()"), before, rtol=1e-6))
+    press("d")
+    found["d"] = page.ask("view.root.dataset.theme") == "dark"
+    press("d")
+    press("?")
+    found["?"] = page.tab.get_by_text("Keys and touch").is_visible()
+    press("?")
+    with page.tab.expect_download() as download:
+        press("s")
+    saved = pixels(Path(download.value.path()).read_bytes())
+    found["s"] = saved.std() > 1.0 and saved.shape[0] > SIZE["height"]
+    return found
+
+
+def pointers_work(page: Page) -> dict[str, bool]:
+    """Whether a click on the slider, on a curve and on the play button moves the frame."""
+    count, found = int(page.ask("view.count")), {}
+    for name, place in (
+        ("slider", page.tab.get_by_label("Time", exact=True)),
+        ("curve", page.tab.locator(".plot").first),
+    ):
+        page.ask("view.setFrame(0)")
+        box = place.bounding_box()
+        page.tab.mouse.click(box["x"] + box["width"] * 0.5, box["y"] + box["height"] / 2)
+        found[name] = abs(page.frame - count / 2) < 0.06 * count
+    page.tab.locator("[data-act=play]").click()
+    page.tab.wait_for_timeout(600)
+    found["play button"] = bool(page.ask("view.plays"))
+    page.ask("view.pause()")
+    before = page.picture()
+    page.tab.get_by_role("combobox").first.select_option("speed")
+    found["colour menu"] = bool((pixels(page.picture()) != pixels(before)).any())
+    page.ask("view.setColour(view.scene.colour)")
+    return found
+
+
+def pace(page: Page) -> float:
+    """Frames drawn per second while the run plays."""
+    best = 0.0
+    for _ in range(TRIES):
+        page.ask("view.pause(); view.setFrame(0); view.speed = 0.5; view.play()")
+        page.tab.wait_for_timeout(3000)
+        best = max(best, float(page.ask("view.fps")))
+        if best >= PACE:
+            break
+    page.ask("view.pause()")
+    return best
+
+
+def halved(png: bytes) -> bytes:
+    """The picture at half its width and height, each pixel the mean of four."""
+    from PIL import Image
+
+    made = BytesIO()
+    Image.open(BytesIO(png)).convert("RGB").reduce(2).save(made, "png", optimize=True)
+    return made.getvalue()
+
+
+def like_stored(name: str, png: bytes, store: bool) -> float:
+    """Share of pixels, at half the size, that differ from the stored picture."""
+    path, png = STORED / f"{name}.png", halved(png)
+    if store:
+        path.write_bytes(png)
+    now, then = pixels(png), pixels(path.read_bytes())
+    return float((np.abs(now - then).max(axis=2) > DIFFERENT).mean()) if now.shape == then.shape else 1.0
+
+
+def looked_at(browser: Any, name: str, path: Path, store: bool, figures: Path | None) -> Iterator[Claim]:
+    """The claims about one page."""
+    page = Page(browser, path)
+    png = page.picture()
+    spread = float(pixels(png).std())
+    yield claim(f"{name}: spread of the picture's colours", spread, "above 5 of 255", spread > 5, CHROMIUM)
+    share = like_stored(name, png, store)
+    text = f"{name}: share of pixels unlike the stored picture's"
+    yield claim(text, share, f"at most {MOST}", share <= MOST, "data/viewer")
+    if figures:
+        page.ask(
+            "dark => { view.themed(dark ? 'dark' : 'light'); view.setFrame(Math.round(0.6 * view.count)) }",
+            name == "planets",
+        )
+        page.tab.wait_for_timeout(1500)
+        page.tab.screenshot(path=figures / f"viewer-{name}.png")
+        page.ask("view.themed('light')")
+    if name == "liquid":
+        fps = pace(page)
+        text = "liquid: frames a second, 1000 particles, software rendering"
+        yield claim(text, round(fps, 1), f"{PACE:.0f} or more", fps >= PACE, CHROMIUM)
+        found = keys_work(page) | pointers_work(page)
+        failed = [key for key, works in found.items() if not works]
+        yield claim(
+            f"keys and controls that fail, of {len(found)}", ", ".join(failed) or "none", "none", not failed, CHROMIUM
+        )
+    if name == "collision":
+        title, image = page.tab.locator(".title").text_content(), page.tab.locator(".view img, .name b").count()
+        yield claim("markup in a title stays text", title, "the title", title == MARKUP and not image, CHROMIUM)
+        gone = page.ask("[0, view.count - 1].map((k) => view.setFrame(k) ?? view.drawing.render() ?? "
+                        "view.drawing.spheres.geometry.drawRange.count / 6)")  # fmt: skip
+        yield claim(
+            "bodies drawn first and last", gone, "fewer at the end", gone[0] == 4 and gone[1] < 4, "the run's events"
+        )
+    heard = [*page.errors, *(f"asks for {url}" for url in page.outside)]
+    yield claim(f"{name}: errors and requests", "; ".join(heard)[:200] or "none", "none", not heard, CHROMIUM)
+    page.context.close()
+
+
+def claims(long: bool = False, figures: Path | None = None, store: bool = False) -> Iterator[Claim]:
+    """Of all pages; long or not is the same."""
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        yield not_run("pages in a browser", "all claims", CHROMIUM)
+        return
+    if program is None:
+        yield not_run(
+            "pages in a browser", "all claims", CHROMIUM, "install Chromium, such as Debian's package chromium"
+        )
+        return
+    with tempfile.TemporaryDirectory() as scratch, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=program, args=list(SOFTWARE))
+        for name, run in runs(Path(scratch)).items():
+            page = write_page(run, run.with_suffix(".html"))
+            size = os.path.getsize(page)
+            yield claim(f"{name}: size of the page in MB", size / 1e6, "below 5", size < 5e6, "the file")
+            yield from looked_at(browser, name, page, store, figures)
+        browser.close()
+
+
+if __name__ == "__main__":
+    if "--store" in sys.argv:
+        sys.argv.remove("--store")
+        STORED.mkdir(exist_ok=True)
+        list(claims(store=True))
+    sys.exit(main(claims, __doc__))
