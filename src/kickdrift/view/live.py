@@ -1,7 +1,7 @@
 """What a live view is told of a run: frames, curves and a line of text, a few times a second.
 
 The run's own thread packs them between two calls of compiled code. No further look is taken, so the run keeps its bits.
-The time between two frames is at least a hundred times what a frame costs, so the run keeps its speed.
+The time between two frames is at least two hundred times what a frame costs, so the run keeps its speed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from kickdrift.view.scene import Scene, phase_of, scene_of
 from kickdrift.view.stage import Stage
 
 APART = 0.25  # seconds between two frames
-SHARE = 0.01  # largest part of the time that frames may take
+SHARE = 0.005  # largest part of the time that frames may take
 FEWER = 1000.0  # a run of hours has a frame each time that a thousandth of it has passed
 
 FRAME, TOLD, END = "frame", "told", "end"  # kinds of messages
