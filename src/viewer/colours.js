@@ -4,8 +4,8 @@
 const CLASSES = ["#4c9be8", "#f0803c", "#2fb888", "#d67ab8", "#e9bd45", "#8b83e6", "#5cc6dd", "#cf5a5a", "#9bbf4a", "#b08968",
   "#8896a8", "#e59bd0"];
 const CENTRAL = "#ffc845";
-// matplotlib's viridis at sixteen even steps.
-const VIRIDIS = ["#440154", "#481a6c", "#472f7d", "#414487", "#39568c", "#31688e", "#2a788e", "#23888e", "#1f988b", "#22a884",
+// matplotlib's viridis at even steps, without its darkest part, which is hard to see on a dark ground.
+const VIRIDIS = ["#472f7d", "#414487", "#39568c", "#31688e", "#2a788e", "#23888e", "#1f988b", "#22a884",
   "#35b779", "#54c568", "#7ad151", "#a5db36", "#d2e21b", "#fde725"];
 
 export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));

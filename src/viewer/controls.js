@@ -136,7 +136,7 @@ export class Controls {
     const bar = element("div", "bar"), ends = element("div", "ends");
     bar.style.background = GRADIENT;
     const unit = colour.unit ? ` ${colour.unit}` : "";
-    ends.append(element("span", "", short(range?.low ?? 0)), element("span", "", `${short(range?.high ?? 0)}${unit}`));
+    ends.append(element("span", "", short(range?.low ?? 0)), element("span", "", `${range?.beyond ? "≥ " : ""}${short(range?.high ?? 0)}${unit}`));
     this.key.append(bar, ends);
   }
 

@@ -29,15 +29,20 @@ export class Moments {
     const ellipses = chunk.ellipses ? await unpacked(chunk.ellipses) : null;
     const values = {};
     names.forEach((name, i) => {
-      const {low, high} = chunk.values[name];
+      const {low, high, beyond} = chunk.values[name];
       values[name] = {low, high, levels: levels[i]};
-      const known = this.ranges[name];
-      this.ranges[name] = known ? {low: Math.min(known.low, low), high: Math.max(known.high, high)} : {low, high};
+      this.widen(name, low, high, beyond);
     });
-    this.ranges[ENERGY] = {low: 0, high: Math.max(this.ranges[ENERGY]?.high ?? 0, chunk.energy)};
+    this.widen(ENERGY, 0, chunk.energy, chunk.values.speed.beyond);
     this.chunks.push({first: this.count, count: chunk.count, steps, times, matrix, positions, values, ellipses,
       origin: chunk.origin});
     this.count += chunk.count;
+  }
+
+  /** Widens the range of a colour; `beyond` tells whether single values lie above it. */
+  widen(name, low, high, beyond) {
+    const known = this.ranges[name] ?? {low, high, beyond: false};
+    this.ranges[name] = {low: Math.min(known.low, low), high: Math.max(known.high, high), beyond: known.beyond || beyond};
   }
 
   /** The chunk of frame k, and the frame's number in it. */

@@ -57,7 +57,7 @@ button.tool svg .solid { fill: currentColor }
 .foot input { width: 100%; margin: 0; accent-color: var(--mark); cursor: pointer }
 .ticks { position: absolute; left: 8px; right: 8px; top: 1px; height: 5px; pointer-events: none }
 .ticks i { position: absolute; width: 2px; height: 6px; margin-left: -1px; background: var(--alarm); border-radius: 1px }
-.clock { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; min-width: 150px }
+.clock { margin-left: auto; text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; min-width: 150px }
 .clock b { font-weight: 600 }
 .clock span { display: block; color: var(--faint); font-size: 11.5px }
 .curvehead { display: flex; gap: 6px; align-items: baseline; font-weight: 600; font-size: 12px }

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 SAMPLED = 2000  # particles whose nearest neighbour is sought
+HEAVY = 1e-6  # of the largest mass; where most bodies have less, the others are drawn larger
 TOUCHING = 0.48  # radius over the distance of nearest neighbours
 
 
@@ -39,7 +40,8 @@ def pixels_of(masses: Floats, central: int | None, kind: str) -> Floats:
     if kind == "box":
         return np.full(len(masses), 0.6)
     if kind == "open":
-        return np.full(len(masses), 1.6)
+        heavy = masses >= HEAVY * masses.max(initial=0.0)
+        return np.where(heavy & (3 * heavy.sum() < len(masses)), 6.0, np.clip(60 / len(masses) ** 0.5, 1.6, 6.0))
     mass = np.where(masses > 0, masses, np.nan)
     wide = np.log10(mass / np.nanmin(mass)) if np.isfinite(mass).any() else np.zeros(len(masses))
     most = np.nanmax(wide) if np.isfinite(wide).any() else 0.0

@@ -13,7 +13,7 @@ from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.view import ellipses
-from kickdrift.view.packing import packed, quantised, scaled
+from kickdrift.view.packing import packed, quantised, scaled, unpacked
 from kickdrift.view.sizes import pixels_of, radii_of
 
 if TYPE_CHECKING:
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 MOST_PARTICLES = 50_000  # on a page; a larger system shows every k-th particle
 FINE = 500_000  # coordinates outside of a box; up to this number they have 32 bits, beyond it and in a box 16
+TOP = 0.998  # part of the values within the range of a colour; the few largest would leave the rest in one colour
 FEW = 24  # most bodies with an own colour, trail, ellipse and name
+WIDEST = 4.0  # ellipses that reach further than this times the bodies' distances begin outside the view
 DIMENSIONS = ("length", "time", "energy", "velocity", "temperature", "mass")
 
 
@@ -101,6 +103,7 @@ class Stage:
         places = _Places.of(x, boxes or [self.system.box] * len(x))
         bits = 32 if x.size <= FINE and self.kind != "box" else 16
         speed = np.linalg.norm(v, axis=2)
+        top = 1.0 if self.few else TOP
         energy = 0.5 * self.units.coherent_mass * m * np.nan_to_num(speed) ** 2
         found: dict[str, Any] = {
             "count": len(x),
@@ -109,8 +112,8 @@ class Stage:
             "origin": places.origin,
             "matrix": packed(places.matrices),
             "positions": packed(quantised(np.moveaxis(places.parts, 2, 1), bits), delta=True),
-            "energy": float(energy.max(initial=0.0)),  # the browser makes kinetic energies from speeds
-            "values": {name: _ranged(each) for name, each in {"speed": speed, **(columns or {})}.items()},
+            "energy": float(np.quantile(energy, top)) if energy.size else 0.0,  # the browser makes energies from speeds
+            "values": {name: _ranged(each, top) for name, each in {"speed": speed, **(columns or {})}.items()},
         }
         if self.few and self.gravity is not None and len(self.masses) > 1:
             paths = Paths(np.asarray(times), x, v, self.masses, np.broadcast_to(m, x.shape[:2]), (), self.gravity,
@@ -152,7 +155,7 @@ class Stage:
             "periodic": list(system.box.periodic_axes) if system.box.periodic else None,
             "up": _up(self, x, v, central),
             "centre": _centre(x[there], central, self.kind, system.box),
-            "reach": _reach(x[there], self.kind, system.box),
+            "reach": _reach(x[there], self.kind, system.box, chunks),
             "colours": colours,
             "colour": label,
             "size": 1.0,
@@ -196,12 +199,17 @@ class _Places:
         return cls(parts, origin.tolist(), matrices.reshape(-1, 9))
 
 
-def _ranged(values: Floats) -> dict[str, Any]:
-    """Numbers (f, k) for a colour in 8 bits, with their range."""
+def _ranged(values: Floats, top: float) -> dict[str, Any]:
+    """Numbers (f, k) for a colour in 8 bits, with their range; ``beyond``: whether larger ones are cut to it."""
     known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    low, high = (float(known.min()), float(np.quantile(known, top))) if known.size else (0.0, 0.0)
     parts = np.where(np.isfinite(values), scaled(np.nan_to_num(values), low, high), np.nan)
-    return {"low": low, "high": high, "data": packed(quantised(parts, 8), delta=True)}
+    return {
+        "low": low,
+        "high": high,
+        "beyond": bool(known.max(initial=high) > high),
+        "data": packed(quantised(parts, 8), delta=True),
+    }
 
 
 def _up(stage: Stage, x: Floats, v: Floats, central: int | None) -> list[float]:
@@ -224,11 +232,21 @@ def _centre(x: Floats, central: int | None, kind: str, box: Box) -> list[float]:
     return middle.tolist()
 
 
-def _reach(x: Floats, kind: str, box: Box) -> float:
-    """Radius that the view shows first."""
+def _reach(x: Floats, kind: str, box: Box, chunks: Sequence[dict[str, Any]]) -> float:
+    """Radius that the view shows first: the box, nearly all particles, or the bodies and their ellipses."""
     if kind == "box":
         corners = np.where(box.periodic_axes, 1.0, 0.0) @ box.matrix
         open_part = np.ptp(x, axis=0)[~np.array(box.periodic_axes)] if len(x) else np.zeros(0)
         return 0.5 * float(np.hypot(np.linalg.norm(corners), np.linalg.norm(open_part))) or 1.0
-    far = np.linalg.norm(x - (np.median(x, axis=0) if kind == "open" else 0.0), axis=1)
-    return float(np.quantile(far, 0.97 if kind == "open" else 1.0)) or 1.0 if len(far) else 1.0
+    if not len(x):
+        return 1.0
+    if kind == "open":
+        return float(np.quantile(np.linalg.norm(x - np.median(x, axis=0), axis=1), 0.97)) or 1.0
+    far = float(np.linalg.norm(x, axis=1).max()) or 1.0
+    if chunks and "ellipses" in chunks[0]:
+        axes = unpacked(chunks[0]["ellipses"])[0]
+        _, a, b = np.split(axes[np.isfinite(axes[:, 0])].astype("f8"), 3, axis=1)
+        focal = np.sqrt(np.maximum(np.sum(a * a - b * b, axis=1), 0.0))
+        apocentres = np.linalg.norm(a, axis=1) + focal
+        far = max(far, min(float(apocentres.max(initial=0.0)), WIDEST * far))
+    return far
