@@ -167,6 +167,12 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "export(overwrite)",
         "--quiet": "export(progress)",
     },
+    "view": {
+        "file": "open(path)",
+        "--frames": "open().view(frames)",
+        "--color": "open().view(color)",
+        "--size": "open().view(size)",
+    },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)", "--frame": "open().system"},
     "new": {"kind": "template(kind)", "--quiet": "template"},
@@ -181,6 +187,7 @@ OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"}, "analyze": {"--overwrite"},
     "transits": {"--overwrite"},
+    "view": {"--output", "--overwrite", "--open", "--quiet"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store

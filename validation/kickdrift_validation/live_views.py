@@ -101,13 +101,19 @@ def timed(sim: kd.Simulation, steps: int) -> tuple[float, float]:
     return process_time() - began[0], perf_counter() - began[1]
 
 
+def enough_steps(name: str) -> int:
+    """Number of steps that take the processor a turn's time."""
+    sim, steps = kd.Simulation(kd.load(name)), 1000
+    sim.run(2)
+    while (took := timed(sim, steps)[0]) < SECONDS / 4:
+        steps *= 2
+    return int(SECONDS * steps / took)
+
+
 def speeds(long: bool) -> Iterator[Claim]:
     """Speed and bits with a live page."""
     for name in SYSTEMS:
-        sim = kd.Simulation(kd.load(name))
-        sim.run(2)
-        rate = sim.run(2000).steps_per_second
-        steps = max(1000, int(SECONDS * rate))
+        steps = enough_steps(name)
         pairs = []
         for k in range(LONG_TURNS if long else TURNS):
             first = turn(name, steps, watched=k % 2 == 0)

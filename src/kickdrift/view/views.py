@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from kickdrift.model.checks import whole_number
 from kickdrift.run.simulation import Simulation
 from kickdrift.view.scene import scene_of
 from kickdrift.view.shown import HEIGHT, View
@@ -12,9 +13,12 @@ from kickdrift.view.shown import HEIGHT, View
 MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'kickdrift[notebook]'"
 
 
-def view_of(given: Any, height: int = HEIGHT, **options: Any) -> Any:
+def view_of(
+    given: Any, frames: int | None = None, color: str | None = None, size: float = 1.0, height: int | None = None
+) -> Any:
     """View of a System, a Simulation or an open run: a widget in a notebook, else a `View`."""
-    scene = scene_of(given, **options)
+    height = HEIGHT if height is None else whole_number("view: height", height, 1)
+    scene = scene_of(given, frames, color, size)
     if not in_notebook():
         return View(scene, height)
     try:

@@ -16,7 +16,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.view import live
 from kickdrift.view.packing import restored, unpacked
+from kickdrift.view.scene import phase_of
 from kickdrift.view.server import MOST_PAGES, Server
+from kickdrift.view.stage import Stage
 from tests.systems import liquid
 
 
@@ -137,6 +139,18 @@ def test_a_page_is_told_frames_curves_and_the_end_and_the_run_keeps_its_bits(sim
     alone.run(2000, every=10)
     np.testing.assert_array_equal(alone.state.phase, sim.state.phase)
     assert [each.energies for each in alone.record.samples] == [each.energies for each in samples]
+
+
+def test_bodies_keep_their_rows_when_others_leave():
+    system = liquid()
+    state = system.state
+    kept = np.array([0, 2, 63])
+    left = kd.State(state.phase[..., kept], state.masses[kept], kept, state.box, 0.0, 0)
+    x, _, held = phase_of(Stage.of(system), left)
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(x[:, 0])), kept)
+    np.testing.assert_array_equal(np.flatnonzero(held), kept)
+    fewer = kd.System(left.positions, box=state.box, forces=()).at(left.phase, 0.0, ids=kept)
+    np.testing.assert_array_equal(phase_of(Stage.of(fewer), left)[0], left.positions)
 
 
 def test_a_run_that_nobody_watches_makes_no_frames(sim, server, monkeypatch):
