@@ -6,6 +6,7 @@ import inspect
 import re
 import sys
 from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
@@ -46,7 +47,7 @@ class Command(TyperCommand):
         known = {word: ALONE[word] for option in self.params for word in option.opts if word in ALONE}
         given = [
             f"{word}={known[word]}" if word in known and not (after.isascii() and after.isdigit()) else word
-            for word, after in zip(args, [*args[1:], ""], strict=True)
+            for word, after in zip_longest(args, args[1:], fillvalue="")
         ]
         parsed: list[str] = super().parse_args(ctx, given)
         return parsed
