@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
+from importlib.metadata import files, version
 
 import kickdrift as kd
 from kickdrift.jit.compile import features, processor
@@ -30,6 +30,8 @@ def main() -> None:
         error = report.energy.max_relative_error
         print(f"  {name}, {method}, {options}: energy error {error:.2g}")
         assert error < most, (name, method, error)
+    licences = [path.name for path in files("kickdrift") or () if path.name.startswith("LICENSE")]
+    assert licences.count("LICENSE-three.txt") == 2, licences  # beside the viewer, and among the licences of the wheel
 
 
 if __name__ == "__main__":

@@ -121,8 +121,8 @@ export class Controls {
     this.colour.value = colour.name;
     this.key.replaceChildren();
     if (colour.kind === "class") {
-      const names = colour.name === "body" ? scene.names : scene.species, list = element("div", "classes");
-      if (colour.name === "body") return; // each body has its name beside it
+      const names = scene.species, list = element("div", "classes");
+      if (colour.name !== "species") return; // each body has its name beside it, and molecules have no names
       names.slice(0, MOST_CLASSES).forEach((name, k) => {
         const each = element("span", "class"), dot = element("i");
         dot.style.background = css(classColour(k));

@@ -19,7 +19,7 @@ export const THEMES = {
 };
 
 export class Drawing {
-  constructor(canvas, names, scene, moments, radii, pixels) {
+  constructor(canvas, names, scene, moments, radii, pixels, bonds) {
     this.scene = scene;
     this.moments = moments;
     this.theme = THEMES.light;
@@ -40,6 +40,8 @@ export class Drawing {
     this.boxLines = scene.periodic ? new Lines(12, 0.7) : null;
     this.trailLines = bodies ? new Lines(bodies * TRAIL, 1.1) : null;
     this.ellipseLines = bodies ? new Lines(bodies * TURN, 0.7) : null;
+    this.bonds = bonds;
+    this.bondLines = bonds ? new Lines(bonds.length / 2, 1.6) : null;
     for (const lines of this.lines) this.group.add(lines.mesh);
     this.labels = scene.names.map((name, i) => this.label(names, name, i));
     this.controls = new OrbitControls(this.camera, canvas);
@@ -53,7 +55,7 @@ export class Drawing {
     this.reset();
   }
 
-  get lines() { return [this.boxLines, this.ellipseLines, this.trailLines].filter(Boolean); }
+  get lines() { return [this.boxLines, this.bondLines, this.ellipseLines, this.trailLines].filter(Boolean); }
 
   label(parent, name, i) {
     const made = document.createElement("button");
@@ -70,7 +72,8 @@ export class Drawing {
     const {scene, camera} = this, up = new Vector3(...scene.up);
     const turn = new Quaternion().setFromUnitVectors(new Vector3(0, 0, 1), up);
     const from = scene.flat ? [0, -0.001, 1] : scene.kind === "box" ? [0.78, -1.3, 0.62] : [0.25, -1.0, 0.85];
-    const height = this.height || 1, free = Math.min(height - 120, (this.width || 1) - (this.width > 720 ? 320 : 20));
+    const height = this.height || 1, flat = scene.kind === "orbits" ? 0.72 : 1; // orbits lie in a plane
+    const free = Math.min((height - 120) / flat, (this.width || 1) - (this.width > 720 ? 320 : 20));
     const part = Math.max(0.3, free / height) * (scene.kind === "box" ? 1.06 : 0.98);
     const far = scene.reach / part / Math.sin((camera.fov * Math.PI) / 360);
     this.origin = this.follow === null ? scene.centre : this.origin;
@@ -96,6 +99,7 @@ export class Drawing {
     if (this.follow !== null) this.origin = this.moments.place(k, this.follow) ?? this.origin;
     this.moments.places(k, this.origin, this.spheres.places);
     if (this.boxLines) this.drawBox(k);
+    if (this.bondLines) this.drawBonds(k);
     if (this.trailLines) this.drawTrails(k);
     if (this.ellipseLines) this.drawEllipses(k);
     this.touch();
@@ -116,6 +120,24 @@ export class Drawing {
         to[axis] = 1;
         lines.piece(corner(from), corner(to), rgb(this.theme.box), 0.9, 0.9);
       }
+    }
+    lines.done();
+  }
+
+  /** Draws bonds between the surfaces of their spheres. A bond through a face of the box is not drawn. */
+  drawBonds(k) {
+    const {bondLines: lines, bonds, spheres} = this, {matrix: m} = this.moments.cell(k), p = spheres.places;
+    const edges = [0, 1, 2].filter((axis) => this.scene.periodic?.[axis]).map((axis) => Math.hypot(...m.subarray(3 * axis, 3 * axis + 3)));
+    const longest = Math.min(Infinity, ...edges) / 2;
+    lines.clear();
+    for (let b = 0; b < bonds.length; b += 2) {
+      const i = bonds[b], j = bonds[b + 1];
+      const way = [0, 1, 2].map((x) => p[3 * j + x] - p[3 * i + x]), far = Math.hypot(...way);
+      if (!(far < longest)) continue;
+      const [start, end] = [0.9 * spheres.radii[i] * this.factor / far, 1 - 0.9 * spheres.radii[j] * this.factor / far];
+      if (start >= end) continue;
+      const at = (part) => [0, 1, 2].map((x) => p[3 * i + x] + part * way[x]);
+      lines.piece(at(start), at(end), this.colourOf(i), 1, 1);
     }
     lines.done();
   }

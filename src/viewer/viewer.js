@@ -60,11 +60,13 @@ class View {
     this.root.append(canvas, names);
     const [radii, pixels, species, masses] =
       await Promise.all([scene.radii, scene.pixels, scene.speciesOf, scene.masses].map(unpacked));
+    const [bonds, molecules] = scene.bonds ? await Promise.all([scene.bonds, scene.moleculeOf].map(unpacked)) : [null, null];
+    this.molecules = molecules;
     this.species = species;
     this.parts = new Float32Array(scene.shown);
     this.moments = new Moments(masses);
     for (const chunk of scene.chunks) await this.moments.add(chunk);
-    this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels);
+    this.drawing = new Drawing(canvas, names, scene, this.moments, radii, pixels, bonds);
     this.drawing.wake = () => this.wake();
     this.controls = new Controls(this.root, scene, this.acts());
     for (const curve of scene.curves) {
@@ -98,7 +100,7 @@ class View {
       time: (time) => { this.pause(); this.setFrame(this.moments.nearest(time)); },
       speed: (speed) => { this.speed = speed; },
       colour: (name) => this.setColour(name),
-      size: (factor) => { drawing.factor = factor; drawing.touch(); },
+      size: (factor) => { drawing.factor = factor; drawing.place(); },
       reset: () => drawing.reset(),
       save: () => this.saveSnapshot(),
       theme: () => this.themed(this.theme === "dark" ? "light" : "dark"),
@@ -150,8 +152,8 @@ class View {
     if (this.colour.kind === "range") {
       mapped(this.moments.parts(this.colour.name, this.frame, this.parts), look);
     } else if (!this.painted || this.painted !== this.colour) {
-      const body = this.colour.name === "body";
-      for (let i = 0; i < this.species.length; i++) look.set(classColour(body ? i : this.species[i], body ? central : null), 4 * i);
+      const {name} = this.colour, classes = name === "molecule" ? this.molecules : this.species, body = name === "body";
+      for (let i = 0; i < classes.length; i++) look.set(classColour(body ? i : classes[i], body ? central : null), 4 * i);
     }
     this.painted = this.colour;
     if (central !== null && names.length > 2) look[4 * central + 3] = 255;

@@ -36,6 +36,7 @@ MOST = 0.01  # share of the pixels that may differ: edges of spheres, which a ro
 PACE = 30.0  # frames a second
 TRIES = 4  # of the pace, 3 s each; the best counts, since other programs share the machine
 CHROMIUM = "Chromium"
+SHOWN, GAP = ("mixture", "planets"), 10  # in the figure, and pixels between its parts
 
 # The picture of frame 0 at one pixel a point, as PNG text; of the canvas alone.
 PICTURE = """() => {
@@ -147,6 +148,19 @@ def pointers_work(page: Page) -> dict[str, bool]:
     return found
 
 
+def functions_work(page: Page) -> dict[str, bool]:
+    """Whether the functions for widgets and live pages work. The page is empty afterwards."""
+    append = (
+        "async () => { const n = view.count; await view.append(view.scene.chunks[0]); return view.count === 2 * n }"
+    )
+    found = {
+        "append": bool(page.ask(append)),
+        "snapshot": page.ask("async () => (await view.snapshot()).type") == "image/png",
+    }
+    page.ask("view.dispose()")
+    return found | {"dispose": page.ask("document.getElementById('view').childElementCount") == 0}
+
+
 def pace(page: Page) -> float:
     """Frames drawn per second while the run plays."""
     best = 0.0
@@ -169,6 +183,18 @@ def halved(png: bytes) -> bytes:
     return made.getvalue()
 
 
+def beside(shots: list[bytes], path: Path) -> None:
+    """Save pictures of one size side by side."""
+    from PIL import Image
+
+    parts = [Image.open(BytesIO(png)).convert("RGB") for png in shots]
+    wide, high = parts[0].size
+    whole = Image.new("RGB", (wide * len(parts) + GAP * (len(parts) - 1), high), "white")
+    for k, part in enumerate(parts):
+        whole.paste(part, (k * (wide + GAP), 0))
+    whole.save(path, optimize=True)
+
+
 def like_stored(name: str, png: bytes, store: bool) -> float:
     """Share of pixels, at half the size, that differ from the stored picture."""
     path, png = STORED / f"{name}.png", halved(png)
@@ -178,8 +204,8 @@ def like_stored(name: str, png: bytes, store: bool) -> float:
     return float((np.abs(now - then).max(axis=2) > DIFFERENT).mean()) if now.shape == then.shape else 1.0
 
 
-def looked_at(browser: Any, name: str, path: Path, store: bool, figures: Path | None) -> Iterator[Claim]:
-    """The claims about one page."""
+def looked_at(browser: Any, name: str, path: Path, store: bool, shots: list[bytes]) -> Iterator[Claim]:
+    """The claims about one page. ``shots`` gets pictures for the figure."""
     page = Page(browser, path)
     png = page.picture()
     spread = float(pixels(png).std())
@@ -187,19 +213,18 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, figures: Path | 
     share = like_stored(name, png, store)
     text = f"{name}: share of pixels unlike the stored picture's"
     yield claim(text, share, f"at most {MOST}", share <= MOST, "data/viewer")
-    if figures:
-        page.ask(
-            "dark => { view.themed(dark ? 'dark' : 'light'); view.setFrame(Math.round(0.6 * view.count)) }",
-            name == "planets",
-        )
+    if name in SHOWN:
+        dark = name == "planets"
+        page.ask("dark => { view.themed(dark ? 'dark' : 'light'); view.setFrame(Math.round(0.6 * view.count)) }", dark)
         page.tab.wait_for_timeout(1500)
-        page.tab.screenshot(path=figures / f"viewer-{name}.png")
+        shots.append(page.tab.screenshot())
         page.ask("view.themed('light')")
     if name == "liquid":
         fps = pace(page)
         text = "liquid: frames a second, 1000 particles, software rendering"
         yield claim(text, round(fps, 1), f"{PACE:.0f} or more", fps >= PACE, CHROMIUM)
         found = keys_work(page) | pointers_work(page)
+        found |= functions_work(page)
         failed = [key for key, works in found.items() if not works]
         yield claim(
             f"keys and controls that fail, of {len(found)}", ", ".join(failed) or "none", "none", not failed, CHROMIUM
@@ -217,8 +242,13 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, figures: Path | 
     page.context.close()
 
 
-def claims(long: bool = False, figures: Path | None = None, store: bool = False) -> Iterator[Claim]:
+def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
     """Of all pages; long or not is the same."""
+    return tried(figures, store=False)
+
+
+def tried(figures: Path | None, store: bool) -> Iterator[Claim]:
+    """Claims about all pages; with ``store`` the pictures are stored anew."""
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     try:
         from playwright.sync_api import sync_playwright
@@ -230,19 +260,22 @@ def claims(long: bool = False, figures: Path | None = None, store: bool = False)
             "pages in a browser", "all claims", CHROMIUM, "install Chromium, such as Debian's package chromium"
         )
         return
+    shots: list[bytes] = []
     with tempfile.TemporaryDirectory() as scratch, sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=program, args=list(SOFTWARE))
         for name, run in runs(Path(scratch)).items():
             page = write_page(run, run.with_suffix(".html"))
             size = os.path.getsize(page)
             yield claim(f"{name}: size of the page in MB", size / 1e6, "below 5", size < 5e6, "the file")
-            yield from looked_at(browser, name, page, store, figures)
+            yield from looked_at(browser, name, page, store, shots)
         browser.close()
+    if figures:
+        beside(shots, figures / "viewer.png")
 
 
 if __name__ == "__main__":
     if "--store" in sys.argv:
         sys.argv.remove("--store")
         STORED.mkdir(exist_ok=True)
-        list(claims(store=True))
+        list(tried(None, store=True))
     sys.exit(main(claims, __doc__))

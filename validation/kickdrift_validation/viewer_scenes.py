@@ -31,11 +31,18 @@ def colliding() -> kd.System:
     )  # fmt: skip
 
 
+def mixed() -> kd.Simulation:
+    """A mixture of two species in equilibrium."""
+    sim = kd.Simulation(kd.load("lj-binary-1000"))
+    sim.equilibrate(temperature=1.0, steps=400)
+    return sim
+
+
 def runs(folder: Path) -> dict[str, Path]:
     """Write the runs' files; return their paths by name."""
     plans = {
         "liquid": (kd.Simulation(kd.load("lj-1000")), {"steps": 1000, "every": 5}),
-        "mixture": (kd.Simulation(kd.load("lj-binary-1000")), {"steps": 200, "every": 5}),
+        "mixture": (mixed(), {"steps": 200, "every": 5}),
         "planets": (kd.Simulation(kd.load("solar-system")), {"steps": 2400, "every": 20}),
         "collision": (kd.Simulation(colliding(), "gauss-radau15"), {"until": 8.0, "interval": 0.02}),
         "leaning": (kd.Simulation(leaning(), dt=0.004), {"steps": 200, "every": 5}),

@@ -103,7 +103,7 @@ def scene_of_system(given: System | Simulation) -> Scene:
     stage = Stage.of(system)
     x, v, held = phase_of(stage, state)
     chunk = stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
-    notes = [] if isinstance(given, Simulation) else ["Shows the start: a system file holds no frames."]
+    notes = [] if isinstance(given, Simulation) else ["Shows the start: a system has no frames."]
     return stage.scene([chunk], x, v, notes=stage.notes() + notes)
 
 

@@ -13,6 +13,7 @@ from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.view import ellipses
+from kickdrift.view.bonds import molecules_of, pairs_of
 from kickdrift.view.packing import packed, quantised, scaled, unpacked
 from kickdrift.view.sizes import pixels_of, radii_of
 
@@ -23,6 +24,7 @@ MOST_PARTICLES = 50_000  # on a page; a larger system shows every k-th particle
 FINE = 500_000  # coordinates outside of a box; up to this number they have 32 bits, beyond it and in a box 16
 TOP = 0.998  # part of the values within the range of a colour; the few largest would leave the rest in one colour
 FEW = 24  # most bodies with an own colour, trail, ellipse and name
+STICK = 0.6  # factor of the spheres' sizes where bonds are drawn
 WIDEST = 4.0  # ellipses that reach further than this times the bodies' distances begin outside the view
 DIMENSIONS = ("length", "time", "energy", "velocity", "temperature", "mass")
 
@@ -130,11 +132,15 @@ class Stage:
         there = np.isfinite(x[:, 0])
         label = "body" if self.few else "species"
         colours = [{"name": label, "label": label, "unit": "", "kind": "class"}]
+        bonds = pairs_of(system) if self.stride == 1 else np.zeros((0, 2), np.int64)
+        if len(bonds) and system.topology is not None:
+            colours.append({"name": "molecule", "label": "molecule", "unit": "", "kind": "class"})
         colours += [
             {"name": name, "label": name, "unit": unit, "kind": "range"}
             for name, unit in (("speed", units["velocity"]), ("kinetic energy", units["energy"]))
         ]
         colours += [{**each, "kind": "range"} for each in more.pop("columns", [])]
+        radii = radii_of(system, x[there], len(m), self.rows)
         named = self.names or tuple(f"particle {i}" for i in range(len(m))) if self.few else ()
         found: dict[str, Any] = {
             "version": 1,
@@ -148,10 +154,12 @@ class Stage:
             "speciesOf": packed(self.species_index[self.rows].astype("u2")),
             "names": list(named),
             "masses": packed(m * self.units.coherent_mass),
-            "radii": packed(radii_of(system, x[there], len(m), self.rows).astype("f4")),
+            "bonds": packed(bonds.astype("u4")) if len(bonds) else None,
+            "moleculeOf": packed(molecules_of(bonds, len(m)).astype("u4")) if len(bonds) else None,
+            "radii": packed((radii * STICK if len(bonds) and system.radii is None else radii).astype("f4")),
             "pixels": packed(pixels_of(m, central, self.kind).astype("f4")),
             "central": central,
-            "toScale": self.kind == "box" or (system.radii is not None and not self.few),
+            "toScale": not self.few and (system.radii is not None or (self.kind == "box" and not len(bonds))),
             "periodic": list(system.box.periodic_axes) if system.box.periodic else None,
             "up": _up(self, x, v, central),
             "centre": _centre(x[there], central, self.kind, system.box),

@@ -87,8 +87,17 @@ def test_ellipses_pass_through_the_bodies_and_have_the_barycentre_as_a_focus():
 def test_a_simulation_and_a_shipped_system_show_one_moment():
     assert scene_of(kd.Simulation(kd.load("figure-eight")))["chunks"][0]["count"] == 1
     found = scene_of("lj-1000")
-    assert found["notes"] == ["Shows the start: a system file holds no frames."]
+    assert found["notes"] == ["Shows the start: a system has no frames."]
     assert found["shown"] == 1000
+
+
+def test_molecules_have_bonds_and_numbers():
+    topology = kd.Topology(bonds=[(0, 1), (1, 2), (4, 5)])
+    found = scene_of(kd.System(np.arange(18).reshape(6, 3) * 1.0, box=[20, 20, 20], topology=topology))
+    assert unpacked(found["bonds"]).tolist() == [[0, 1], [1, 2], [4, 5]]
+    assert unpacked(found["moleculeOf"]).tolist() == [0, 0, 0, 1, 2, 2]
+    assert "molecule" in [each["name"] for each in found["colours"]]
+    assert not found["toScale"]
 
 
 def test_many_particles_are_thinned_and_the_view_says_so(monkeypatch):
