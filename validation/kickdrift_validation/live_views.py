@@ -33,7 +33,7 @@ from kickdrift_validation.browsers import CHROMIUM, NEEDS, colours_of, opened
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 KEPT = 0.98  # of the speed
-SECONDS, TURNS, LONG_TURNS = 2.0, 5, 10
+SECONDS, TURNS, LONG_TURNS = 2.0, 7, 10
 SYSTEMS = ("lj-1000", "solar-system")
 COLOURS = 50  # on a picture that is not blank
 READ_PAGE = """
