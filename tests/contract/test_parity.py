@@ -194,7 +194,6 @@ OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands whose twins are not public names: those for kickdrift's developers, and the page of a view.
 DEVELOPERS = {
-    "view": "kickdrift.view.page.write_page",
     "bench lj-energy": "kickdrift.analysis.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
     "validate": "kickdrift_validation.runner.validate",
