@@ -316,7 +316,7 @@ ABOVE.update(
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),
-        "view": _loader("view.shown", "view_of"),
+        "view": _loader("view.views", "view_of"),
     }
 )
 

@@ -41,6 +41,9 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--threads": "Simulation(threads)",
         "--engine": "Simulation(engine)",
         "--processes": "Simulation(processes)",
+        "--live": "Simulation.run(live)",
+        "--imd": "Simulation.run(imd)",
+        "--imd-wait": "Simulation.run(imd_wait)",
         "--json": "Report.as_json",
         "--quiet": "Simulation.run(progress)",
     },
@@ -182,6 +185,12 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--overwrite": "export(overwrite)",
         "--quiet": "export(progress)",
     },
+    "view": {
+        "file": "open(path)",
+        "--frames": "open().view(frames)",
+        "--color": "open().view(color)",
+        "--size": "open().view(size)",
+    },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)", "--frame": "open().system"},
     "new": {"kind": "template(kind)", "--quiet": "template"},
@@ -197,13 +206,13 @@ OF_FILES = {
     "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
+    "view": {"--output", "--overwrite", "--open", "--quiet"},
     "new": {"--output"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands whose twins are not public names: those for kickdrift's developers, and the page of a view.
 DEVELOPERS = {
-    "view": "kickdrift.view.page.write_page",
     "bench lj-energy": "kickdrift.analysis.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
     "validate": "kickdrift_validation.runner.validate",

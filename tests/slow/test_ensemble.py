@@ -443,3 +443,23 @@ def test_a_journal_that_is_none(system, client, tmp_path):
     with pytest.raises(InputError, match="holds an ensemble with another"):
         kd.Ensemble(system, VARY).run(client, output=output)
     assert RunError.exit_status == 1
+
+
+def test_a_notebook_shows_a_table_with_the_energy_errors(tmp_path):
+    pd = pytest.importorskip("pandas")
+    made = table.frame(
+        [
+            {"member": k, "status": "done" if k else "failed", "energy_rms_relative_error": 1e-5 * k or None}
+            for k in range(4)
+        ],
+        {"name": "x"},
+    )
+    html = made._repr_html_()
+    assert "3 of 4 members done; RMS energy error by member" in html
+    assert "<polyline" in html
+    assert "<table" in html
+    assert type(made[["member"]]) is pd.DataFrame
+    table.write(made, tmp_path / "x.parquet")
+    again = table.read(tmp_path / "x.parquet")
+    assert again._repr_html_() == html
+    assert again.attrs == made.attrs

@@ -166,6 +166,7 @@ SCRIPTS = (
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("films.py", "films of a liquid and of planets, read back by ffmpeg", 60, peers=("imageio_ffmpeg",)),
+    Script("live_views.py", "watched runs keep speed and bits; MDAnalysis reads by IMDv3; a widget in JupyterLab", 75),
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
     Script("kills.py", "runs that are killed leave files that go on to the same bits", 160),

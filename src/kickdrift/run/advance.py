@@ -70,10 +70,8 @@ class Integration:
         Number of steps that compiled code takes in about a tenth of a second.
     running : bool
         Whether steps are being taken. Meanwhile the state cannot be replaced.
-    pressed : callable
-        Whether Ctrl-C was pressed in this run.
-    ended : str
-        Who ended the run before its end; "" if nobody did.
+    pressed, ended : callable, str
+        Whether Ctrl-C was pressed in this run; who else ended the run, "" if nobody did.
     replaced : bool
         Whether the state was replaced since a file was begun. A file that continues needs a new checkpoint then.
     changes : int

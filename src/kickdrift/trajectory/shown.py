@@ -26,11 +26,14 @@ class ShownRun(Shown):
         """Content of the file in numbers and texts, as ``kickdrift info --json`` writes it."""
         return plain(above("run content")(self))
 
-    def view(self, **options: Any) -> Any:
+    def view(
+        self, *, frames: int | None = None, color: str | None = None, size: float = 1.0, height: int | None = None
+    ) -> Any:
         """Show the frames in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
 
-        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md. ``frames`` is the most of them."""
-        return above("view")(self, **options)
+        ``height`` is in pixels; ``color`` and ``size`` are those of `kickdrift view`.
+        ``frames`` is the most of them. See docs/live.md."""
+        return above("view")(self, frames=frames, color=color, size=size, height=height)
 
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
         """Draw the run; a matplotlib Figure.

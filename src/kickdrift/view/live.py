@@ -1,14 +1,14 @@
 """What a live view is told of a run: frames, curves and a line of text, a few times a second.
 
 The run's own thread packs them between two calls of compiled code. No further look is taken, so the run keeps its bits.
-The time between two frames is at least a hundred times what a frame costs, so the run keeps its speed.
+Frames get a small share of the processor's time, so the run keeps its speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from threading import Lock
-from time import monotonic
+from time import monotonic, process_time, thread_time
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ from kickdrift.view.scene import Scene, phase_of, scene_of
 from kickdrift.view.stage import Stage
 
 APART = 0.25  # seconds between two frames
-SHARE = 0.01  # largest part of the time that frames may take
+SHARE = 0.004  # of the processor's time that frames may take
+WAITING = 0.25  # share of the clock that counts as processor's time, for a run in other processes
 FEWER = 1000.0  # a run of hours has a frame each time that a thousandth of it has passed
 
 FRAME, TOLD, END = "frame", "told", "end"  # kinds of messages
@@ -49,7 +50,8 @@ class Feed:
         self._sim, self._send, self._listened = sim, send, listened
         self._stage = Stage.of(sim.system)
         self._row, self._record = 0, sim.record  # looks that were sent, of this record
-        self._next = self._began = 0.0
+        self._next = self._last = self._began = 0.0  # by the clock
+        self._spent = self._owed = 0.0  # processor's time at the last frame, and until the next one
         self._from: tuple[float, int] | None = None  # when the first progress was told, and the step then
         self._start = 0
         self._said, self._scene = "", scene_of(sim)
@@ -63,7 +65,7 @@ class Feed:
 
     def begin(self) -> None:
         """Begin with a run."""
-        self._began, self._next, self._from = monotonic(), 0.0, None
+        self._began, self._next, self._owed, self._from = monotonic(), 0.0, 0.0, None
         with self.lock:
             self._said, self._scene = f"step {self._sim.steps_done:,}", scene_of(self._sim)
 
@@ -74,14 +76,18 @@ class Feed:
             self._from, self._start = (now, self._sim.steps_done), done
         if now < self._next or not self._listened():
             return
+        if max(process_time() - self._spent, WAITING * (now - self._last)) < self._owed:
+            return
         if not self.lock.acquire(blocking=False):
             return
+        before = thread_time()
         try:
             self._tell(self._pace(done, of, now))
         finally:
             self.lock.release()
-        took = monotonic() - now
-        self._next = now + max(APART, took / SHARE, (now - self._began) / FEWER)
+        took = thread_time() - before
+        self._spent, self._owed, self._last = process_time(), took / SHARE, now
+        self._next = now + max(APART, (now - self._began) / FEWER)
 
     def end(self, whole: bool) -> None:
         """Send the last frame."""

@@ -111,8 +111,14 @@ def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
     """Positions and velocities (k, 3) and masses (k,) of the shown rows; bodies that are gone have nan and mass 0."""
     rows = len(stage.masses)
     x, v, m = np.full((rows, 3), np.nan), np.full((rows, 3), np.nan), np.zeros(rows)
-    there = state.ids < rows
-    place = state.ids[there]
+    known = stage.system.state.ids
+    if np.array_equal(known, state.ids):
+        found = np.arange(len(known))
+    else:
+        row_of = {each: k for k, each in enumerate(known.tolist())}
+        found = np.array([row_of.get(each, -1) for each in state.ids.tolist()], dtype=int)
+    there = found >= 0
+    place = found[there]
     x[place], v[place], m[place] = state.positions[there], state.velocities[there], state.masses[there]
     if stage.gravity is not None and len(place):
         x -= m[place] @ x[place] / m.sum()

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hmac
 import json
 import secrets
+import socket
 import sys
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Condition, Thread
 from time import monotonic
@@ -97,8 +98,13 @@ class Server:
         self.port = int(self._http.server_address[1])
         self.hosts = (f"{HOST}:{self.port}", f"localhost:{self.port}")
         self.address = f"http://{HOST}:{self.port}/?token={self.token}"
-        self._thread = Thread(target=self._http.serve_forever, args=(0.05,), name="kickdrift live", daemon=True)
+        self._thread = Thread(target=self._serve, name="kickdrift live", daemon=True)
         self._thread.start()
+
+    def _serve(self) -> None:
+        """Answer requests. The thread sleeps between two of them, and never asks for the run's time."""
+        while not self.over:
+            self._http.handle_request()
 
     def close(self) -> None:
         """Wait until open pages have the last frame, and stop."""
@@ -108,9 +114,9 @@ class Server:
             self.news.notify_all()
             while self._readers and (left := until - monotonic()) > 0:
                 self.news.wait(left)
-        self._http.shutdown()
+        with suppress(OSError), socket.create_connection((HOST, self.port), timeout=LAST):
+            self._thread.join(LAST)  # the connection has woken it
         self._http.server_close()
-        self._thread.join()
 
     def send(self, kind: str, content: dict[str, Any]) -> None:
         """Give a message to all open pages."""

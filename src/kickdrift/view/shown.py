@@ -1,21 +1,17 @@
-"""What ``view()`` of a System, a Simulation and a run returns: a widget in a notebook, else a page."""
+"""A view that stands still: a page that a notebook shows in a frame, and that can be saved."""
 
 from __future__ import annotations
 
 import html
 import os
-import sys
 from pathlib import Path
-from typing import Any
 
 from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
-from kickdrift.run.simulation import Simulation
 from kickdrift.view.page import page
-from kickdrift.view.scene import Scene, scene_of
+from kickdrift.view.scene import Scene
 
 HEIGHT = 480  # pixels
-MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'kickdrift[notebook]'"
 FRAME = (
     '<iframe srcdoc="{page}" sandbox="allow-scripts allow-downloads" title="{title}" '
     'style="width: 100%; height: {height}px; border: 0"></iframe>'
@@ -51,30 +47,3 @@ class View:
         with written_whole(target, PAGE, overwrite=overwrite) as part:
             part.write_text(page(self.scene), encoding="utf-8")
         return target
-
-
-def view_of(given: Any, height: int = HEIGHT, **options: Any) -> Any:
-    """View of a System, a Simulation or an open run: a widget in a notebook, else a `View`."""
-    scene = scene_of(given, **options)
-    if not in_notebook():
-        return View(scene, height)
-    try:
-        from kickdrift.view.widget import Widget
-    except ImportError:
-        if isinstance(given, Simulation):
-            print(MISSING, file=sys.stderr)
-        return View(scene, height)
-    found = Widget(scene, height)
-    if isinstance(given, Simulation):
-        found.follow(given)
-    return found
-
-
-def in_notebook() -> bool:
-    """Whether the program runs in a notebook: IPython with a kernel, or marimo."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython else None
-    if shell is not None and getattr(shell, "kernel", None) is not None:
-        return True
-    marimo: Any = sys.modules.get("marimo")
-    return bool(marimo is not None and marimo.running_in_notebook())

@@ -140,7 +140,17 @@ def test_help_shows_no_internal_types(shown):
 def test_help_of_run_is_grouped_and_has_examples(shown):
     text = shown["run --help"][1]
     headings = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
-    assert headings == ["Arguments", "How long", "Integrator", "Start", "Output", "Machine", "Options", "Examples"]
+    assert headings == [
+        "Arguments",
+        "How long",
+        "Integrator",
+        "Start",
+        "Output",
+        "Machine",
+        "Watching",
+        "Options",
+        "Examples",
+    ]
 
 
 def test_every_option_that_takes_a_value_says_what():

@@ -85,7 +85,7 @@ def client_of(port: Port, n: int) -> Any:
 
 
 def test_mdanalysis_reads_every_look_and_the_run_keeps_its_bits(port):
-    mda = pytest.importorskip("MDAnalysis")
+    mda = pytest.importorskip("MDAnalysis", "2.10")
     system = liquid()
 
     def read() -> list[Any]:

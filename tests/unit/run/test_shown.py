@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import re
 import sys
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 import kickdrift as kd
 from kickdrift.cli.main import app
-from kickdrift.display import showing
+from kickdrift.display import card, showing
 from tests.systems import liquid
 
 RUNNER = CliRunner()
@@ -171,3 +172,30 @@ def test_progress_is_a_bool_or_a_function(call):
     arguments = (2,) if call == "run" else (1.0, 0.002)
     with pytest.raises(kd.InputError, match=f"{call}: progress must be True, False or a function, got 3"):
         getattr(sim, call)(*arguments, progress=3)
+
+
+def test_cards_show_the_energy_error_as_a_sparkline(tmp_path):
+    sim = kd.Simulation(liquid(), dt=0.001)
+    assert "<svg" not in sim._repr_html_()
+    assert "<svg" not in sim.system._repr_html_()
+    report = sim.run(400, every=1, output=tmp_path / "run.h5md")
+    rms = f"energy error: RMS {report.energy.rms_relative_error:.2g} of the initial energy"
+    with kd.open(tmp_path / "run.h5md") as run:
+        for each in (report, sim, run):
+            html = each._repr_html_()
+            assert rms in html
+            points = re.search(r'points="(.+?)"', html)[1].split()
+            assert 200 < len(points) <= 2 * card.POINTS
+            assert all(0 <= float(y) <= card.HEIGHT for y in (point.split(",")[1] for point in points))
+
+
+@pytest.mark.parametrize("values", [[], [0.0], [0.0, 0.0], [1e308, -1e308], [float("nan"), 1.0, float("inf")]])
+def test_a_sparkline_of_any_numbers_stays_inside_its_picture(values):
+    html = card.sparkline(card.Spark(values, "<b>"))
+    assert "&lt;b&gt;" in html
+    assert "<b>" not in html
+    for point in re.findall(r"[\d.-]+,[\d.-]+", html):
+        x, y = map(float, point.split(","))
+        assert 0 <= x <= card.WIDTH
+        assert 0 <= y <= card.HEIGHT
+    assert "nan" not in html

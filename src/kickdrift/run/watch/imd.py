@@ -198,7 +198,7 @@ class Imd(Watcher):
         state = run.flow.shared_state(run.y, run.time, run.steps_done)  # type: ignore[union-attr]
         seen = run.record.looks.observables(run.record.looks.count - 1)
         temperature, total, potential = (
-            float(seen.get(name, np.nan)) for name in ("temperature", "total_energy", "potential_energy")  # type: ignore[arg-type]
+            float(seen.get(name, np.nan)) for name in ("temperature", "total_energy", "potential_energy")
         )
         dt = run.dt if run.dt is not None else run.stepper.last_step
         box = state.box.matrix if self._boxed else None
