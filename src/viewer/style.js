@@ -63,8 +63,8 @@ button.tool svg .solid { fill: currentColor }
 .curvehead { display: flex; gap: 6px; align-items: baseline; font-weight: 600; font-size: 12px }
 .curvehead .unit { color: var(--faint); font-weight: 400; flex: 1; font-size: 11.5px }
 .curvehead .now { font-variant-numeric: tabular-nums; color: var(--mark) }
-.plot { position: relative; height: 74px; cursor: crosshair; touch-action: none; margin-top: 3px }
-.plot canvas { position: absolute; inset: 0; width: 100%; height: 74px }
+.plot { position: relative; height: 84px; cursor: crosshair; touch-action: none; margin-top: 3px }
+.plot canvas { position: absolute; inset: 0; width: 100%; height: 84px }
 .marker { will-change: transform; position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
 .most, .least { position: absolute; right: 2px; font-size: 10.5px; color: var(--faint); font-variant-numeric: tabular-nums;
   background: var(--card); border-radius: 3px; padding: 0 2px; line-height: 13px; pointer-events: none }
@@ -85,10 +85,10 @@ dd { margin: 0 0 5px; user-select: text; -webkit-user-select: text; overflow-wra
 @container (max-width: 720px) {
   .side { left: 12px; width: auto; top: 96px; background: var(--ground) }
   .head { max-width: calc(100% - 32px); top: 52px }
-  .clock { min-width: 84px } .clock span, .wide { display: none }
-  .legend { max-width: 180px } .compass { display: none }
+  .clock { min-width: 84px } .clock span, .foot .wide { display: none }
+  .legend { max-width: 180px } .view > canvas.compass { display: none }
 }
-@container (max-height: 420px) { .legend .size, .compass { display: none } }
+@container (max-height: 420px) { .legend .size, .view > canvas.compass { display: none } }
 @media (prefers-reduced-motion: no-preference) { button.tool { transition: background .12s } }
 `;
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from kickdrift.model.box import Box
 from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
+from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.view import ellipses
@@ -67,6 +68,8 @@ class Stage:
     @property
     def gravity(self) -> float | None:
         """G of the forces, if the bodies attract one another in open space."""
+        if patch_of(self.system) is not None:  # the patch turns about a body that is not in it
+            return None
         attracts = any("Gravity" in type(force).__name__ for force in self.system.forces)
         return G_given(self.system.forces, self.units) if attracts and not self.system.box.periodic else None
 

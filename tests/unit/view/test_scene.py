@@ -137,7 +137,7 @@ def test_a_run_without_frames_shows_its_start(tmp_path):
     ("given", "options", "line"),
     [
         ("ode-kepler", {}, "ode-kepler: is a Problem, which has no particles to show; kickdrift plot draws Problems"),
-        ("lj-1000", {"colour": "sped"}, "color: expected one of species, speed, kinetic energy, got 'sped'; did you"),
+        ("lj-1000", {"colour": "sped"}, "colour: expected one of species, speed, kinetic energy, got 'sped'; did you"),
         ("lj-1000", {"frames": 0}, "frames: expected 1 or more, got 0"),
         ("lj-1000", {"size": -1.0}, "size: expected a positive number, got -1.0"),
         (3, {}, "view: expected a run, a System or a Simulation, got int"),
