@@ -28,7 +28,7 @@ def view(
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Most frames, spread evenly (default 501; 2001 of a few bodies)."),
+        typer.Option(metavar="N", min=1, help="Most frames, spread evenly (default 501; 2001 for a few bodies)."),
     ] = None,
     colour: Annotated[
         str | None,

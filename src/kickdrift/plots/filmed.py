@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.plots.camera import Camera
 from kickdrift.plots.orbits import BODY_COLOURS
@@ -89,10 +91,9 @@ class Particles(Filmed):
     ) -> None:  # fmt: skip
         super().__init__(run, rows, colour, "species" if len(run.species) > 1 else "speed")
         n = len(run.ids)
-        try:
+        self.system: System | None = None
+        with suppress(InputError):  # of a force of the user's own, say
             self.system = run.system()
-        except InputError:  # a force of the user's own, say
-            self.system = None
         self.patch = None if self.system is None else patch_of(self.system)
         self.kept = np.linspace(0, n - 1, min(n, MOST)).astype(int)
         if n > MOST:

@@ -52,8 +52,8 @@ source.addEventListener("frame", async (event) => {
   busy = true;
   try { await view.append(JSON.parse(event.data)); } finally { busy = false; }
 });
-source.addEventListener("end", () => source.close());
-source.addEventListener("error", () => { source.close(); view.say("The run has ended."); });
+source.addEventListener("end", () => { source.close(); view.live = false; });
+source.addEventListener("error", () => { source.close(); view.say("The connection to the run has ended."); });
 """
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.model.patch import patch_of
 from kickdrift.trajectory.locking import locked
 from kickdrift.view import scene, stage
 from kickdrift.view.packing import restored, unpacked
@@ -148,3 +149,23 @@ def test_bad_input(given, options, line):
     with pytest.raises(InputError) as error:
         scene_of(given, **options)
     assert str(error.value).startswith(line)
+
+
+def test_a_ring_patch_shows_the_images_inside_the_patch():
+    system = kd.load("shearing-sheet")
+    patch, time = patch_of(system), 1e5
+    assert scene_of(system)["up"] == [0.0, 0.0, 1.0]
+    x, v = system.state.positions, system.state.velocities
+    images = np.random.default_rng(1).integers(-3, 4, (2, len(x)))
+    shift, kick = np.moveaxis(patch.offset(images, time), 1, 2)
+    found = patch.folded((x + shift)[None], (v + kick)[None], [time])
+    here = (np.abs(x[:, :2]) < [patch.width / 2, patch.length / 2]).all(axis=1)
+    np.testing.assert_allclose(found[0][0][here], x[here], atol=1e-9)
+    np.testing.assert_allclose(found[1][0][here], v[here], atol=1e-12)
+    assert here.sum() > 50
+    assert (np.abs(found[0][..., :2]) <= [patch.width / 2, patch.length / 2]).all()
+
+
+def test_a_name_that_is_no_system_gets_the_nearest_one():
+    with pytest.raises(InputError, match="'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'"):
+        scene_of("lj-100")
