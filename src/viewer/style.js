@@ -53,6 +53,7 @@ button.tool svg .solid { fill: currentColor }
 .view > canvas.compass { inset: auto; left: 214px; bottom: 74px; width: 64px; height: 64px; pointer-events: none }
 .foot { will-change: transform; position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
   padding: 0 10px }
+.foot.single { left: auto }
 .foot .track { position: relative; flex: 1; min-width: 60px; height: 32px; display: flex; align-items: center }
 .foot input { width: 100%; margin: 0; accent-color: var(--mark); cursor: pointer }
 .ticks { position: absolute; left: 8px; right: 8px; top: 1px; height: 5px; pointer-events: none }
@@ -83,7 +84,7 @@ dd { margin: 0 0 5px; user-select: text; -webkit-user-select: text; overflow-wra
 .help div { display: flex; gap: 10px; padding: 2px 0 }
 .help kbd { font: 12px ui-monospace, Menlo, Consolas, monospace; min-width: 96px; color: var(--mark) }
 @container (max-width: 720px) {
-  .side { left: 12px; width: auto; top: 96px; background: var(--ground) }
+  .side { left: 12px; width: auto; top: 96px; background: var(--ground); z-index: 1 }
   .head { max-width: calc(100% - 32px); top: 52px }
   .clock { min-width: 84px } .clock span, .foot .wide { display: none }
   .legend { max-width: 180px } .view > canvas.compass { display: none }
