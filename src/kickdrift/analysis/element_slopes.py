@@ -28,6 +28,7 @@ SIZES, ANOMALIES = ("a", "P"), ("M", "f", "E")
 PLAIN, PAL = ("e", "inc", "Omega", "omega"), ("h", "k", "ix", "iy", "lambda")
 NAMES = (*SIZES, *PLAIN, *ANOMALIES, *PAL, MASS)
 DEGREES = ("inc", "Omega", "omega", *ANOMALIES, "lambda")
+ROUNDED = 1e-12  # a smaller eccentricity or inclination has its direction from rounding
 NEWTON = 3  # steps: each doubles the order to which derivatives are right
 
 
@@ -86,7 +87,7 @@ def slopes_of(system: System, names: tuple[Named, ...], primary: str | int | Non
     Raises
     ------
     InputError
-        For a body that has no ellipse about its primary.
+        For a body that has no ellipse about its primary, and for ``e`` and ``inc`` where they have no direction.
     """
     n, count = len(system), len(names)
     first, second = np.zeros((2, 3, n, count)), np.zeros((2, 3, n, count, count))
@@ -117,6 +118,10 @@ def _state(system: System, row: int, primary: str | int | None, keys: list[str])
     orbit = elements(x, v, mu)
     if not (orbit.e < 1.0 and orbit.q > 0.0):
         raise InputError(f"elements: {body} is not on an ellipse about {system.body(centre)}: e = {float(orbit.e):.6g}")
+    if "e" in keys and orbit.e < ROUNDED:
+        raise InputError(f"elements: {body} is on a circle, so its pericentre has no direction; h and k take e's place")
+    if "inc" in keys and 0.0 < orbit.inc < ROUNDED:
+        raise InputError(f"elements: {body} is on a flat orbit, so its node has no direction; ix and iy take inc's place")
     around = float(orbit.omega + orbit.Omega)
     tilt = 2.0 * math.sin(0.5 * float(orbit.inc))
     values: dict[str, Any] = {

@@ -102,7 +102,7 @@ def chaos(
 
     subject = load_or_run(system)
     time = in_units(time, subject, "--time")
-    if spectrum is not None and spectrum != "all" and not spectrum.isdigit():
+    if spectrum is not None and spectrum != "all" and not (spectrum.isdecimal() and int(spectrum) > 0):
         raise InputError(f"--spectrum: expected a number of exponents, or all, got {shown(spectrum)}")
     with progress_bar(quiet) as bar:
         given: Any = {"seed": seed, "threads": threads, "progress": bar("running"), **options}

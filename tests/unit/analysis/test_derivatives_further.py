@@ -170,6 +170,13 @@ def test_what_makes_no_sense_is_said(given, message):
         kd.transition_matrix(planets(), 1.0, **given)
 
 
+def test_circles_have_no_pericentre_to_differentiate_by():
+    bodies = [{"name": "star", "mass": 1.0}, {"name": "b", "mass": 1e-3, "a": 1.0, "M": 40.0, "inc": 10.0}]
+    system = kd.System.from_elements(bodies, units="nbody")
+    with pytest.raises(InputError, match="elements: b is on a circle, so its pericentre has no direction; h and k"):
+        kd.transition_matrix(system, 1.0, elements="b.e")
+
+
 def test_other_forces_than_gravity_have_no_second_derivatives():
     system = planets().with_forces(kd.Gravity(G=1.0), kd.LinearDrag(0.1))
     with pytest.raises(InputError, match="force 'linear-drag': has no variational equations of second order"):
