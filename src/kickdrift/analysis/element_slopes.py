@@ -16,6 +16,7 @@ import numpy as np
 from kickdrift.analysis.jets import Jet, angle, cos, sin
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import primary_row
+from kickdrift.model.limits import whole_text
 from kickdrift.model.orbit_table import gravity_of
 from kickdrift.model.starts.elements import elements
 from kickdrift.model.state import Floats
@@ -56,8 +57,8 @@ def named(system: System, texts: tuple[str, ...], what: str = "elements") -> tup
             raise InputError(
                 f"{what}: expected BODY.KEY with a key of {', '.join(NAMES)}, got {text!r}{suggestion(key, NAMES)}"
             )
-        number = body.isdigit() and body not in system.names
-        found.append(Named(index_of(system, int(body) if number else body, what), key))
+        number = None if body in system.names else whole_text(body)
+        found.append(Named(index_of(system, body if number is None else number, what), key))
     if len(set(found)) != len(found):
         raise InputError(f"{what}: expected each element once, got {', '.join(texts)}")
     for row in {each.row for each in found}:
