@@ -122,7 +122,7 @@ def _state(system: System, row: int, primary: str | int | None, keys: list[str])
     if "e" in keys and orbit.e < ROUNDED:
         raise InputError(f"elements: {body} is on a circle, so its pericentre has no direction; h and k take e's place")
     if "inc" in keys and 0.0 < orbit.inc < ROUNDED:
-        raise InputError(f"elements: {body} is on a flat orbit, so its node has no direction; ix and iy take inc's place")
+        raise InputError(f"elements: {body}'s orbit is flat, so its node has no direction; ix and iy take inc's place")
     around = float(orbit.omega + orbit.Omega)
     tilt = 2.0 * math.sin(0.5 * float(orbit.inc))
     values: dict[str, Any] = {

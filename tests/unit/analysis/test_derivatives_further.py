@@ -170,11 +170,18 @@ def test_what_makes_no_sense_is_said(given, message):
         kd.transition_matrix(planets(), 1.0, **given)
 
 
-def test_circles_have_no_pericentre_to_differentiate_by():
-    bodies = [{"name": "star", "mass": 1.0}, {"name": "b", "mass": 1e-3, "a": 1.0, "M": 40.0, "inc": 10.0}]
+@pytest.mark.parametrize(
+    ("key", "inc", "message"),
+    [
+        ("e", 10.0, "elements: b is on a circle, so its pericentre has no direction; h and k"),
+        ("inc", 1e-11, "elements: b's orbit is flat, so its node has no direction; ix and iy"),
+    ],
+)
+def test_circles_and_flat_orbits_have_no_direction_to_differentiate_by(key, inc, message):
+    bodies = [{"name": "star", "mass": 1.0}, {"name": "b", "mass": 1e-3, "a": 1.0, "M": 40.0, "inc": inc}]
     system = kd.System.from_elements(bodies, units="nbody")
-    with pytest.raises(InputError, match="elements: b is on a circle, so its pericentre has no direction; h and k"):
-        kd.transition_matrix(system, 1.0, elements="b.e")
+    with pytest.raises(InputError, match=message):
+        kd.transition_matrix(system, 1.0, elements=f"b.{key}")
 
 
 def test_other_forces_than_gravity_have_no_second_derivatives():
