@@ -33,6 +33,22 @@ FEWER = 1000.0  # a run of hours has a frame each time that a thousandth of it h
 FRAME, TOLD, END = "frame", "told", "end"  # kinds of messages
 Send = Callable[[str, dict[str, Any]], None]
 
+# For pages and widgets: of the frames that come while one is unpacked, the last is shown.
+NEWEST = """
+function newest(show) {
+  let busy = false, next = null;
+  return async (frame) => {
+    next = frame;
+    while (next && !busy) {
+      const taken = next;
+      next = null;
+      busy = true;
+      try { await show(taken); } finally { busy = false; }
+    }
+  };
+}
+"""
+
 
 class Feed:
     """Follows a Simulation, and sends what a view shows.

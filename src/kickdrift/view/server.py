@@ -19,7 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 from kickdrift.errors import InputError
 from kickdrift.run.simulation import Simulation
 from kickdrift.text import clean
-from kickdrift.view.live import END, FRAME, Feed
+from kickdrift.view.live import END, FRAME, NEWEST, Feed
 from kickdrift.view.page import POLICY, page_of
 
 HOST = "127.0.0.1"
@@ -30,7 +30,9 @@ KEPT = 1000  # messages of text and curves that a page may miss while it loads
 SILENCE = 5.0  # seconds without news after which a sign of life is sent
 LAST = 2.0  # seconds at most in which pages may take the last frame
 
-START = """\
+START = (
+    NEWEST
+    + """\
 const scene = JSON.parse(document.getElementById("scene").textContent);
 const view = await globalThis.kickdriftView.mount(document.getElementById("view"), scene, {live: true});
 globalThis.view = view;
@@ -40,21 +42,18 @@ const address = new URL("events", location.href);
 address.search = location.search;
 address.searchParams.set("after", scene.after);
 const source = new EventSource(address);
-let busy = false;
+const show = newest((frame) => view.append(frame));
 source.addEventListener("told", async (event) => {
   const {step, text, curves} = JSON.parse(event.data);
   document.body.dataset.step = step;
   view.say(text);
   await view.addCurves(curves);
 });
-source.addEventListener("frame", async (event) => {
-  if (busy) return;
-  busy = true;
-  try { await view.append(JSON.parse(event.data)); } finally { busy = false; }
-});
+source.addEventListener("frame", (event) => show(JSON.parse(event.data)));
 source.addEventListener("end", () => { source.close(); view.live = false; });
 source.addEventListener("error", () => { source.close(); view.say("The connection to the run has ended."); });
 """
+)
 
 
 class Reader:

@@ -8,12 +8,12 @@ from typing import Any
 import anywidget
 import traitlets
 
-from kickdrift.view.live import END, Feed
+from kickdrift.view.live import END, NEWEST, Feed
 from kickdrift.view.page import bundle
 from kickdrift.view.scene import Scene
 from kickdrift.view.shown import HEIGHT, View
 
-# A message that comes before the view is mounted waits; frames that come while one is unpacked are left out.
+# A message that comes before the view is mounted waits.
 RENDER = """
 async function render({model, el}) {
   const inside = document.createElement("div");
@@ -21,16 +21,15 @@ async function render({model, el}) {
   el.append(inside);
   const scene = JSON.parse(model.get("scene"));
   const mounting = globalThis.kickdriftView.mount(inside, scene, {live: model.get("live")});
-  let busy = false;
+  const show = newest(async (frame) => (await mounting).append(frame));
   const hear = async ({kind, content}) => {
     const view = await mounting;
     if (kind === "told") {
       inside.dataset.step = content.step;
       view.say(content.text);
       await view.addCurves(content.curves);
-    } else if (kind === "frame" && !busy) {
-      busy = true;
-      try { await view.append(content); } finally { busy = false; }
+    } else if (kind === "frame") {
+      await show(content);
     }
   };
   model.on("msg:custom", hear);
@@ -51,7 +50,7 @@ class Widget(anywidget.AnyWidget):
     height : of the view, in pixels
     """
 
-    _esm = bundle() + RENDER
+    _esm = bundle() + NEWEST + RENDER
     scene = traitlets.Unicode("{}").tag(sync=True)
     live = traitlets.Bool(False).tag(sync=True)
     height = traitlets.Int(HEIGHT).tag(sync=True)
