@@ -10,7 +10,8 @@ import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
 from kickdrift.analysis.columns import columns_of
-from kickdrift.analysis.tangent_run import TangentRun
+from kickdrift.analysis.map_run import MapRun
+from kickdrift.analysis.mapped import has_map, map_run
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
@@ -18,7 +19,6 @@ from kickdrift.forces.fields import Hill
 from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
-from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -138,7 +138,8 @@ def transition_matrix(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
-        and forces with exact slopes
+        and forces with exact slopes. So does ``trace``, for gravity alone and the inner method gauss-radau15; its
+        switches between encounters and Kepler drifts have no derivative
     bodies : names or numbers of the bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
@@ -172,9 +173,9 @@ def transition_matrix(
             raise InputError(f"second: the tangent map of {mapped} has none; {DEFAULT} takes it")
         mapped = None
     name = mapped or carrier(system, asked, DEFAULT)
-    run: TangentRun | VariedRun
+    run: MapRun | VariedRun
     if mapped:
-        run = TangentRun(system, columns, name, threads, given)
+        run = map_run(system, columns, INTEGRATORS[mapped], threads, given)
     else:
         run = VariedRun(system, columns, name, threads, given, second)
     with following(progress, "running") as told:
@@ -189,10 +190,10 @@ def transition_matrix(
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
-    """Name of the Wisdom-Holman method whose tangent map serves: the one asked for, or the system file's own where it
-    can; else None."""
+    """Name of the method whose tangent map serves: the one asked for, or the system file's own where it can; else
+    None."""
     named = INTEGRATORS.get(asked or system.run.integrator or "")
-    if not isinstance(named, WisdomHolman):
+    if named is None or not has_map(named):
         return None
     alone = all(isinstance(force, Gravity) for force in system.forces)
     has_step = given.get("dt") is not None or system.run.dt is not None
@@ -211,7 +212,7 @@ def given_run(
     sim, now = system, system.state
     own = sim.integration.system
     assert isinstance(own, System)
-    if asked is None and (sim.method.carries or isinstance(sim.method, WisdomHolman)):
+    if asked is None and (sim.method.carries or has_map(sim.method)):
         asked = sim.integrator
         kept = {"dt": sim.dt, **{key: sim.options.get(key) for key in sim.method.tunable}}
         given = kept | {key: value for key, value in given.items() if value is not None}

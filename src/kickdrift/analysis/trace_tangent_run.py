@@ -1,0 +1,90 @@
+"""A run of a System by the hybrid map `trace`, with derivatives of its end by the map's tangent map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.columns import Columns
+from kickdrift.analysis.map_run import MapRun
+from kickdrift.analysis.varied_run import DEFAULT
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.gravity import Gravity
+from kickdrift.integrators.trace import METHODS
+from kickdrift.jit.notices import compiling_for
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+
+POINTS = 2**16  # rows of the path: points of all bodies that meet inside one step
+
+
+class TraceTangentRun(MapRun):
+    """A System with derivatives under `trace`. The bodies move as in a run without derivatives, to the last bit.
+
+    Without columns the caller gives the deviations to ``start``."""
+
+    def __init__(
+        self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
+    ) -> None:
+        if columns is not None and columns.parameters:
+            raise InputError(f"parameters: the tangent map of {name} takes none; {DEFAULT} does")
+        for force in system.forces:
+            if not isinstance(force, Gravity):
+                raise InputError(
+                    f"force {force.name!r}: the tangent map of {name} takes gravity alone; {DEFAULT} takes other forces"
+                )
+        of_masses = None if columns is None else columns.of_masses(len(system))
+        if of_masses is not None:
+            for body in np.flatnonzero(of_masses.any(axis=1) & (system.state.masses == 0.0)):
+                raise InputError(
+                    f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
+                    f"{DEFAULT} does"
+                )
+        sim = Simulation(system, name, threads=threads, **options)
+        if sim.options.inner != METHODS[0]:
+            raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
+        assert sim.dt is not None
+        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
+        if columns is not None:
+            self.start(columns.start(len(system)), of_masses)
+
+    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
+        from kickdrift.integrators.trace_tangent import trace_tangents
+
+        system, masses = self.system, self.system.state.masses
+        n = len(system)
+        with compiling_for(self.sim.integration.purpose):
+            self._stepper = self.sim.method.stepper(self.sim.integration.flow, self.sim.options)
+            self._stepper.reset(system.state.phase, system.state.time, 0)
+            slot, slots, order = self._stepper.noting(POINTS)
+            gravity = next(force for force in system.forces if isinstance(force, Gravity))
+            G = gravitational_constant(gravity.name, gravity.G, system)
+            by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
+            self._made = trace_tangents(
+                system.state.phase[:, :, order], slopes[:, :, order], G * masses[order], by_mass[order], slot, slots
+            )
+        self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
+        self.steps = 0
+
+    def advance(self, steps: int) -> None:
+        with compiling_for(self.sim.integration.purpose):
+            status = self._stepper.advance_with(self._made, steps)
+        self.steps = self._stepper.steps_done
+        if status:
+            from kickdrift.integrators.trace_tangent import CROWDED
+
+            what = f"more than {POINTS} points inside a step" if status == CROWDED else "blew up"
+            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: {what} before step {self.steps + 1}")
+
+    def now(self) -> tuple[Floats, Floats]:
+        from kickdrift.integrators.trace_tangent import leave_slopes
+
+        slopes = np.empty((2, 3, len(self.system), self._columns))
+        leave_slopes(self._rows, self._columns, slopes)
+        phase = self._stepper.y.copy()
+        if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
+            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
+        return phase, slopes[:, :, np.argsort(self._order)]
