@@ -14,6 +14,7 @@ from kickdrift.run.simulation import Simulation
 
 PIECE = 1000  # steps between two reports of progress
 
+
 class MapRun:
     """A System with derivatives under a method that has a tangent map. ``sim`` is a Simulation of the System, at the
     start."""

@@ -12,6 +12,7 @@ from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.pushes import parameter_of
 from kickdrift.integrators.trace import METHODS
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
@@ -29,20 +30,12 @@ class TraceTangentRun(MapRun):
     def __init__(
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
     ) -> None:
-        if columns is not None and columns.parameters:
-            raise InputError(f"parameters: the tangent map of {name} takes none; {DEFAULT} does")
         for force in system.forces:
             if not isinstance(force, Gravity):
                 raise InputError(
                     f"force {force.name!r}: the tangent map of {name} takes gravity alone; {DEFAULT} takes other forces"
                 )
-        of_masses = None if columns is None else columns.of_masses(len(system))
-        if of_masses is not None:
-            for body in np.flatnonzero(of_masses.any(axis=1) & (system.state.masses == 0.0)):
-                raise InputError(
-                    f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
-                    f"{DEFAULT} does"
-                )
+        of_masses = None if columns is None else _of_masses(system, columns, name)
         sim = Simulation(system, name, threads=threads, **options)
         if sim.options.inner != METHODS[0]:
             raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
@@ -57,15 +50,16 @@ class TraceTangentRun(MapRun):
         system, masses = self.system, self.system.state.masses
         n = len(system)
         with compiling_for(self.sim.integration.purpose):
-            self._stepper = self.sim.method.stepper(self.sim.integration.flow, self.sim.options)
-            self._stepper.reset(system.state.phase, system.state.time, 0)
-            slot, slots, order = self._stepper.noting(POINTS)
-            gravity = next(force for force in system.forces if isinstance(force, Gravity))
-            G = gravitational_constant(gravity.name, gravity.G, system)
+            flow: Any = self.sim.integration.flow
+            stepper: Any = self.sim.method.stepper(flow, self.sim.options)
+            stepper.reset(system.state.phase, system.state.time, 0)
+            slot, slots, order = stepper.noting(POINTS)
+            G = _constant(system)
             by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
             self._made = trace_tangents(
                 system.state.phase[:, :, order], slopes[:, :, order], G * masses[order], by_mass[order], slot, slots
             )
+        self._stepper = stepper
         self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
         self.steps = 0
 
@@ -88,3 +82,25 @@ class TraceTangentRun(MapRun):
         if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
             raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
         return phase, slopes[:, :, np.argsort(self._order)]
+
+
+def _constant(system: System) -> float:
+    """The gravitational constant."""
+    gravity = next(force for force in system.forces if isinstance(force, Gravity))
+    return gravitational_constant(gravity.name, gravity.G, system)
+
+
+def _of_masses(system: System, columns: Columns, name: str) -> Floats:
+    """Slopes of the masses (n, columns) along the columns. A change of G acts as one of all masses."""
+    masses, found = system.state.masses, columns.of_masses(len(system))
+    made = np.zeros((len(system), columns.total)) if found is None else found
+    for body in np.flatnonzero(made.any(axis=1) & (masses == 0.0)):
+        raise InputError(
+            f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
+            f"{DEFAULT} does"
+        )
+    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
+        if parameter_of(system, text)[1] != "G":
+            raise InputError(f"parameters: the tangent map of {name} takes G of gravity alone; {DEFAULT} takes {text}")
+        made[:, column] = masses / _constant(system)
+    return made

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
-from kickdrift.analysis.columns import columns_of
+from kickdrift.analysis.columns import Columns, columns_of
 from kickdrift.analysis.map_run import MapRun
-from kickdrift.analysis.mapped import has_map, map_run
+from kickdrift.analysis.mapped import has_map, map_run, serves
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import Hill
-from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
 from kickdrift.model.state import Floats, State
@@ -167,7 +166,7 @@ def transition_matrix(
     length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters, elements, primary)
     if second and columns.parameters:
         raise InputError("second: goes without parameters, whose slopes are central differences")
-    mapped = _mapped(system, asked, given)
+    mapped = _mapped(system, asked, given, columns)
     if mapped and second:
         if asked:
             raise InputError(f"second: the tangent map of {mapped} has none; {DEFAULT} takes it")
@@ -189,15 +188,13 @@ def transition_matrix(
     )
 
 
-def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
+def _mapped(system: System, asked: str | None, given: dict[str, Any], columns: Columns) -> str | None:
     """Name of the method whose tangent map serves: the one asked for, or the system file's own where it can; else
     None."""
     named = INTEGRATORS.get(asked or system.run.integrator or "")
     if named is None or not has_map(named):
         return None
-    alone = all(isinstance(force, Gravity) for force in system.forces)
-    has_step = given.get("dt") is not None or system.run.dt is not None
-    return named.name if asked or (alone and has_step) else None
+    return named.name if asked or serves(named, system, columns, given) else None
 
 
 def given_run(

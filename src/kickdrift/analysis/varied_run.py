@@ -41,7 +41,8 @@ class VariedRun:
 
     Deviations are in units of the system's own distance, speed and mass, as powers of two, so that a tolerance serves
     them as well as the particles. Scaling them changes no digit. With ``second`` there are deviations of order 2 behind
-    those of order 1; the unit of each is the product of two units.
+    those of order 1; the unit of each is the product of two units. The deviations start from ``begun`` (2, 3, n,
+    columns) if it is given, else as the columns say.
     """
 
     def __init__(
@@ -52,10 +53,11 @@ class VariedRun:
         threads: int,
         options: dict[str, Any],
         second: bool = False,
+        begun: Floats | None = None,
     ) -> None:
         n, count = len(system), columns.total
         self.system, self.columns, self._pairs = system, columns, np.triu_indices(count if second else 0)
-        start, masses = columns.start(n), columns.of_masses(n)
+        start, masses = columns.start(n) if begun is None else begun, columns.of_masses(n)
         heavy = 2.0 ** np.round(np.log2(system.state.masses.sum() or 1.0))
         pushes, sizes = _pushes(system, columns, heavy)
         start = np.concatenate([start, columns.second_start(n, *self._pairs)], axis=-1)
@@ -73,7 +75,8 @@ class VariedRun:
         sizes = [*np.repeat(half, bodies), *(heavy for _ in columns.masses), *sizes]
         unit = np.abs(start / self._scale).max(axis=(0, 1, 2))[:count]  # true deviation over the scaled one
         unit = 2.0 ** np.round(np.log2(np.where(unit > 0.0, unit, 1.0)))
-        unit[: len(sizes)] = 1.0 / np.array(sizes)
+        kept = slice(0 if begun is None else bodies * 2, len(sizes))
+        unit[kept] = 1.0 / np.array(sizes[kept])
         if masses is not None:
             unit[masses[:, :count].any(axis=0)] = 1.0 / heavy
         self._unit = self._with_pairs(unit)

@@ -48,7 +48,7 @@ class TraceTangents(NamedTuple):
 
     rows: NDArray[np.float64]  # (blocks, ROWS, 3 n SLOT)
     slot: NDArray[np.int64]  # (n,) slot of each body; that of the central one has no meaning
-    index: NDArray[np.int64]  # (slots,) number of the body in a slot
+    number: NDArray[np.int64]  # (slots,) number of the body in a slot
     met: NDArray[np.uint8]  # (n,) 1: the body moved with others in the last step
     massive: int  # number of massive bodies, with the central one
     meeting: DualMeeting
@@ -60,11 +60,11 @@ def trace_tangents(
     """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns) to
     democratic heliocentric coordinates."""
     n, columns = len(gm), slopes.shape[-1]
-    index = np.zeros(slots, np.int64)
-    index[slot[1:]] = np.arange(1, n)
+    number = np.zeros(slots, np.int64)
+    number[slot[1:]] = np.arange(1, n)
     massive = int(np.count_nonzero(gm > 0.0))
     made = TraceTangents(
-        np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), slot, index, np.zeros(n, np.uint8), massive,
+        np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), slot, number, np.zeros(n, np.uint8), massive,
         dual_meeting(massive + 1),
     )  # fmt: skip
     enter_democratic(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
@@ -154,9 +154,7 @@ def trace_tangent_steps(
     for step in range(steps):
         hybrid.used[...] = 0
         cursor[STEP] = 0
-        status = status_at(
-            loop, (forces, hybrid, slots, listed, masses, dt, start, y, first + step, 1, cursor)
-        )
+        status = status_at(loop, (forces, hybrid, slots, listed, masses, dt, start, y, first + step, 1, cursor))
         if status == OK:
             put_values(own.rows, own.slot, hybrid.start, hybrid.centre)
             status = tangent_step(given, own, dt)
@@ -176,7 +174,7 @@ def tangent_step(hybrid, own, h):
     own.met[:] = 0
     for row in range(points):
         if hybrid.path[row, 1] >= 0.0:
-            own.met[own.index[int(hybrid.path[row, 1])]] = 1
+            own.met[own.number[int(hybrid.path[row, 1])]] = 1
     heavy = heavy_passes(hybrid)
     for block in range(blocks.shape[0]):
         rows = blocks[block]
@@ -271,7 +269,7 @@ def meet_duals(hybrid, own, rows, points, heavy):
     middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
     after_x, after_v = dual_rows(rows[AFTER_X], count), dual_rows(rows[AFTER_V], count)
     while row < points:
-        n, massive = enter_meeting(hybrid, meeting, own.index, row)
+        n, massive = enter_meeting(hybrid, meeting, own.number, row)
         status = meet_again(hybrid, meeting, masses, n, middle_x, middle_v, row, points)
         if status != OK:
             return status

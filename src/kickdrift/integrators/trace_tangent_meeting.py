@@ -197,7 +197,7 @@ def momentum_duals(meeting, masses, n):
 
 
 @jit
-def enter_meeting(hybrid, meeting, index, first):
+def enter_meeting(hybrid, meeting, number, first):
     """members, slots and jumps <- those of the meeting at row ``first`` of the path. Return how many bodies, and
     whether all are massive."""
     path, massive = hybrid.path, hybrid.near.shape[0]
@@ -205,7 +205,7 @@ def enter_meeting(hybrid, meeting, index, first):
     for i in range(n):
         slot = int(path[first + i, 1])
         slot = slot if slot >= 0 else -1 - slot
-        meeting.slots[i], meeting.members[i] = slot, index[slot]
+        meeting.slots[i], meeting.members[i] = slot, number[slot]
         meeting.jumps[i] = heavy or (slot >= massive and hybrid.used[massive, slot] != 0)
     return n, meeting.slots[n - 1] < massive
 
@@ -213,11 +213,10 @@ def enter_meeting(hybrid, meeting, index, first):
 @jit
 def heavy_passes(hybrid):
     """Tell whether a massive body passed its pericentre in the last step."""
-    massive = hybrid.near.shape[0]
+    massive, found = hybrid.near.shape[0], False
     for i in range(massive):
-        if hybrid.used[massive, i]:
-            return True
-    return False
+        found = found or hybrid.used[massive, i] != 0
+    return found
 
 
 @jit
