@@ -107,6 +107,7 @@ def transits(
     elements: Iterable[str] = (),
     primary: str | int | None = None,
     integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
@@ -129,7 +130,7 @@ def transits(
     masses : whether to differentiate by the masses of all bodies as well
     parameters, elements, primary : parameters of forces, and orbital elements at the start, to differentiate by, as in
         ``transition_matrix``
-    integrator, options : a method that knows the state inside its steps; default the system file's if it does, else
+    integrator, dt, options : a method that knows the state inside its steps; default the system file's if it does, else
         gauss-radau15. ``wisdom-holman``, ``saba`` and ``trace`` serve as well: from the step point before each transit
         the motion goes on by gauss-radau15
 
@@ -144,7 +145,7 @@ def transits(
     RunError
         If the run blows up.
     """
-    system, asked, given = given_run("transits", system, integrator, options)
+    system, asked, given = given_run("transits", system, integrator, {"dt": dt, **options})
     name = _method(system, asked, integrator is None)
     pair = _pair(system, planet, star)
     sight, end = _unit(direction), float(time_in(until, system.units, "until"))
@@ -153,7 +154,7 @@ def transits(
     most = _within(system, pair, within)
     columns = columns_of(system, bodies, masses, parameters, elements, primary)
     with following(progress, "running") as told:
-        chosen, method = given if name == asked else options, method_named(name)
+        chosen, method = given if name == asked else {"dt": dt, **options}, method_named(name)
         if has_map(method):
             mapped = map_run(system, columns, method, threads, chosen)
             found, differ = found_by_map(mapped, columns, pair, sight, end, most, told), mapped.by_differences

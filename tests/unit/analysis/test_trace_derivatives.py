@@ -119,6 +119,24 @@ def test_columns_by_masses_and_the_constant():
     np.testing.assert_allclose(found.by_parameters[:, 0], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
 
 
+def test_the_star_may_be_in_any_row():
+    system, order = light(meeting(), (7.0, 0.97, -0.3, 0.0)), [4, 1, 0, 3, 2]
+    state = system.state
+    turned = system_of(state.positions[order], state.velocities[order], state.masses[order])
+    one, two = (kd.transition_matrix(each, STEPS * DT, "trace", DT).matrix for each in (system, turned))
+    rows = np.add.outer(3 * np.array(order), np.arange(3)).ravel()
+    rows = np.concatenate([rows, 15 + rows])
+    np.testing.assert_allclose(two, one[np.ix_(rows, rows)], rtol=0, atol=1e-12 * np.abs(one).max())
+
+
+def test_massless_bodies_about_a_star_alone():
+    """Kepler motions, whose matrix is that of gauss-radau15, in a passage too."""
+    system = light(system_of(np.zeros((1, 3)), np.zeros((1, 3)), [1.0]), (7.0, 0.97, -0.3, 0.0), (7.0, 0.1, 2.0, 0.0))
+    assert any(passages for _, passages in end_of(system)[1])
+    found, exact = (kd.transition_matrix(system, STEPS * DT, *each) for each in (("trace", DT), ("gauss-radau15",)))
+    np.testing.assert_allclose(found.matrix, exact.matrix, rtol=0, atol=1e-12 * np.abs(exact.matrix).max())
+
+
 def test_a_step_without_encounters_against_forty_digits():
     """Kick, jump, drift, jump and kick in democratic heliocentric coordinates, and differences, in mpmath."""
     mp = pytest.importorskip("mpmath")
