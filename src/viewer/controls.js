@@ -228,6 +228,7 @@ export class Controls {
   counted(count, moments) {
     this.slider.max = Math.max(0, count - 1);
     for (const each of this.moving) each.classList.toggle("hidden", count < 2);
+    this.clock.parentElement.classList.toggle("single", count < 2);
     this.ticks.replaceChildren();
     if (count < 2) return;
     const places = new Set(this.scene.events.map(({time}) => Math.round((200 * moments.nearest(time)) / (count - 1))));

@@ -2,7 +2,7 @@
 
 import {unpacked} from "./packed.js";
 
-const HIGH = 74, LEFT = 4, TOP = 6;
+const HIGH = 84, LEFT = 4, TOP = 15; // the numbers stand above and below the curve
 
 export const short = (value) => {
   if (value === 0) return "0";

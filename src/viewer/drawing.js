@@ -270,17 +270,21 @@ export class Drawing {
 
   placeNames() {
     const {labels, spheres, camera, width, height} = this, taken = [], at = new Vector3();
+    const perLength = height / (2 * Math.tan((camera.fov * Math.PI) / 360)), eye = new Vector3();
     const order = labels.map((_, i) => i).sort((i, j) => spheres.pixels[j] - spheres.pixels[i]);
     for (const i of order) {
+      const deep = -eye.fromArray(spheres.places, 3 * i).applyMatrix4(camera.matrixWorldInverse).z;
+      const wide = Math.max((spheres.radii[i] * this.factor * perLength) / deep, spheres.pixels[i] * Math.sqrt(this.factor));
       at.fromArray(spheres.places, 3 * i).project(camera);
       const x = ((at.x + 1) / 2) * width, y = ((1 - at.y) / 2) * height;
       const inside = Number.isFinite(x) && Math.abs(at.z) < 1 && x > 0 && x < width && y > 0 && y < height;
-      const clear = !taken.some(([p, q, w]) => Math.abs(q - y) < 14 && x < p + w && p < x + 7 * labels[i].textContent.length);
+      const left = x + Math.max(9, wide + 2), right = left + 7 * labels[i].textContent.length + 6;
+      const clear = !taken.some(([p, q, w]) => Math.abs(q - y) < 14 && left < w && p < right);
       const shown = this.shows.names && inside && clear;
       labels[i].style.visibility = shown ? "visible" : "hidden";
       if (!shown) continue;
-      taken.push([x, y, 7 * labels[i].textContent.length]);
-      labels[i].style.transform = `translate(${(x + 9).toFixed(1)}px, ${(y - 8).toFixed(1)}px)`;
+      taken.push([left, y, right]);
+      labels[i].style.transform = `translate(${left.toFixed(1)}px, ${(y - 8).toFixed(1)}px)`;
     }
   }
 

@@ -53,6 +53,7 @@ button.tool svg .solid { fill: currentColor }
 .view > canvas.compass { inset: auto; left: 214px; bottom: 74px; width: 64px; height: 64px; pointer-events: none }
 .foot { will-change: transform; position: absolute; left: 12px; right: 12px; bottom: 12px; display: flex; align-items: center; gap: 8px; height: 52px;
   padding: 0 10px }
+.foot.single { left: auto }
 .foot .track { position: relative; flex: 1; min-width: 60px; height: 32px; display: flex; align-items: center }
 .foot input { width: 100%; margin: 0; accent-color: var(--mark); cursor: pointer }
 .ticks { position: absolute; left: 8px; right: 8px; top: 1px; height: 5px; pointer-events: none }
@@ -63,8 +64,8 @@ button.tool svg .solid { fill: currentColor }
 .curvehead { display: flex; gap: 6px; align-items: baseline; font-weight: 600; font-size: 12px }
 .curvehead .unit { color: var(--faint); font-weight: 400; flex: 1; font-size: 11.5px }
 .curvehead .now { font-variant-numeric: tabular-nums; color: var(--mark) }
-.plot { position: relative; height: 74px; cursor: crosshair; touch-action: none; margin-top: 3px }
-.plot canvas { position: absolute; inset: 0; width: 100%; height: 74px }
+.plot { position: relative; height: 84px; cursor: crosshair; touch-action: none; margin-top: 3px }
+.plot canvas { position: absolute; inset: 0; width: 100%; height: 84px }
 .marker { will-change: transform; position: absolute; left: -.5px; top: 0; bottom: 0; width: 1px; background: var(--ink); opacity: .7 }
 .most, .least { position: absolute; right: 2px; font-size: 10.5px; color: var(--faint); font-variant-numeric: tabular-nums;
   background: var(--card); border-radius: 3px; padding: 0 2px; line-height: 13px; pointer-events: none }
@@ -83,12 +84,12 @@ dd { margin: 0 0 5px; user-select: text; -webkit-user-select: text; overflow-wra
 .help div { display: flex; gap: 10px; padding: 2px 0 }
 .help kbd { font: 12px ui-monospace, Menlo, Consolas, monospace; min-width: 96px; color: var(--mark) }
 @container (max-width: 720px) {
-  .side { left: 12px; width: auto; top: 96px; background: var(--ground) }
+  .side { left: 12px; width: auto; top: 96px; background: var(--ground); z-index: 1 }
   .head { max-width: calc(100% - 32px); top: 52px }
-  .clock { min-width: 84px } .clock span, .wide { display: none }
-  .legend { max-width: 180px } .compass { display: none }
+  .clock { min-width: 84px } .clock span, .foot .wide { display: none }
+  .legend { max-width: 180px } .view > canvas.compass { display: none }
 }
-@container (max-height: 420px) { .legend .size, .compass { display: none } }
+@container (max-height: 420px) { .legend .size, .view > canvas.compass { display: none } }
 @media (prefers-reduced-motion: no-preference) { button.tool { transition: background .12s } }
 `;
 

@@ -189,7 +189,7 @@ OPTIONS: dict[str, dict[str, str]] = {
     "view": {
         "file": "open(path)",
         "--frames": "open().view(frames)",
-        "--color": "open().view(color)",
+        "--colour": "open().view(colour)",
         "--size": "open().view(size)",
     },
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},

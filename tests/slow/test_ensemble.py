@@ -359,7 +359,7 @@ def test_the_command_line(system, tmp_path):
     assert again.exit_code == 0
     assert "4 of 4 members are already done" in again.output
     assert len(kd.Ensemble.read(output)) == 4
-    assert CliRunner().invoke(app, ["info", str(output)]).output == done.output
+    assert CliRunner().invoke(app, ["info", str(output)]).stdout == done.stdout
     failing = CliRunner().invoke(app, ["ensemble", str(system), "--vary", "dt=1e200,1e201", "--workers", "1"])
     assert failing.exit_code == 1
     assert failing.output.count("blew up at step") == 2

@@ -6,7 +6,7 @@ Synthetic series check `kickdrift.frequencies` itself. The outer planets for 5 m
 g8 and s6 to s8 of La2004 up to the part of the inner planets, whose mass this system puts into the Sun. Pluto librates
 in the 3:2 resonance of Neptune.
 
-The long set runs the Sun, eight planets and Pluto with the Sun's 1PN potential for 10^8 years, about 80 minutes on a
+The long set runs the Sun, eight planets and Pluto with the Sun's 1PN potential for 10^8 years, about an hour on a
 core. Its file stays in the folder for temporary files, and a stopped run goes on from there. The motion of the inner
 planets is chaotic with a Lyapunov time of 5 million years (Laskar 1989, doi:10.1038/338237a0), so their frequencies
 are compared over the first 20 million years, as in La2004's table. Our Earth and Moon are one body.

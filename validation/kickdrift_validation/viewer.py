@@ -34,6 +34,7 @@ SIZE = {"width": 1000, "height": 640}
 DIFFERENT = 24  # of 255: a pixel that differs by more in a colour counts as another one
 MOST = 0.01  # share of the pixels that may differ: edges of spheres, which a rounding of the graphics moves
 PACE = 30.0  # frames a second
+WAITS = 1200  # for a page to begin, 50 ms each
 TRIES = 4  # of the pace, 3 s each; the best counts, since other programs share the machine
 CHROMIUM = "Chromium"
 SHOWN, GAP = ("mixture", "planets"), 10  # in the figure, and pixels between its parts
@@ -67,7 +68,10 @@ class Page:
         self.tab.on("dialog", lambda dialog: (self.errors.append(f"dialog {dialog.message}"), dialog.dismiss()))
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.goto(path.as_uri())
-        self.tab.wait_for_function("globalThis.view", timeout=60_000)
+        for _ in range(WAITS):
+            if self.ask("globalThis.view?.count > 0"):  # before, `view` is the element of that id
+                break
+            self.tab.wait_for_timeout(50)
         self.address = path.as_uri()
 
     def ask(self, script: str, given: Any = None) -> Any:

@@ -35,6 +35,12 @@ class Columns(NamedTuple):
     def total(self) -> int:
         return sum(self.widths)
 
+    def names(self, system: System) -> tuple[str, ...]:
+        """Names of the columns, such as "b.x", "b.vx", "b.mass", "j2.radius" and "b.e"."""
+        known = system.names or tuple(str(row) for row in range(len(system)))
+        axes = [f"{known[body]}.{part}{axis}" for part in ("", "v") for body in self.bodies for axis in "xyz"]
+        return (*axes, *(f"{known[row]}.mass" for row in self.masses), *self.parameters, *self.elements)
+
     def start(self, n: int) -> Floats:
         """Deviations (2, 3, n, columns): units for positions body by body and velocities body by body, nothing for
         masses and parameters, and what the elements do."""

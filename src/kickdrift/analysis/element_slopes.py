@@ -16,6 +16,7 @@ import numpy as np
 from kickdrift.analysis.jets import Jet, angle, cos, sin
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import primary_row
+from kickdrift.model.limits import whole_text
 from kickdrift.model.orbit_table import gravity_of
 from kickdrift.model.starts.elements import elements
 from kickdrift.model.state import Floats
@@ -28,6 +29,7 @@ SIZES, ANOMALIES = ("a", "P"), ("M", "f", "E")
 PLAIN, PAL = ("e", "inc", "Omega", "omega"), ("h", "k", "ix", "iy", "lambda")
 NAMES = (*SIZES, *PLAIN, *ANOMALIES, *PAL, MASS)
 DEGREES = ("inc", "Omega", "omega", *ANOMALIES, "lambda")
+ROUNDED = 1e-12  # a smaller eccentricity or inclination has its direction from rounding
 NEWTON = 3  # steps: each doubles the order to which derivatives are right
 
 
@@ -55,8 +57,8 @@ def named(system: System, texts: tuple[str, ...], what: str = "elements") -> tup
             raise InputError(
                 f"{what}: expected BODY.KEY with a key of {', '.join(NAMES)}, got {text!r}{suggestion(key, NAMES)}"
             )
-        number = body.isdigit() and body not in system.names
-        found.append(Named(index_of(system, int(body) if number else body, what), key))
+        number = None if body in system.names else whole_text(body)
+        found.append(Named(index_of(system, body if number is None else number, what), key))
     if len(set(found)) != len(found):
         raise InputError(f"{what}: expected each element once, got {', '.join(texts)}")
     for row in {each.row for each in found}:
@@ -86,7 +88,7 @@ def slopes_of(system: System, names: tuple[Named, ...], primary: str | int | Non
     Raises
     ------
     InputError
-        For a body that has no ellipse about its primary.
+        For a body that has no ellipse about its primary, and for ``e`` and ``inc`` where they have no direction.
     """
     n, count = len(system), len(names)
     first, second = np.zeros((2, 3, n, count)), np.zeros((2, 3, n, count, count))
@@ -117,6 +119,10 @@ def _state(system: System, row: int, primary: str | int | None, keys: list[str])
     orbit = elements(x, v, mu)
     if not (orbit.e < 1.0 and orbit.q > 0.0):
         raise InputError(f"elements: {body} is not on an ellipse about {system.body(centre)}: e = {float(orbit.e):.6g}")
+    if "e" in keys and orbit.e < ROUNDED:
+        raise InputError(f"elements: {body} is on a circle, so its pericentre has no direction; h and k take e's place")
+    if "inc" in keys and 0.0 < orbit.inc < ROUNDED:
+        raise InputError(f"elements: {body}'s orbit is flat, so its node has no direction; ix and iy take inc's place")
     around = float(orbit.omega + orbit.Omega)
     tilt = 2.0 * math.sin(0.5 * float(orbit.inc))
     values: dict[str, Any] = {

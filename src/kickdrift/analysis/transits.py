@@ -25,6 +25,7 @@ from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
+from kickdrift.text import measured
 
 MOST_SHOWN = 20  # rows of the table
 _COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
@@ -48,6 +49,7 @@ class Transits(Shown):
     integrator : name of the method
     by_differences : names of the forces whose slopes came from central differences
     units : the system's
+    varied : names of the columns of all derivatives, in the order above: "b.x", "b.vx", "b.mass", "j2.radius", "b.e"
     """
 
     times: Floats
@@ -62,6 +64,7 @@ class Transits(Shown):
     integrator: str
     by_differences: tuple[str, ...]
     units: UnitSystem
+    varied: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -165,13 +168,14 @@ def transits(
     if not found:
         near = "" if most == math.inf else f" within {most:.6g} on the sky"
         seen = ", ".join(f"{value:g}" for value in direction)
+        last = measured(f"{end:.10g}", system.units.symbol("time"))
         raise InputError(
-            f"transits: {who} does not pass in front of {whom}{near} until t = {end:.10g}, seen from ({seen}); "
+            f"transits: {who} does not pass in front of {whom}{near} until t = {last}, seen from ({seen}); "
             "direction moves the observer"
         )
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     return Transits(
-        times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units,
+        times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units, columns.names(system),
     )  # fmt: skip
 
 

@@ -54,7 +54,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     "view": (
         ("kickdrift view run.h5md", "One page for any browser: particles that turn, curves and the report."),
         ("kickdrift view solar-system -o planets.html", "The start of a shipped system."),
-        ("kickdrift view run.h5md --color speed --frames 100", "Coloured by speed, with 100 frames."),
+        ("kickdrift view run.h5md --colour speed --frames 100", "Coloured by speed, with 100 frames."),
     ),
     "movie": (
         ("kickdrift movie run.h5md run.mp4 --turn 90 --duration 10", "Ten seconds, while the camera turns."),

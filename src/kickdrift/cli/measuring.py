@@ -22,6 +22,7 @@ from kickdrift.cli.printing import show_found
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.model.limits import whole_text
 from kickdrift.text import shown
 
 
@@ -102,7 +103,7 @@ def chaos(
 
     subject = load_or_run(system)
     time = in_units(time, subject, "--time")
-    if spectrum is not None and spectrum != "all" and not spectrum.isdigit():
+    if spectrum is not None and spectrum != "all" and not whole_text(spectrum):
         raise InputError(f"--spectrum: expected a number of exponents, or all, got {shown(spectrum)}")
     with progress_bar(quiet) as bar:
         given: Any = {"seed": seed, "threads": threads, "progress": bar("running"), **options}
@@ -166,7 +167,8 @@ def transits(
 
 def _body(text: str) -> str | int:
     """A body's number, or its name."""
-    return int(text) if text.isdigit() else text
+    number = whole_text(text)
+    return text if number is None else number
 
 
 def _numbers(text: str) -> list[float]:

@@ -107,7 +107,9 @@ def run(
     ] = False,
     live: Annotated[
         int | None,
-        typer.Option(metavar="[PORT]", help="Show the run in a browser; the terminal says the address (default: any)."),
+        typer.Option(
+            metavar="[PORT]", help="Show the run in a browser; the terminal says the address (default: a free port)."
+        ),
     ] = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
@@ -146,6 +148,8 @@ def run(
         raise InputError("--imd-wait: needs --imd")
     if live is not None and quiet:
         raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
+    if live is not None and not isinstance(chosen, System):
+        raise InputError("--live: a Problem has no particles to show")
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs

@@ -28,9 +28,9 @@ def view(
     ] = None,
     frames: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Most frames, spread evenly (default 501; 2001 of a few bodies)."),
+        typer.Option(metavar="N", min=1, help="Most frames, spread evenly (default 501; 2001 for a few bodies)."),
     ] = None,
-    color: Annotated[
+    colour: Annotated[
         str | None,
         typer.Option(
             metavar="NAME", help="First colours: species or body, speed, 'kinetic energy', or a column of the run."
@@ -50,7 +50,7 @@ def view(
 
     shipped = is_shipped(file) and not os.path.lexists(file)
     target = output or (Path(f"{Path(file).stem}.html") if shipped else Path(file).with_suffix(".html"))
-    page = write_page(file, target, frames=frames, color=color, size=size, overwrite=overwrite)
+    page = write_page(file, target, frames=frames, colour=colour, size=size, overwrite=overwrite)
     out(str(page))
     if open_ or (open_ is None and has_display()):
         import webbrowser

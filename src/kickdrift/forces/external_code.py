@@ -20,6 +20,7 @@ from kickdrift.text import shown, suggestion
 _NAMED: dict[str, Any] = {}  # functions and classes by import path
 _FUNCTIONS: dict[str, Any] = {}  # rules of collisions by import path
 _MODULES: set[str] = set()  # modules that ``--load`` named
+_FILES: set[str] = set()  # modules of Python files that ``--load`` named
 
 
 def path_of(code: Any) -> str:
@@ -62,6 +63,7 @@ def named_function(function: Callable[..., Any]) -> str:
 
 def name_functions(module: ModuleType) -> None:
     """Let files name the functions that a loaded Python file defines, as rules of collisions."""
+    _FILES.add(module.__name__)
     for value in list(vars(module).values()):
         plain = getattr(value, "py_func", value)  # of a function that numba compiles
         if isinstance(plain, FunctionType) and plain.__module__ == module.__name__:
@@ -71,7 +73,15 @@ def name_functions(module: ModuleType) -> None:
 def found_function(key: str, path: Any) -> Any:
     """The function of an import path in a file, for a rule of collisions: see `found`. Functions of a Python file that
     was given to ``--load`` are found too."""
-    return _FUNCTIONS[path] if isinstance(path, str) and path in _FUNCTIONS else found(key, path)
+    if not isinstance(path, str):
+        return found(key, path)
+    if path in _FUNCTIONS:
+        return _FUNCTIONS[path]
+    module, _, name = path.rpartition(".")
+    if module in _FILES and path not in _NAMED:
+        own = [each.rpartition(".")[2] for each in _FUNCTIONS if each.rpartition(".")[0] == module]
+        raise InputError(f"{key}: {module}.py defines no function {name!r}{suggestion(name, own)}")
+    return found(key, path)
 
 
 def home_of(path: Any) -> str | Path | None:

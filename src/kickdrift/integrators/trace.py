@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.spins import spinning
 from kickdrift.integrators.method import OWN_FORCES, Method
 from kickdrift.integrators.option import HILL_RADII, INNER, PERICENTRE
 from kickdrift.integrators.wisdom_holman import one_gravity
@@ -55,8 +56,14 @@ class Trace(Method):
     declared: Any = (HILL_RADII, PERICENTRE, INNER)
 
     def check(self, system: System) -> None:
-        """Raise InputError for a System without a central body, without gravity, or with softened gravity."""
+        """Raise InputError for a System without a central body, without gravity, with softened gravity, or with spins
+        that evolve."""
         one_gravity(self.name, system)
+        if spinning(system):
+            raise InputError(
+                f"{self.name}: moves bodies, and force 'tides-spin' also turns their spins; gauss-radau15 takes both, "
+                "and force 'tides' leaves the spins as they are"
+            )
         if not np.any(system.state.masses > 0.0):
             raise InputError(f"{self.name}: needs a central body, but no particle has mass")
 

@@ -112,8 +112,9 @@ class TraceStepper(WisdomHolmanStepper):
         from kickdrift.integrators.trace_tangent import trace_tangent_steps
 
         table, given = self._others.table, self._given
-        at = address_of(trace_loop, table, *given, self.steps_done, 1, self._cursor)
-        status = trace_tangent_steps(at, table, *given, self.steps_done, steps, self._cursor, tangents)
+        if self._loop_at is None:
+            self._loop_at = address_of(trace_loop, table, *given, self.steps_done, 1, self._cursor)
+        status = trace_tangent_steps(self._loop_at, table, *given, self.steps_done, steps, self._cursor, tangents)
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
         return int(status)

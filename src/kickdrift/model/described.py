@@ -14,11 +14,11 @@ class ShownSystem(Shown):
     def __repr__(self: Any) -> str:
         return f"<System {self.name}: {counted(len(self), 'particle')}>"
 
-    def view(self, *, color: str | None = None, size: float = 1.0, height: int | None = None) -> Any:
+    def view(self, *, colour: str | None = None, size: float = 1.0, height: int | None = None) -> Any:
         """Show the particles in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
 
-        ``height`` is in pixels; ``color`` and ``size`` are those of `kickdrift view`. See docs/live.md."""
-        return above("view")(self, color=color, size=size, height=height)
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md."""
+        return above("view")(self, colour=colour, size=size, height=height)
 
     def _lines(self: Any) -> Lines:
         units = self.units

@@ -35,6 +35,16 @@ class Patch(NamedTuple):
         along, none = k * self.shear * time + row * self.length, 0.0 * k
         return np.array([[k * self.width, along, none], [none, k * self.shear, none]])
 
+    def folded(self, positions: Floats, velocities: Floats, times: Any) -> tuple[Floats, Floats]:
+        """Positions and velocities (…, n, 3) of the images inside the patch, at ``times`` (…)."""
+        k = np.floor(positions[..., 0] / self.width + 0.5)
+        time = np.asarray(times)[..., None]
+        along = positions[..., 1] - k * self.shear * time
+        row = np.floor(along / self.length + 0.5)
+        x, y, none = k * self.width, k * self.shear * time + row * self.length, np.zeros_like(k)
+        shift, kick = np.stack([x, y, none], axis=-1), np.stack([none, k * self.shear, none], axis=-1)
+        return positions - shift, velocities - kick
+
 
 def patch_of(system: Any) -> Patch | None:
     """The patch of a System, or None. Its forces declare it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ import numpy as np
 from kickdrift.analysis.orbits import gravity_of, paths
 from kickdrift.errors import InputError
 from kickdrift.model.orbits import invariable_axes
+from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.plots.camera import Camera
 from kickdrift.plots.orbits import BODY_COLOURS
@@ -88,6 +91,10 @@ class Particles(Filmed):
     ) -> None:  # fmt: skip
         super().__init__(run, rows, colour, "species" if len(run.species) > 1 else "speed")
         n = len(run.ids)
+        self.system: System | None = None
+        with suppress(InputError):  # of a force of the user's own, say
+            self.system = run.system()
+        self.patch = None if self.system is None else patch_of(self.system)
         self.kept = np.linspace(0, n - 1, min(n, MOST)).astype(int)
         if n > MOST:
             self.notes.append(f"the film shows {MOST:,} of {n:,} particles, evenly chosen")
@@ -103,7 +110,7 @@ class Particles(Filmed):
             room = float(np.prod([edge for edge in np.diag(looks[0].box.matrix) if edge > 0]))
             apart = float(room / n) ** (1 / int(np.count_nonzero(np.diag(looks[0].box.matrix))))
         else:
-            x = np.concatenate([each.positions[self.kept] for each in looks])
+            x = np.concatenate([self._places(each)[self.kept] for each in looks])
             self.middle = np.nanmedian(x, axis=0)
             far = np.linalg.norm(x - self.middle, axis=1)
             reach = 1.15 * float(np.nanquantile(far, 0.95)) or 1.0
@@ -113,20 +120,23 @@ class Particles(Filmed):
 
     def _radii(self, usual: float) -> Floats:
         """Radii of the spheres: the bodies' own, if the system has any, else half the usual distance."""
-        try:
-            own = self.run.system().radii
-        except InputError:  # a force of the user's own, say
-            own = None
+        own = None if self.system is None else self.system.radii
         if own is not None and len(own) == len(self.run.ids) and np.any(own > 0):
             return np.asarray(own)[self.kept]
         return np.full(len(self.kept), usual)
+
+    def _places(self, frame: Any) -> Floats:
+        """Positions (n, 3) in open space: as they are, or in the patch that repeats."""
+        if self.patch is None:
+            return np.asarray(frame.positions)
+        return self.patch.folded(frame.positions, frame.velocities, frame.time)[0]
 
     def pictures(self) -> Iterator[Floats]:
         """Picture of each row."""
         for k, row in enumerate(self.rows):
             frame = self.run[row]
             matrix = np.asarray(frame.box.matrix) if self.periodic else None
-            x = frame.wrapped() if self.periodic else frame.positions
+            x = frame.wrapped() if self.periodic else self._places(frame)
             x = x[self.kept] - (self.middle if matrix is None else matrix.sum(axis=0) / 2)
             if self.colours is None:
                 colours = self.by_speed(np.nan_to_num(frame.velocities[self.kept]), self.fastest)

@@ -125,8 +125,9 @@ def _checked_size(size: Any) -> tuple[int, int]:
     except (TypeError, ValueError, OverflowError):
         fine = False
     if not fine:
+        given = "x".join(map(str, size)) if isinstance(size, tuple) else size
         raise InputError(
-            f"size: expected two even numbers of pixels from {low} to {high}, such as 960x720, got {shown(size)}"
+            f"size: expected two even numbers of pixels from {low} to {high}, such as 960x720, got {shown(given)}"
         )
     return found[0], found[1]
 

@@ -88,12 +88,12 @@ class ShownSimulation(Shown):
     def __repr__(self: Any) -> str:
         return f"<Simulation of {self.system.name} with {self.integrator}: {counted(self.steps_done, 'step')} done>"
 
-    def view(self, *, color: str | None = None, size: float = 1.0, height: int | None = None) -> Any:
+    def view(self, *, colour: str | None = None, size: float = 1.0, height: int | None = None) -> Any:
         """Show the particles in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
 
-        ``height`` is in pixels; ``color`` and ``size`` are those of `kickdrift view`. See docs/live.md.
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`. See docs/live.md.
         In a notebook, the picture goes on while the Simulation runs."""
-        return above("view")(self, color=color, size=size, height=height)
+        return above("view")(self, colour=colour, size=size, height=height)
 
     def _spark(self: Any) -> Spark | None:
         if not self.record.looks:

@@ -27,13 +27,13 @@ class ShownRun(Shown):
         return plain(above("run content")(self))
 
     def view(
-        self, *, frames: int | None = None, color: str | None = None, size: float = 1.0, height: int | None = None
+        self, *, frames: int | None = None, colour: str | None = None, size: float = 1.0, height: int | None = None
     ) -> Any:
         """Show the frames in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
 
-        ``height`` is in pixels; ``color`` and ``size`` are those of `kickdrift view`.
+        ``height`` is in pixels; ``colour`` and ``size`` are those of `kickdrift view`.
         ``frames`` is the most of them. See docs/live.md."""
-        return above("view")(self, frames=frames, color=color, size=size, height=height)
+        return above("view")(self, frames=frames, colour=colour, size=size, height=height)
 
     def plot(self, kind: str | None = None, *, column: str | None = None) -> Any:
         """Draw the run; a matplotlib Figure.

@@ -49,7 +49,7 @@ def curves_of(
         found.append(curve("temperature", "temperature", unit, times, observables["temperature"]))
     for name, unit in (own or {}).items():
         if len(times) and observables[name].ndim == 1:
-            found.append(curve(name, name, symbol_of(unit), times, observables[name]))
+            found.append(curve(name, name.replace("_", " "), symbol_of(unit), times, observables[name]))
     return found[:MOST_CURVES]
 
 

@@ -76,7 +76,7 @@ def write_page(
     output: str | os.PathLike[str],
     *,
     frames: int | None = None,
-    color: str | None = None,
+    colour: str | None = None,
     size: float = 1.0,
     overwrite: bool = False,
 ) -> Path:
@@ -84,7 +84,7 @@ def write_page(
 
     Parameters
     ----------
-    given, frames, color, size : as in `scene_of`
+    given, frames, colour, size : as in `scene_of`
     output : path that ends in .html
     overwrite : replace a page that kickdrift wrote
 
@@ -95,7 +95,7 @@ def write_page(
     """
     inputs = [given] if isinstance(given, str | os.PathLike) else [getattr(given, "path", None)]
     target = checked_target(output, PAGE, overwrite, inputs)
-    text = page(scene_of(given, frames, color, size))
+    text = page(scene_of(given, frames, colour, size))
     with written_whole(target, PAGE, overwrite=overwrite) as part:
         part.write_text(text, encoding="utf-8")
     return target

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.model.patch import patch_of
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -76,7 +77,7 @@ def scene_of(
         raise InputError(f"view: expected a run, a System or a Simulation, got {type(given).__name__}")
     names = [each["name"] for each in found["colours"]]
     if colour is not None and colour not in names:
-        raise InputError(f"color: expected one of {', '.join(names)}, got {colour!r}{suggestion(colour, names)}")
+        raise InputError(f"colour: expected one of {', '.join(names)}, got {colour!r}{suggestion(colour, names)}")
     return found | {"colour": colour or found["colour"], "size": float(size)}
 
 
@@ -88,6 +89,8 @@ def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Sc
         if isinstance(system, Problem):
             raise InputError(f"{text}: is a Problem, which has no particles to show; kickdrift plot draws Problems")
         return scene_of_system(system)
+    if not os.path.lexists(text) and not Path(text).suffix:
+        load(text)  # says which shipped system may be meant
     with _opened(path) as (run, growing):
         return scene_of_run(run, frames, growing)
 
@@ -123,6 +126,8 @@ def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
     if stage.gravity is not None and len(place):
         x -= m[place] @ x[place] / m.sum()
         v -= m[place] @ v[place] / m.sum()
+    if (patch := patch_of(stage.system)) is not None:
+        x, v = patch.folded(x, v, state.time)
     return x[stage.rows], v[stage.rows], m[stage.rows]
 
 
@@ -134,6 +139,9 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
         why = "goes on" if growing else "did not finish"
         notes.append(f"The run {why}: the view shows the {counted(len(run), 'frame')} written so far.")
     more = _told(run)
+    happened = len(run.whole_events())
+    if happened > MOST_EVENTS:
+        notes.append(f"Shows the first {MOST_EVENTS} of {happened:,} events.")
     if not len(run):
         found = scene_of_system(run.system())
         return found | more | {"notes": [*notes, "The run has no frames: the view shows its start."]}
@@ -149,6 +157,8 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
         held = masses_held(run, chosen, x, v)
         for y in (x, v):
             y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
+    if (patch := patch_of(stage.system)) is not None:
+        x, v = patch.folded(x, v, run.all_times[chosen])
     columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
     observed = run[:].observables if columns else {}
     values = {name: np.asarray(observed[name])[chosen][:, stage.rows] for name in columns}

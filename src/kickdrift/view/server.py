@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Condition, Thread
+from threading import Condition, Semaphore, Thread
 from time import monotonic
 from typing import Any, ClassVar
 from urllib.parse import parse_qs, urlsplit
@@ -25,6 +25,7 @@ from kickdrift.view.page import POLICY, page_of
 HOST = "127.0.0.1"
 PORTS = 65535
 MOST_PAGES = 16  # open at a time
+MOST_CALLS = 64  # connections at a time; more are closed unheard, so that nobody fills the run's process
 KEPT = 1000  # messages of text and curves that a page may miss while it loads
 SILENCE = 5.0  # seconds without news after which a sign of life is sent
 LAST = 2.0  # seconds at most in which pages may take the last frame
@@ -51,8 +52,8 @@ source.addEventListener("frame", async (event) => {
   busy = true;
   try { await view.append(JSON.parse(event.data)); } finally { busy = false; }
 });
-source.addEventListener("end", () => source.close());
-source.addEventListener("error", () => { source.close(); view.say("The run has ended."); });
+source.addEventListener("end", () => { source.close(); view.live = false; });
+source.addEventListener("error", () => { source.close(); view.say("The connection to the run has ended."); });
 """
 
 
@@ -162,6 +163,21 @@ class _Http(ThreadingHTTPServer):
     block_on_close = False
     owner: Server
 
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._free = Semaphore(MOST_CALLS)
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether a thread may answer the connection."""
+        return self._free.acquire(blocking=False)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room for another connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of pages that were closed."""
 
@@ -182,8 +198,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Send the page, or what happens from now on."""
-        owner, asked = self.server.owner, urlsplit(self.path)
-        words = parse_qs(asked.query)
+        owner = self.server.owner
+        try:
+            asked = urlsplit(self.path)
+            words = parse_qs(asked.query, max_num_fields=8)
+        except ValueError:
+            return self._refuse(400, "the address cannot be read")
         token = words.get("token", [""])[0]
         if self.headers.get("Host") not in owner.hosts:
             return self._refuse(403, "this page has another address")

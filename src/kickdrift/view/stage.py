@@ -10,6 +10,7 @@ import numpy as np
 
 from kickdrift.model.box import Box
 from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
+from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.view import ellipses
@@ -25,6 +26,7 @@ FINE = 500_000  # coordinates outside of a box; up to this number they have 32 b
 TOP = 0.998  # part of the values within the range of a colour; the few largest would leave the rest in one colour
 FEW = 24  # most bodies with an own colour, trail, ellipse and name
 STICK = 0.6  # factor of the spheres' sizes where bonds are drawn
+ALIKE = 0.2  # least share of the bodies' angular momenta that adds up in bodies that go round alike
 WIDEST = 4.0  # ellipses that reach further than this times the bodies' distances begin outside the view
 DIMENSIONS = ("length", "time", "energy", "velocity", "temperature", "mass")
 
@@ -67,6 +69,8 @@ class Stage:
     @property
     def gravity(self) -> float | None:
         """G of the forces, if the bodies attract one another in open space."""
+        if patch_of(self.system) is not None:  # the patch turns about a body that is not in it
+            return None
         attracts = any("Gravity" in type(force).__name__ for force in self.system.forces)
         return G_given(self.system.forces, self.units) if attracts and not self.system.box.periodic else None
 
@@ -221,10 +225,12 @@ def _ranged(values: Floats, top: float) -> dict[str, Any]:
 
 
 def _up(stage: Stage, x: Floats, v: Floats, central: int | None) -> list[float]:
-    """Direction that is up on the page: that of the total angular momentum of bodies under gravity, else z."""
-    if stage.gravity is None or len(x) < 2:
-        return [0.0, 0.0, 1.0]
+    """Direction that is up on the page: that of the angular momentum of bodies that go round alike, else z."""
     m = stage.masses[stage.rows]
+    each = np.nan_to_num(m[:, None] * np.cross(x, v))
+    alike = np.linalg.norm(each.sum(axis=0)) > ALIKE * np.linalg.norm(each, axis=1).sum()
+    if stage.gravity is None or len(x) < 2 or not alike:
+        return [0.0, 0.0, 1.0]
     paths = Paths(np.zeros(1), x[None], v[None], m, m[None], (), stage.gravity, central)
     axis: list[float] = invariable_axes(paths)[2].tolist()
     return axis

@@ -14,11 +14,11 @@ MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'ki
 
 
 def view_of(
-    given: Any, frames: int | None = None, color: str | None = None, size: float = 1.0, height: int | None = None
+    given: Any, frames: int | None = None, colour: str | None = None, size: float = 1.0, height: int | None = None
 ) -> Any:
     """View of a System, a Simulation or an open run: a widget in a notebook, else a `View`."""
     height = HEIGHT if height is None else whole_number("view: height", height, 1)
-    scene = scene_of(given, frames, color, size)
+    scene = scene_of(given, frames, colour, size)
     if not in_notebook():
         return View(scene, height)
     try:

@@ -170,6 +170,20 @@ def test_what_makes_no_sense_is_said(given, message):
         kd.transition_matrix(planets(), 1.0, **given)
 
 
+@pytest.mark.parametrize(
+    ("key", "inc", "message"),
+    [
+        ("e", 10.0, "elements: b is on a circle, so its pericentre has no direction; h and k"),
+        ("inc", 1e-11, "elements: b's orbit is flat, so its node has no direction; ix and iy"),
+    ],
+)
+def test_circles_and_flat_orbits_have_no_direction_to_differentiate_by(key, inc, message):
+    bodies = [{"name": "star", "mass": 1.0}, {"name": "b", "mass": 1e-3, "a": 1.0, "M": 40.0, "inc": inc}]
+    system = kd.System.from_elements(bodies, units="nbody")
+    with pytest.raises(InputError, match=message):
+        kd.transition_matrix(system, 1.0, elements=f"b.{key}")
+
+
 def test_other_forces_than_gravity_have_no_second_derivatives():
     system = planets().with_forces(kd.Gravity(G=1.0), kd.LinearDrag(0.1))
     with pytest.raises(InputError, match="force 'linear-drag': has no variational equations of second order"):

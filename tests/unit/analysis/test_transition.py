@@ -379,6 +379,8 @@ def test_command(monkeypatch, tmp_path, capsys):
     assert "2, with derivatives by 48 numbers of the start" in capsys.readouterr().out
     found = json.loads(file.read_text())
     assert len(found["times"]) == len(found["jacobian"]) == 2
+    assert len(found["varied"]) == 48
+    assert found["varied"][3:5] + found["varied"][24:26] == ["b.x", "b.y", "TRAPPIST-1.vx", "TRAPPIST-1.vy"]
     assert found["units"] == "astro"
     assert called("h", "--until", "1 day") == 2
     assert "transits: h does not pass in front of TRAPPIST-1 until t = " in capsys.readouterr().err

@@ -117,6 +117,8 @@ def test_what_is_refused(change, message):
 def test_methods_and_derivatives_without_spins_are_refused():
     with pytest.raises(InputError, match=r"wisdom-holman: needs .* 'tides-spin' depends on velocity"):
         kd.Simulation(with_spins(), "wisdom-holman", dt=0.1)
+    with pytest.raises(InputError, match=r"^trace: moves bodies, and force 'tides-spin' also turns their spins"):
+        kd.Simulation(with_spins(), "trace", dt=0.1)
     with pytest.raises(InputError, match=r"tides-spin.*no variational equations"):
         kd.transition_matrix(with_spins(), 1.0)
     state = kd.Simulation(with_spins(), "gauss-radau15").state

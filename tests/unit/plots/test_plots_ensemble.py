@@ -292,7 +292,7 @@ def test_the_command(tmp_path):
     def kickdrift(*words):
         return CliRunner().invoke(app, ["plot", *map(str, words)])
 
-    assert kickdrift(path).output == f"{tmp_path / 'table.png'}\n"
+    assert kickdrift(path).stdout == f"{tmp_path / 'table.png'}\n"
     assert (tmp_path / "table.png").read_bytes().startswith(b"\x89PNG")
     assert "exists already" in str(kickdrift(path).exception)
     assert kickdrift(path, "--overwrite", "--column", "megno").exit_code == 0

@@ -481,6 +481,10 @@ def test_a_rule_in_a_file_needs_its_module(tmp_path, monkeypatch, kickdrift):
     assert status == 0, err
     assert "rule: masses 2, 1" in out
     assert kd.resume("own.h5md").system.events[0].rule.__name__ == "through"
+    (tmp_path / "other.toml").write_text(text.replace("collisions.through", "collisions.thruogh"), encoding="utf-8")
+    status, _, err = kickdrift("--load", "own_collisions.py", "run", "other.toml")
+    assert status == 2
+    assert "rule: own_collisions.py defines no function 'thruogh'; did you mean 'through'?" in err
     monkeypatch.setattr(external_code, "_FUNCTIONS", {})
     with pytest.raises(InputError, match=r"rule 'own_collisions.through' is a function of the user; load its module"):
         kd.resume("own.h5md")

@@ -15,6 +15,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.view import live
+from kickdrift.view import server as serving
 from kickdrift.view.packing import restored, unpacked
 from kickdrift.view.scene import phase_of
 from kickdrift.view.server import MOST_PAGES, Server
@@ -211,3 +212,27 @@ def test_a_taken_port_and_a_problem_are_one_line(sim):
             sim.run(2, live=port)
     with pytest.raises(kd.InputError, match="a Problem has no particles"):
         kd.Simulation(kd.load("ode-harmonic")).run(2, live=True)
+
+
+def test_more_connections_than_allowed_are_closed_unheard(sim, monkeypatch):
+    monkeypatch.setattr(serving, "MOST_CALLS", 2)
+    server = Server(sim)
+    idle = [socket.create_connection(("127.0.0.1", server.port), timeout=30) for _ in range(3)]
+    try:
+        assert idle[2].recv(1) == b""
+        for each in idle:
+            each.close()
+        while True:  # until the threads of the idle connections have gone
+            try:
+                assert asked(server, f"/?token={server.token}")[0] == 200
+                break
+            except ConnectionError:
+                pass
+    finally:
+        server.close()
+
+
+def test_an_address_that_cannot_be_read_is_refused(server):
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as there:
+        there.sendall(f"GET http://[x/?token={server.token} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        assert b" 400 " in there.recv(64)

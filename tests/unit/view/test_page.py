@@ -106,7 +106,7 @@ def test_the_command_writes_a_page_and_replaces_only_pages(tmp_path, monkeypatch
     assert first.startswith("<!DOCTYPE html>")
     with pytest.raises(InputError, match=r"two-body.html: exists already"):
         write_page("two-body", "two-body.html")
-    assert write_page("two-body", "two-body.html", color="speed", overwrite=True).read_text() != first
+    assert write_page("two-body", "two-body.html", colour="speed", overwrite=True).read_text() != first
     (tmp_path / "mine.html").write_text("<p>mine</p>")
     with pytest.raises(InputError, match=r"mine.html: is not a view that kickdrift wrote; it is not replaced"):
         write_page("two-body", "mine.html", overwrite=True)

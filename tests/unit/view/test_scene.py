@@ -9,6 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.model.patch import patch_of
 from kickdrift.trajectory.locking import locked
 from kickdrift.view import scene, stage
 from kickdrift.view.packing import restored, unpacked
@@ -137,7 +138,7 @@ def test_a_run_without_frames_shows_its_start(tmp_path):
     ("given", "options", "line"),
     [
         ("ode-kepler", {}, "ode-kepler: is a Problem, which has no particles to show; kickdrift plot draws Problems"),
-        ("lj-1000", {"colour": "sped"}, "color: expected one of species, speed, kinetic energy, got 'sped'; did you"),
+        ("lj-1000", {"colour": "sped"}, "colour: expected one of species, speed, kinetic energy, got 'sped'; did you"),
         ("lj-1000", {"frames": 0}, "frames: expected 1 or more, got 0"),
         ("lj-1000", {"size": -1.0}, "size: expected a positive number, got -1.0"),
         (3, {}, "view: expected a run, a System or a Simulation, got int"),
@@ -148,3 +149,28 @@ def test_bad_input(given, options, line):
     with pytest.raises(InputError) as error:
         scene_of(given, **options)
     assert str(error.value).startswith(line)
+
+
+def test_a_ring_patch_shows_the_images_inside_the_patch():
+    system = kd.load("shearing-sheet")
+    patch, time = patch_of(system), 1e5
+    assert scene_of(system)["up"] == [0.0, 0.0, 1.0]
+    x, v = system.state.positions, system.state.velocities
+    images = np.random.default_rng(1).integers(-3, 4, (2, len(x)))
+    shift, kick = np.moveaxis(patch.offset(images, time), 1, 2)
+    found = patch.folded((x + shift)[None], (v + kick)[None], [time])
+    here = (np.abs(x[:, :2]) < [patch.width / 2, patch.length / 2]).all(axis=1)
+    np.testing.assert_allclose(found[0][0][here], x[here], atol=1e-9)
+    np.testing.assert_allclose(found[1][0][here], v[here], atol=1e-12)
+    assert here.sum() > 50
+    assert (np.abs(found[0][..., :2]) <= [patch.width / 2, patch.length / 2]).all()
+
+
+def test_a_name_that_is_no_system_gets_the_nearest_one():
+    with pytest.raises(InputError, match="'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'"):
+        scene_of("lj-100")
+
+
+def test_up_is_the_axis_of_bodies_that_go_round_alike():
+    assert scene_of("plummer-1000")["up"] == [0.0, 0.0, 1.0]
+    assert 0.9 < scene_of("solar-system")["up"][2] < 0.93  # 23 degrees from the axis of the Earth
