@@ -70,8 +70,10 @@ class TraceTangentRun(MapRun):
         if status:
             from kickdrift.integrators.trace_tangent import CROWDED
 
-            what = f"more than {POINTS} points inside a step" if status == CROWDED else "blew up"
-            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: {what} before step {self.steps + 1}")
+            which = f"{self.sim.integrator}, dt = {self.dt:g}"
+            if status == CROWDED:
+                raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
+            raise RunError(f"{which}: blew up before step {self.steps + 1}")
 
     def now(self) -> tuple[Floats, Floats]:
         from kickdrift.integrators.trace_tangent import leave_slopes

@@ -45,6 +45,7 @@ from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vector3 import dot
 from kickdrift.jit.vectors import WIDTH
 
+STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
 LEAST = 2  # iterations before the first that may be the last: by then the scale of residuals is known
 
 
@@ -143,9 +144,9 @@ def iterate_duals(hybrid, meeting, masses, n, everyone, width, h):
             if missed == 0.0 or missed * missed / residual <= CONVERGED:
                 return OK
             if count >= PATIENCE and missed >= residual:
-                return OK
+                break
         residual = missed
-    return OK
+    return OK if missed <= STALLED else BLOWN_UP
 
 
 @jit

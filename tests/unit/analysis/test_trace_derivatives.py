@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 
 DT, STEPS = 0.4, 16
 
@@ -238,6 +238,8 @@ def test_transits_under_a_map():
 
     wanted = slope(times, 1e-5)
     np.testing.assert_allclose(found.jacobian[:, 0], wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+    other = kd.transits(system, "b", **given, **step | {"integrator": "wisdom-holman"})
+    np.testing.assert_allclose(other.times, exact.times, rtol=0, atol=1e-9)
     sim = kd.Simulation(system, "trace", "0.03 day")
     np.testing.assert_array_equal(kd.transits(sim, "b", **given).times, found.times)
     with pytest.raises(InputError, match=r"dt: b turns by 1\.7 radians in a step of trace; transits"):
@@ -266,6 +268,12 @@ def test_the_systems_own_method_serves_where_it_can():
 def test_what_the_map_does_not_have(given, message):
     with pytest.raises(InputError, match=f"^{message}"):
         kd.transition_matrix(light(meeting(), (7.0, 0.1, 2.0, 0.0)), 4.0, "trace", DT, **given)
+
+
+def test_a_step_with_too_many_points_is_named(monkeypatch):
+    monkeypatch.setattr("kickdrift.analysis.trace_tangent_run.POINTS", 5)
+    with pytest.raises(RunError, match=r"^trace, dt = 0\.4: step \d+ has more than 5 points of bodies that meet$"):
+        kd.transition_matrix(meeting(), 4.0, "trace", DT)
 
 
 def test_other_forces_are_refused():
