@@ -13,6 +13,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
+from kickdrift.forces.variations import Varied
 from kickdrift.integrators.trace import METHODS
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
@@ -30,21 +31,31 @@ class TraceTangentRun(MapRun):
     def __init__(
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
     ) -> None:
-        for force in system.forces:
-            if not isinstance(force, Gravity):
-                raise InputError(
-                    f"force {force.name!r}: the tangent map of {name} takes gravity alone; {DEFAULT} takes other forces"
-                )
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        for force in others:
+            Varied(force, system)  # refuses a force without slopes
         of_masses = None if columns is None else _of_masses(system, columns, name)
+        if others and of_masses is not None and of_masses.any():
+            raise InputError(
+                f"masses, parameters: the tangent map of {name} takes them under gravity alone; {DEFAULT} has no limit"
+            )
+        self._others = others
         sim = Simulation(system, name, threads=threads, **options)
         if sim.options.inner != METHODS[0]:
             raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
+        flow: Any = sim.integration.flow
+        if flow.not_separable:
+            raise InputError(
+                f"{name}: its tangent map takes accelerations that depend on positions and time alone, and "
+                f"{flow.not_separable}; {DEFAULT} takes others"
+            )
         assert sim.dt is not None
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         if columns is not None:
             self.start(columns.start(len(system)), of_masses)
 
     def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
+        from kickdrift.forces.bound_slopes import BoundSlopes
         from kickdrift.integrators.trace_tangent import trace_tangents
 
         system, masses = self.system, self.system.state.masses
@@ -56,9 +67,9 @@ class TraceTangentRun(MapRun):
             slot, slots, order = stepper.noting(POINTS)
             G = _constant(system)
             by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
-            self._made = trace_tangents(
-                system.state.phase[:, :, order], slopes[:, :, order], G * masses[order], by_mass[order], slot, slots
-            )
+            self._bound = [BoundSlopes(force.bind(system, self.sim.threads)).ready() for force in self._others]
+            table = np.array([(each.address, each.work) for each in self._bound], np.int64).reshape(-1, 2)
+            self._made = trace_tangents(system.state.phase, slopes, G * masses, by_mass, order, slot, slots, table)
         self._stepper = stepper
         self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
         self.steps = 0
@@ -69,8 +80,14 @@ class TraceTangentRun(MapRun):
         self.steps = self._stepper.steps_done
         if status:
             from kickdrift.integrators.trace_tangent import CROWDED
+            from kickdrift.integrators.trace_tangent_others import NO_SLOPES
 
             which = f"{self.sim.integrator}, dt = {self.dt:g}"
+            if status == NO_SLOPES:
+                names = ", ".join(force.name for force in self._others)
+                raise InputError(
+                    f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
+                )
             if status == CROWDED:
                 raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
             raise RunError(f"{which}: blew up before step {self.steps + 1}")

@@ -24,6 +24,8 @@ from kickdrift.integrators.trace_tangent_meeting import (
     meet_again,
     pull_of,
 )
+from kickdrift.integrators.trace_tangent_others import kick_by_others_duals
+from kickdrift.integrators.trace_tangent_rows import AFTER_V, AFTER_X, MASSES, MIDDLE_V, MIDDLE_X, ROWS, V, X
 from kickdrift.integrators.wisdom_holman_tangent import drift_duals, fill_kepler
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.by_address import status_at
@@ -35,11 +37,6 @@ from kickdrift.jit.memory import flat, masked_load, masked_store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
-# Rows of a block: positions, velocities, masses; both before the drift; both after an encounter. Row MASSES holds G m
-# of the bodies, G m of the central one for the Kepler motions, and m / m_0. AFTER_X of the central body is the way of
-# the others by its motion, in a passage of massive bodies.
-X, V, MASSES, MIDDLE_X, MIDDLE_V, AFTER_X, AFTER_V = range(7)
-ROWS = 7
 CROWDED = 100  # status: more points inside a step than the path has rows
 
 
@@ -51,21 +48,31 @@ class TraceTangents(NamedTuple):
     number: NDArray[np.int64]  # (slots,) number of the body in a slot
     met: NDArray[np.uint8]  # (n,) 1: the body moved with others in the last step
     massive: int  # number of massive bodies, with the central one
+    order: NDArray[np.int64]  # (n,) row of each body in the system
+    others: NDArray[np.int64]  # (other forces, 2) addresses of their slopes and of their parts
     meeting: DualMeeting
 
 
 def trace_tangents(
-    phase: Floats, slopes: Floats, gm: Floats, gm_slopes: Floats, slot: NDArray[np.int64], slots: int
+    phase: Floats,
+    slopes: Floats,
+    gm: Floats,
+    gm_slopes: Floats,
+    order: NDArray[np.int64],
+    slot: NDArray[np.int64],
+    slots: int,
+    others: NDArray[np.int64],
 ) -> TraceTangents:
-    """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns) to
-    democratic heliocentric coordinates."""
+    """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns), in the
+    system's order, to democratic heliocentric coordinates."""
+    phase, slopes, gm, gm_slopes = phase[:, :, order], slopes[:, :, order], gm[order], gm_slopes[order]
     n, columns = len(gm), slopes.shape[-1]
     number = np.zeros(slots, np.int64)
     number[slot[1:]] = np.arange(1, n)
     massive = int(np.count_nonzero(gm > 0.0))
     made = TraceTangents(
         np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), slot, number, np.zeros(n, np.uint8), massive,
-        dual_meeting(massive + 1),
+        order, others, dual_meeting(massive + 1),
     )  # fmt: skip
     enter_democratic(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
     return made
@@ -157,7 +164,7 @@ def trace_tangent_steps(
         status = status_at(loop, (forces, hybrid, slots, listed, masses, dt, start, y, first + step, 1, cursor))
         if status == OK:
             put_values(own.rows, own.slot, hybrid.start, hybrid.centre)
-            status = tangent_step(given, own, dt)
+            status = tangent_step(given, own, start + (first + step) * dt, dt)
         if status != OK:
             cursor[STEP] = step
             return status
@@ -166,8 +173,8 @@ def trace_tangent_steps(
 
 
 @jit
-def tangent_step(hybrid, own, h):
-    """Move the derivatives by the last step of the map. Return a status."""
+def tangent_step(hybrid, own, t, h):
+    """Move the derivatives by the last step of the map, which began at t. Return a status."""
     blocks, points, n = own.rows, hybrid.counts[POINTS], own.slot.size
     if points + own.meeting.slots.size > hybrid.path.shape[0]:
         return CROWDED
@@ -177,31 +184,57 @@ def tangent_step(hybrid, own, h):
             own.met[own.number[int(hybrid.path[row, 1])]] = 1
     heavy = heavy_passes(hybrid)
     for block in range(blocks.shape[0]):
-        rows = blocks[block]
-        kick_duals(hybrid, own, rows, 0.5 * h, heavy)
-        if not heavy:
-            jump_duals(hybrid, own, rows, 0.5 * h)
-        if points > 0:
-            rows[MIDDLE_X], rows[MIDDLE_V] = rows[X], rows[V]
-            status = meet_duals(hybrid, own, rows, points, heavy)
-            if status != OK:
-                return status
-            if heavy:
-                shift_duals(own, rows)
+        status = until_drift(hybrid, own, blocks[block], t, h, heavy)
+        if status != OK:
+            return status
     changes, slopes = np.empty((n, 6)), np.empty(6 * n * WIDTH)
     first = blocks[0]
     fill_kepler(dual_rows(first[X], n), dual_rows(first[V], n), dual_rows(first[MASSES], n), h, changes, slopes)
     for block in range(blocks.shape[0]):
         rows = blocks[block]
-        x, v = dual_rows(rows[X], n), dual_rows(rows[V], n)
-        drift_duals(x, v, dual_rows(rows[MASSES], n), h, changes, slopes)
-        if points > 0:
-            keep_duals(own, rows)
-        if heavy:
-            shift_duals(own, rows)
-        else:
-            jump_duals(hybrid, own, rows, 0.5 * h)
-        kick_duals(hybrid, own, rows, 0.5 * h, heavy)
+        drift_duals(dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n), h, changes, slopes)
+        status = from_drift(hybrid, own, rows, t, h, heavy)
+        if status != OK:
+            return status
+    return OK
+
+
+@jit
+def until_drift(hybrid, own, rows, t, h, heavy):
+    """Kicks, and the jump or the passage of the massive bodies. Return a status."""
+    never_inline()
+    if own.others.shape[0] > 0:
+        status = kick_by_others_duals(own, rows, t, 0.5 * h)
+        if status != OK:
+            return status
+    kick_duals(hybrid, own, rows, 0.5 * h, heavy)
+    if not heavy:
+        jump_duals(hybrid, own, rows, 0.5 * h)
+    if hybrid.counts[POINTS] > 0:
+        rows[MIDDLE_X], rows[MIDDLE_V] = rows[X], rows[V]
+    if heavy:
+        status = pass_duals(hybrid, own, rows)
+        if status != OK:
+            return status
+        shift_duals(own, rows)
+    return OK
+
+
+@jit
+def from_drift(hybrid, own, rows, t, h, heavy):
+    """Encounters, the jump, and kicks. Return a status."""
+    never_inline()
+    if heavy:
+        keep_duals(own, rows)
+        shift_duals(own, rows)
+    status = meet_duals(hybrid, own, rows)
+    if status != OK:
+        return status
+    if not heavy:
+        jump_duals(hybrid, own, rows, 0.5 * h)
+    kick_duals(hybrid, own, rows, 0.5 * h, heavy)
+    if own.others.shape[0] > 0:
+        return kick_by_others_duals(own, rows, t + h, 0.5 * h)
     return OK
 
 
@@ -250,40 +283,56 @@ def shift_duals(own, rows):
 
 
 @jit
-def keep_duals(own, rows):
-    """Write the end of the common motions."""
-    n = own.slot.size
-    for half in range(2):
-        x, after = dual_rows(rows[X + half], n), dual_rows(rows[AFTER_X + half], n)
-        for i in range(1, n):
-            if own.met[i]:
-                put_vector(x, i, vector_at(after, i))
+def pass_duals(hybrid, own, rows):
+    """AFTER_X and AFTER_V <- the end of the passage of all massive bodies, whose path is the first. Return a status."""
+    meeting, count = own.meeting, own.slot.size
+    n = enter_meeting(hybrid, meeting, own.number, 0)
+    status = meet_again(hybrid, own, rows, n, 0, hybrid.counts[POINTS])
+    if status != OK:
+        return status
+    masses, middle = dual_rows(rows[MASSES], count), dual_rows(rows[MIDDLE_X], count)
+    after_x, after_v = dual_rows(rows[AFTER_X], count), dual_rows(rows[AFTER_V], count)
+    x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
+    moved, mass = dual_vector((0.0, 0.0, 0.0)), as_dual(1.0)
+    for i in range(n):
+        body = meeting.members[i]
+        put_vector(after_x, body, vector_at(x, i))
+        put_vector(after_v, body, vector_at(v, i))
+        moved = moved + masses[2, body] * (vector_at(x, i) - vector_at(middle, body))
+        mass += masses[2, body]
+    put_vector(after_x, 0, (as_dual(1.0) / mass) * moved)
+    return OK
 
 
 @jit
-def meet_duals(hybrid, own, rows, points, heavy):
-    """AFTER_X and AFTER_V <- the end of the common motion of the bodies that meet. Return a status."""
+def keep_duals(own, rows):
+    """Write the end of the passage of the massive bodies."""
+    n = own.slot.size
+    for half in range(2):
+        x, after = dual_rows(rows[X + half], n), dual_rows(rows[AFTER_X + half], n)
+        for i in range(1, own.massive):
+            put_vector(x, i, vector_at(after, i))
+
+
+@jit
+def meet_duals(hybrid, own, rows):
+    """Move the bodies that meet, one meeting after another, but for the passage of all massive bodies. Return a
+    status."""
     never_inline()
-    count, meeting, row = own.slot.size, own.meeting, 0
-    masses = dual_rows(rows[MASSES], count)
-    middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
-    after_x, after_v = dual_rows(rows[AFTER_X], count), dual_rows(rows[AFTER_V], count)
+    meeting, points, row = own.meeting, hybrid.counts[POINTS], 0
+    places, speeds = dual_rows(rows[X], own.slot.size), dual_rows(rows[V], own.slot.size)
+    passed = heavy_passes(hybrid)
     while row < points:
-        n, massive = enter_meeting(hybrid, meeting, own.number, row)
-        status = meet_again(hybrid, meeting, masses, n, middle_x, middle_v, row, points)
-        if status != OK:
-            return status
-        x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
-        for i in range(0 if massive else n - 1, n):
-            put_vector(after_x, meeting.members[i], vector_at(x, i))
-            put_vector(after_v, meeting.members[i], vector_at(v, i))
-        if massive and heavy:
-            moved, mass = dual_vector((0.0, 0.0, 0.0)), as_dual(1.0)
-            for i in range(n):
-                share = masses[2, meeting.members[i]]
-                moved = moved + share * (vector_at(x, i) - vector_at(middle_x, meeting.members[i]))
-                mass += share
-            put_vector(after_x, 0, (as_dual(1.0) / mass) * moved)
+        n = enter_meeting(hybrid, meeting, own.number, row)
+        if not passed:
+            status = meet_again(hybrid, own, rows, n, row, points)
+            if status != OK:
+                return status
+            x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
+            for i in range(0 if meeting.members[n - 1] < own.massive else n - 1, n):
+                put_vector(places, meeting.members[i], vector_at(x, i))
+                put_vector(speeds, meeting.members[i], vector_at(v, i))
+        passed = False
         row += n
         while row < points and hybrid.path[row, 0] > 0.0:
             row += n

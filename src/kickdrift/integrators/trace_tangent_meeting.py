@@ -1,7 +1,7 @@
 """Bodies that meet, with derivatives: the Gauss-Radau steps of the hybrid map once more, on duals.
 
 The steps have the lengths that the map took. A dual's nine numbers join the method's state as they are, since the
-method is linear in the accelerations. Gravity alone gives these their slopes.
+method is linear in the accelerations.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ from kickdrift.integrators.gauss_radau_series import (
 )
 from kickdrift.integrators.gauss_radau_step import CONVERGED, MOST, PATIENCE, TERMS
 from kickdrift.integrators.trace_state import FULL
+from kickdrift.integrators.trace_tangent_others import add_inside_duals
+from kickdrift.integrators.trace_tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
@@ -78,9 +80,10 @@ def pull_of(d):
 
 
 @jit
-def attract_duals(hybrid, meeting, masses, n, everyone):
-    """a <- the accelerations of ``trace_meeting.attract`` at x."""
+def attract_duals(hybrid, own, rows, n, everyone, s):
+    """a <- the accelerations of ``trace_meeting.attract`` at x, a time s after the step's start. Return a status."""
     never_inline()
+    meeting, masses = own.meeting, dual_rows(rows[MASSES], own.slot.size)
     x, a, used = dual_rows(meeting.x, n), dual_rows(meeting.a, n), hybrid.used
     members, slots = meeting.members, meeting.slots
     total = dual_vector((0.0, 0.0, 0.0))
@@ -89,16 +92,19 @@ def attract_duals(hybrid, meeting, masses, n, everyone):
         total = total + masses[0, members[i]] * pull
         put_vector(a, i, -(masses[0, 0] * pull))
     for i in range(n):
-        own = vector_at(a, i)
+        felt = vector_at(a, i)
         for j in range(i):
             if everyone or used[slots[j], slots[i]]:
                 pull = pull_of(vector_at(x, j) - vector_at(x, i))
-                own = own + masses[0, members[j]] * pull
+                felt = felt + masses[0, members[j]] * pull
                 put_vector(a, j, vector_at(a, j) - masses[0, members[i]] * pull)
-        put_vector(a, i, own)
+        put_vector(a, i, felt)
     for i in range(n):
         if meeting.jumps[i]:
             put_vector(a, i, vector_at(a, i) - total)
+    if own.others.shape[0] == 0:
+        return OK
+    return add_inside_duals(own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1])
 
 
 @jit
@@ -117,12 +123,13 @@ def set_scales(work, width, n):
 
 
 @jit
-def iterate_duals(hybrid, meeting, masses, n, everyone, width, h):
+def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
     """Correct the step's polynomial until only rounding is left. Return a status.
 
     The motion itself has converged at this length, and its derivatives converge as fast. So a residual that stops
     falling is rounding."""
     never_inline()
+    meeting = own.meeting
     work, x, a, tables, residual = meeting.work, meeting.x, meeting.a, hybrid.tables, np.inf
     prepare(work, width, tables, 0, h, True)
     for i in range(0, width, WIDTH):
@@ -134,7 +141,9 @@ def iterate_duals(hybrid, meeting, masses, n, everyone, width, h):
         worst = splat(0.0)
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
-            attract_duals(hybrid, meeting, masses, n, everyone)
+            status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
+            if status != OK:
+                return status
             prepare(work, width, tables, following, h, True)
             worst, _ = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
         missed = lane_max(worst)
@@ -150,9 +159,10 @@ def iterate_duals(hybrid, meeting, masses, n, everyone, width, h):
 
 
 @jit
-def replay(hybrid, meeting, masses, n, everyone, first, points):
+def replay(hybrid, own, rows, n, everyone, first, points):
     """Move the bodies of ``meeting`` over the steps that begin at row ``first`` of the path. Return a status."""
     never_inline()
+    meeting = own.meeting
     work, path, tables, h = meeting.work, hybrid.path, hybrid.tables, hybrid.span[1]
     width = BLOCK * ((3 * n * SLOT + BLOCK - 1) // BLOCK)
     for i in range(ROWS * width):
@@ -168,12 +178,14 @@ def replay(hybrid, meeting, masses, n, everyone, first, points):
         step = path[at, 0] - done
         for i in range(0, width, WIDTH):
             store(meeting.x, i, load(work, X * width + i))
-        attract_duals(hybrid, meeting, masses, n, everyone)
+        status = attract_duals(hybrid, own, rows, n, everyone, done)
+        if status != OK:
+            return status
         for i in range(0, width, WIDTH):
             store(work, NOW * width + i, load(meeting.a, i))
         ratio = step / last if last > 0.0 else 0.0
         predict(work, width, ratio, before, tables.shifts)
-        status = iterate_duals(hybrid, meeting, masses, n, everyone, width, step)
+        status = iterate_duals(hybrid, own, rows, n, everyone, width, done, step)
         if status != OK:
             return status
         for i in range(0, TERMS * width, WIDTH):
@@ -199,8 +211,7 @@ def momentum_duals(meeting, masses, n):
 
 @jit
 def enter_meeting(hybrid, meeting, number, first):
-    """members, slots and jumps <- those of the meeting at row ``first`` of the path. Return how many bodies, and
-    whether all are massive."""
+    """members, slots and jumps <- those of the meeting at row ``first`` of the path. Return how many bodies."""
     path, massive = hybrid.path, hybrid.near.shape[0]
     n, heavy = int(path[first, 8]), heavy_passes(hybrid)
     for i in range(n):
@@ -208,7 +219,7 @@ def enter_meeting(hybrid, meeting, number, first):
         slot = slot if slot >= 0 else -1 - slot
         meeting.slots[i], meeting.members[i] = slot, number[slot]
         meeting.jumps[i] = heavy or (slot >= massive and hybrid.used[massive, slot] != 0)
-    return n, meeting.slots[n - 1] < massive
+    return n
 
 
 @jit
@@ -221,8 +232,11 @@ def heavy_passes(hybrid):
 
 
 @jit
-def meet_again(hybrid, meeting, masses, n, middle_x, middle_v, first, points):
+def meet_again(hybrid, own, rows, n, first, points):
     """Move the bodies of ``meeting`` together from their places before the drift. Return a status."""
+    meeting, count = own.meeting, own.slot.size
+    masses = dual_rows(rows[MASSES], count)
+    middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
     x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
     for i in range(n):
         put_vector(x, i, vector_at(middle_x, meeting.members[i]))
@@ -232,7 +246,7 @@ def meet_again(hybrid, meeting, masses, n, middle_x, middle_v, first, points):
         if meeting.jumps[i]:
             put_vector(v, i, vector_at(v, i) + move)
     everyone = hybrid.way == FULL and heavy_passes(hybrid)
-    status = replay(hybrid, meeting, masses, n, everyone, first, points)
+    status = replay(hybrid, own, rows, n, everyone, first, points)
     if status != OK:
         return status
     mass = as_dual(1.0)

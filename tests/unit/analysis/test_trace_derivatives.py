@@ -49,6 +49,13 @@ def light(system: kd.System, *bodies) -> kd.System:
     )  # fmt: skip
 
 
+def forced(system: kd.System) -> kd.System:
+    """The system about a flat star, in a field that changes."""
+    flat = kd.Oblateness(j2=0.02, radius=0.5, pole=(0.1, 0.0, 1.0), G=1.0)
+    field = kd.DrivenField((1e-4, 0.0, 5e-5), frequency=0.7)
+    return system.with_forces(kd.Gravity(G=1.0), flat, field)
+
+
 def end_of(system: kd.System, **given) -> tuple[np.ndarray, list[tuple[int, int]]]:
     """The end of a run, and the numbers of near pairs and of passages at its step points."""
     sim, flags = kd.Simulation(system, "trace", DT, **given), []
@@ -62,7 +69,7 @@ def moved(system: kd.System, half=0, body=0, axis=0, by=0.0, mass=0.0) -> kd.Sys
     phase, masses = [system.state.positions.copy(), system.state.velocities.copy()], system.state.masses.copy()
     phase[half][body, axis] += by
     masses[body] += mass
-    return system_of(*phase, masses)
+    return system_of(*phase, masses, *system.forces[1:])
 
 
 def slope(end, h):
@@ -82,6 +89,16 @@ CASES = [
     pytest.param(
         lambda: light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0)), {}, 1e-5, 2,
         id="massless bodies while a planet passes the star",
+    ),
+    pytest.param(lambda: forced(meeting()), {}, 1e-4, 1, id="giants meet under other forces"),
+    pytest.param(lambda: forced(diving()), {}, 1e-5, 2, id="all move together under other forces"),
+    pytest.param(
+        lambda: forced(light(meeting(), (5.2, 0.05, -0.06, 0.0), (7.0, 0.97, -0.3, 0.0))), {}, 1e-5, 1,
+        id="massless bodies under other forces",
+    ),
+    pytest.param(
+        lambda: forced(light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0))), {}, 1e-5, 2,
+        id="massless bodies while a planet passes, under other forces",
     ),
 ]  # fmt: skip
 
@@ -276,7 +293,11 @@ def test_a_step_with_too_many_points_is_named(monkeypatch):
         kd.transition_matrix(meeting(), 4.0, "trace", DT)
 
 
-def test_other_forces_are_refused():
-    flat = meeting().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
-    with pytest.raises(InputError, match="force 'j2': the tangent map of trace takes gravity alone; gauss-radau15"):
-        kd.megno(flat, 4.0, "trace", DT)
+def test_forces_that_the_map_does_not_have():
+    drag = meeting().with_forces(kd.Gravity(G=1.0), kd.LinearDrag(0.1))
+    with pytest.raises(InputError, match=r"^trace: its tangent map takes accelerations that depend on positions and"):
+        kd.megno(drag, 4.0, "trace", DT)
+    with pytest.raises(
+        InputError, match=r"^masses, parameters: the tangent map of trace takes them under gravity alone"
+    ):
+        kd.transition_matrix(forced(meeting()), 4.0, "trace", DT, masses=True)
