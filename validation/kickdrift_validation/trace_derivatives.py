@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from time import process_time
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,14 @@ Rows = list[tuple[float, ...]]
 MEETING: Rows = [(1e-3, 5.0, 0.02, -0.12, 0.01), (8e-4, 5.6, 0.04, 0.0, 0.02), (6e-4, 9.0, 0.1, 2.0, 0.03)]
 DIVING: Rows = [(1e-3, 5.0, 0.97, -0.35, 0.01), (1e-3, 12.0, 0.05, 1.0, 0.02)]
 LIGHT: Rows = [(0.0, 5.2, 0.05, -0.06, 0.0), (0.0, 7.0, 0.97, -0.3, 0.0)]
-CASES = {
-    "giants that meet": (MEETING, 1e-4),
-    "a passage of the pericentre": (DIVING, 1e-5),
-    "giants that meet, and massless bodies": (MEETING + LIGHT, 1e-5),
+FLAT = kd.Oblateness(j2=0.02, radius=0.5, pole=(0.1, 0.0, 1.0), G=1.0)
+FIELD = kd.DrivenField((1e-4, 0.0, 5e-5), frequency=0.7)
+CASES: dict[str, tuple[Rows, list[Any], float]] = {
+    "giants that meet": (MEETING, [], 1e-4),
+    "a passage of the pericentre": (DIVING, [], 1e-5),
+    "giants that meet, and massless bodies": (MEETING + LIGHT, [], 1e-5),
+    "all of these about a flat star in a field that changes": (MEETING + LIGHT, [FLAT, FIELD], 1e-5),
+    "a passage by a flat star in a field that changes": (DIVING, [FLAT, FIELD], 1e-5),
 }
 
 
@@ -37,7 +42,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from costs()
 
 
-def system_of(rows: Rows) -> kd.System:
+def system_of(rows: Rows, *forces: Any) -> kd.System:
     """A star of mass 1 with bodies (mass, a, e, eccentric anomaly, height)."""
     n = len(rows) + 1
     x, v, masses = np.zeros((n, 3)), np.zeros((n, 3)), np.ones(n)
@@ -46,7 +51,7 @@ def system_of(rows: Rows) -> kd.System:
         x[i] = a * (np.cos(angle) - e), a * b * np.sin(angle), height
         v[i] = -a * np.sin(angle) * rate, a * b * np.cos(angle) * rate, 0.0
         masses[i] = mass
-    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0)], units="nbody")
+    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0), *forces], units="nbody")
 
 
 def moved(system: kd.System, column: int, by: float) -> kd.System:
@@ -68,8 +73,8 @@ def difference(end: Callable[[float], np.ndarray], h: float) -> np.ndarray:
 
 
 def slopes() -> Iterator[Claim]:
-    for name, (rows, h) in CASES.items():
-        system = system_of(rows)
+    for name, (rows, forces, h) in CASES.items():
+        system = system_of(rows, *forces)
         found, worst = kd.transition_matrix(system, STEPS * DT, "trace", DT), []
         for column in range(found.matrix.shape[1]):
             wanted = difference(lambda by, k=column, of=system: end_of(moved(of, k, by)), h)

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
-from kickdrift.integrators.trace_state import FULL, POINTS
+from kickdrift.integrators.trace_state import POINTS
+from kickdrift.integrators.trace_tangent_kicks import jump_duals, kick_duals, shift_duals
 from kickdrift.integrators.trace_tangent_meeting import (
     DualMeeting,
     dual_meeting,
     enter_meeting,
     heavy_passes,
     meet_again,
-    pull_of,
 )
 from kickdrift.integrators.trace_tangent_others import kick_by_others_duals
 from kickdrift.integrators.trace_tangent_rows import AFTER_V, AFTER_X, MASSES, MIDDLE_V, MIDDLE_X, ROWS, V, X
@@ -236,50 +236,6 @@ def from_drift(hybrid, own, rows, t, h, heavy):
     if own.others.shape[0] > 0:
         return kick_by_others_duals(own, rows, t + h, 0.5 * h)
     return OK
-
-
-@jit
-def kick_duals(hybrid, own, rows, h, heavy):
-    """Kick each body by the massive bodies that are not near it, as ``trace_loop.kick`` does."""
-    never_inline()
-    n, slot, used = own.slot.size, own.slot, hybrid.used
-    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
-    together = heavy and hybrid.way == FULL  # bodies that move together feel all attractions there
-    for i in range(2, n):
-        if together and own.met[i]:
-            continue
-        speed = vector_at(v, i)
-        for j in range(1, min(i, own.massive)):
-            if not used[slot[j], slot[i]]:
-                pull = h * pull_of(vector_at(x, j) - vector_at(x, i))
-                speed = speed + masses[0, j] * pull
-                if i < own.massive:
-                    put_vector(v, j, vector_at(v, j) - masses[0, i] * pull)
-        put_vector(v, i, speed)
-
-
-@jit
-def jump_duals(hybrid, own, rows, h):
-    """Move all bodies by the central body's way, except massless bodies that pass their pericentre."""
-    never_inline()
-    n, move, passes = own.slot.size, dual_vector((0.0, 0.0, 0.0)), hybrid.used.shape[0] - 1
-    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
-    for i in range(1, own.massive):
-        move = move + masses[2, i] * vector_at(v, i)
-    move = h * move
-    for i in range(1, n):
-        if not hybrid.used[passes, own.slot[i]]:
-            put_vector(x, i, vector_at(x, i) + move)
-
-
-@jit
-def shift_duals(own, rows):
-    """Move massless bodies that meet no other by half the central body's way."""
-    n = own.slot.size
-    x, moved = dual_rows(rows[X], n), 0.5 * vector_at(dual_rows(rows[AFTER_X], n), 0)
-    for i in range(own.massive, n):
-        if not own.met[i]:
-            put_vector(x, i, vector_at(x, i) + moved)
 
 
 @jit

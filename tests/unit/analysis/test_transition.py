@@ -281,8 +281,9 @@ def test_forces_without_variations_are_refused():
     with pytest.raises(InputError, match=r"map of wisdom-holman takes none of gravity; .* takes gravity\.G"):
         kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, parameters="gravity.G")
     whole = planets().with_forces(kd.Gravity(G=1.0), WholeArrays(k=1.0))
-    with pytest.raises(InputError, match="wisdom-holman: its tangent map needs exact slopes of whole-arrays"):
-        kd.transition_matrix(whole, 1.0, "wisdom-holman", 0.1)
+    for name in ("wisdom-holman", "trace"):
+        with pytest.raises(InputError, match=f"{name}: its tangent map needs exact slopes of whole-arrays"):
+            kd.transition_matrix(whole, 1.0, name, 0.1)
     with pytest.raises(InputError, match="takes a System or a Simulation, got str"):
         kd.transition_matrix("two-body", 0.1)
 
