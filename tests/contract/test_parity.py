@@ -102,6 +102,7 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--masses": "transits(masses)",
         "--elements": "transits(elements)",
         "--integrator": "transits(integrator)",
+        "--dt": "transits(dt)",
         "--threads": "transits(threads)",
         "--json": "Transits.as_json",
         "--quiet": "transits(progress)",

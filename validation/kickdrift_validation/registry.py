@@ -140,6 +140,7 @@ SCRIPTS = (
         40,
         peers=("heyoka", "mpmath"),
     ),
+    Script("trace_derivatives.py", "derivatives under trace beside differences of its runs and gauss-radau15", 5),
     Script(
         "secular_frequencies.py",
         "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",

@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.analysis.chaos_map import DeviationOfMap
 from kickdrift.analysis.chaos_report import ChaosReport, report_of
 from kickdrift.analysis.deviations import LARGEST, LARGEST_OF_PROBLEM, cadence, direction, first_deviation, scale_of
+from kickdrift.analysis.mapped import has_map
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.problem_variations import varied_problem
@@ -21,7 +22,6 @@ from kickdrift.forces.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
-from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.limits import MOST_STEPS
@@ -58,7 +58,7 @@ def megno(
         periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method.
-        ``wisdom-holman`` and ``saba`` move the deviation by their tangent map
+        ``wisdom-holman``, ``saba`` and ``trace`` move the deviation by their tangent map
     seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
         Problem, a random direction of y
     progress : True shows a bar; a function is called as ``progress(done, of)``
@@ -77,8 +77,8 @@ def megno(
     length = length_of(system, time)
     if isinstance(system, Problem):
         return _of_problem(system, length, asked or system.run.integrator or DEFAULT, given, seed, threads, progress)
-    if asked is not None and isinstance(method_named(asked), WisdomHolman):
-        mapped = DeviationOfMap(system, asked, threads, given, seed)
+    if asked is not None and has_map(method_named(asked)):
+        mapped = DeviationOfMap(system, method_named(asked), threads, given, seed)
         return _measured(system, mapped, length, Deviation(mapped.size, mapped.shrink, LARGEST), seed, progress)
     n, name = len(system), carrier(system, asked)
     sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)

@@ -1,4 +1,4 @@
-"""A deviation under a Wisdom-Holman method, as a run that MEGNO follows."""
+"""A deviation under a method with a tangent map, as a run that MEGNO follows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.deviations import first_deviation, scale_of
-from kickdrift.analysis.tangent_run import TangentRun
+from kickdrift.analysis.mapped import map_run
 from kickdrift.looks.observers import Energies
 from kickdrift.model.system import System
 
@@ -16,8 +16,8 @@ from kickdrift.model.system import System
 class DeviationOfMap:
     """A System and a deviation under way by a method's tangent map, with the face of a Simulation."""
 
-    def __init__(self, system: System, name: str, threads: int, options: dict[str, Any], seed: int) -> None:
-        self._run = TangentRun(system, None, name, threads, options)
+    def __init__(self, system: System, method: Any, threads: int, options: dict[str, Any], seed: int) -> None:
+        self._run = map_run(system, None, method, threads, options)
         sim = self._sim = self._run.sim
         self.method, self.integrator, self.integration, self.dt = sim.method, sim.integrator, sim.integration, sim.dt
         self._scale = scale_of(system.state.phase, sim.accelerations().T)

@@ -9,12 +9,11 @@ import numpy as np
 
 from kickdrift.analysis.chaos import DEFAULT, carrier
 from kickdrift.analysis.deviations import scale_of
-from kickdrift.analysis.tangent_run import TangentRun
+from kickdrift.analysis.mapped import has_map, map_run
 from kickdrift.errors import RunError
 from kickdrift.forces.problem_variations import varied_problem
 from kickdrift.forces.variations import varied
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -51,8 +50,8 @@ def frame_of(
     first = np.linalg.qr(np.random.Generator(np.random.PCG64(seed)).standard_normal((count, size)).T)[0]
     if isinstance(system, Problem):
         return _OfProblem(system, asked or system.run.integrator or DEFAULT, options, threads, first)
-    if asked is not None and isinstance(method_named(asked), WisdomHolman):
-        return _OfMap(system, asked, options, threads, first)
+    if asked is not None and has_map(method_named(asked)):
+        return _OfMap(system, method_named(asked), options, threads, first)
     return _OfSystem(system, carrier(system, asked), options, threads, first)
 
 
@@ -122,10 +121,10 @@ class _OfProblem(_OfRun):
 
 
 class _OfMap:
-    """Deviations under the tangent map of a Wisdom-Holman method."""
+    """Deviations under a method's tangent map."""
 
-    def __init__(self, system: System, name: str, options: dict[str, Any], threads: int, first: Floats) -> None:
-        self._run = TangentRun(system, None, name, threads, options)
+    def __init__(self, system: System, method: Any, options: dict[str, Any], threads: int, first: Floats) -> None:
+        self._run = map_run(system, None, method, threads, options)
         self.sim: Any = self._run.sim
         self._scale = scale_of(system.state.phase, self.sim.accelerations().T)[..., None]
         self._run.start(first.reshape(2, 3, len(system), -1) * self._scale)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from kickdrift.analysis.columns import Columns
-from kickdrift.analysis.deviations import cadence
+from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
@@ -23,18 +22,15 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 
-PIECE = 1000  # steps between two reports of progress
 KNOWN = ("coordinates", "corrector", "kernel", "compensated", "order")  # options that the map follows, or that round
 
 
-class TangentRun:
+class TangentRun(MapRun):
     """A System with derivatives under a Wisdom-Holman method.
 
-    It waits before the last drift of a step, which is joined to the next step's first. ``sim`` is a Simulation of the
-    System, at the start. Without columns the caller gives the deviations to ``start``.
+    It waits before the last drift of a step, which is joined to the next step's first. Without columns the caller gives
+    the deviations to ``start``.
     """
-
-    by_differences: tuple[str, ...] = ()
 
     def __init__(
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
@@ -95,11 +91,6 @@ class TangentRun:
             self._take(self._rows, self._step, steps)
         self.steps += steps
 
-    @property
-    def time(self) -> float:
-        """Time at the step point."""
-        return self.system.state.time + self.steps * self.dt
-
     def now(self) -> tuple[Floats, Floats]:
         """Phase (2, 3, n) and derivatives (2, 3, n, columns) at the step point."""
         from kickdrift.integrators.wisdom_holman_tangent import leave
@@ -114,40 +105,6 @@ class TangentRun:
             raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
         back = np.argsort(self._order)
         return phase[:, :, back], slopes[:, :, back]
-
-    def advance_and_look(self, steps: int, every: int, visit: Callable[[], Any]) -> None:
-        """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
-        goal = self.steps + steps
-        while self.steps < goal:
-            self.advance(min(every, goal - self.steps))
-            if visit():
-                return
-
-    def scale(self, factor: float) -> None:
-        """Multiply all deviations."""
-        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
-
-        slopes_in(self._rows)[...] *= factor
-
-    def mix(self, matrix: Floats) -> None:
-        """Replace the deviations by their sums with these weights (columns, columns)."""
-        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
-
-        slopes = slopes_in(self._rows)
-        blocks, width = len(slopes), slopes.shape[-1]
-        padded = np.zeros((blocks * width, blocks * width))
-        padded[: len(matrix), : len(matrix)] = matrix
-        flat = np.moveaxis(slopes, 0, 2).reshape(*slopes.shape[1:3], -1) @ padded
-        slopes[...] = np.moveaxis(flat.reshape(*slopes.shape[1:3], blocks, width), 2, 0)
-
-    def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
-        """Run for a length of time, in whole steps. Return phase, derivatives and the time."""
-        steps, _ = cadence(length, self.dt)
-        while self.steps < steps:
-            self.advance(min(PIECE, steps - self.steps))
-            if progress:
-                progress(self.steps, steps)
-        return *self.now(), self.time
 
 
 def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push]]:

@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
-from kickdrift.analysis.columns import columns_of
-from kickdrift.analysis.tangent_run import TangentRun
+from kickdrift.analysis.columns import Columns, columns_of
+from kickdrift.analysis.map_run import MapRun
+from kickdrift.analysis.mapped import has_map, map_run, serves
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.fields import Hill
-from kickdrift.forces.gravity import Gravity
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, unpacked
-from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -138,7 +137,8 @@ def transition_matrix(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
-        and forces with exact slopes
+        and forces with exact slopes. So does ``trace``, for forces of positions and time and the inner method
+        gauss-radau15; its switches between encounters and Kepler drifts have no derivative
     bodies : names or numbers of the bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
@@ -166,15 +166,15 @@ def transition_matrix(
     length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters, elements, primary)
     if second and columns.parameters:
         raise InputError("second: goes without parameters, whose slopes are central differences")
-    mapped = _mapped(system, asked, given)
+    mapped = _mapped(system, asked, given, columns)
     if mapped and second:
         if asked:
             raise InputError(f"second: the tangent map of {mapped} has none; {DEFAULT} takes it")
         mapped = None
     name = mapped or carrier(system, asked, DEFAULT)
-    run: TangentRun | VariedRun
+    run: MapRun | VariedRun
     if mapped:
-        run = TangentRun(system, columns, name, threads, given)
+        run = map_run(system, columns, INTEGRATORS[mapped], threads, given)
     else:
         run = VariedRun(system, columns, name, threads, given, second)
     with following(progress, "running") as told:
@@ -188,15 +188,13 @@ def transition_matrix(
     )
 
 
-def _mapped(system: System, asked: str | None, given: dict[str, Any]) -> str | None:
-    """Name of the Wisdom-Holman method whose tangent map serves: the one asked for, or the system file's own where it
-    can; else None."""
+def _mapped(system: System, asked: str | None, given: dict[str, Any], columns: Columns) -> str | None:
+    """Name of the method whose tangent map serves: the one asked for, or the system file's own where it can; else
+    None."""
     named = INTEGRATORS.get(asked or system.run.integrator or "")
-    if not isinstance(named, WisdomHolman):
+    if named is None or not has_map(named):
         return None
-    alone = all(isinstance(force, Gravity) for force in system.forces)
-    has_step = given.get("dt") is not None or system.run.dt is not None
-    return named.name if asked or (alone and has_step) else None
+    return named.name if asked or serves(named, system, columns, given) else None
 
 
 def given_run(
@@ -211,7 +209,7 @@ def given_run(
     sim, now = system, system.state
     own = sim.integration.system
     assert isinstance(own, System)
-    if asked is None and (sim.method.carries or isinstance(sim.method, WisdomHolman)):
+    if asked is None and (sim.method.carries or has_map(sim.method)):
         asked = sim.integrator
         kept = {"dt": sim.dt, **{key: sim.options.get(key) for key in sim.method.tunable}}
         given = kept | {key: value for key, value in given.items() if value is not None}

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier
 from kickdrift.analysis.columns import columns_of, rows_of
+from kickdrift.analysis.mapped import has_map, map_run
+from kickdrift.analysis.transit_search import Search, found_by_map
 from kickdrift.analysis.transition import given_run
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
 from kickdrift.display.showing import Lines, Shown, Table, following
@@ -19,7 +20,6 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator
 from kickdrift.model.checks import positive
-from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
@@ -27,10 +27,8 @@ from kickdrift.model.units import time_in
 from kickdrift.run.simulation import Simulation
 from kickdrift.text import measured
 
-TURN = 0.5  # radians that the planet may move between two looks for a transit
 MOST_SHOWN = 20  # rows of the table
 _COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
-MOST = 60  # attempts to find a time: bisection alone needs some 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,6 +110,7 @@ def transits(
     elements: Iterable[str] = (),
     primary: str | int | None = None,
     integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
     threads: int = 1,
     progress: bool | Callable[[int, int], Any] | None = None,
     **options: Any,
@@ -134,8 +133,9 @@ def transits(
     masses : whether to differentiate by the masses of all bodies as well
     parameters, elements, primary : parameters of forces, and orbital elements at the start, to differentiate by, as in
         ``transition_matrix``
-    integrator, options : a method that knows the state inside its steps; default the system file's if it does, else
-        gauss-radau15
+    integrator, dt, options : a method that knows the state inside its steps; default the system file's if it does, else
+        gauss-radau15. ``wisdom-holman``, ``saba`` and ``trace`` serve as well: from the step point before each transit
+        the motion goes on by gauss-radau15
 
     Returns
     -------
@@ -148,7 +148,7 @@ def transits(
     RunError
         If the run blows up.
     """
-    system, asked, given = given_run("transits", system, integrator, options)
+    system, asked, given = given_run("transits", system, integrator, {"dt": dt, **options})
     name = _method(system, asked, integrator is None)
     pair = _pair(system, planet, star)
     sight, end = _unit(direction), float(time_in(until, system.units, "until"))
@@ -157,8 +157,13 @@ def transits(
     most = _within(system, pair, within)
     columns = columns_of(system, bodies, masses, parameters, elements, primary)
     with following(progress, "running") as told:
-        run = VariedRun(system, columns, name, threads, given if name == asked else options)
-        found = _Search(run, pair, sight, end, most, told).found()
+        chosen, method = given if name == asked else {"dt": dt, **options}, method_named(name)
+        if has_map(method):
+            mapped = map_run(system, columns, method, threads, chosen)
+            found, differ = found_by_map(mapped, columns, pair, sight, end, most, told), mapped.by_differences
+        else:
+            run = VariedRun(system, columns, name, threads, chosen)
+            found, differ = Search(run, pair, sight, end, most, told).found(), run.by_differences
     who, whom = (system.body(row) for row in pair)
     if not found:
         near = "" if most == math.inf else f" within {most:.6g} on the sky"
@@ -170,8 +175,7 @@ def transits(
         )
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     return Transits(
-        times, *columns.split(rates), distances, speeds, who, whom, name, run.by_differences, system.units,
-        columns.names(system),
+        times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units, columns.names(system),
     )  # fmt: skip
 
 
@@ -180,6 +184,8 @@ def _headed(name: str, unit: str) -> str:
 
 
 def _method(system: System, asked: str | None, by_default: bool) -> str:
+    if asked is not None and has_map(method_named(asked)):
+        return asked
     name = carrier(system, asked, DEFAULT)
     if method_named(name).chooses_steps:
         return name
@@ -208,80 +214,3 @@ def _within(system: System, pair: tuple[int, int], given: Any) -> float:
     if given is not None:
         return positive("within", time_in(given, system.units, "within", "length"))
     return math.inf if system.radii is None else float(system.radii[list(pair)].sum())
-
-
-class _Search:
-    """Search of a run's steps for transits."""
-
-    def __init__(
-        self, run: VariedRun, pair: tuple[int, int], sight: Floats, end: float, within: float, told: Any
-    ) -> None:
-        self._run, self._pair, self._end, self._within, self._told = run, pair, end, within, told
-        self._sky, self._sight = np.eye(3) - np.outer(sight, sight), sight
-        self._found: list[tuple[float, Floats, float, float]] = []
-        self._last: tuple[float, Floats] = run.time, self._stepper.y.copy()
-        self._begin = run.time
-
-    @property
-    def _stepper(self) -> Any:
-        return self._run.sim.integration.stepper
-
-    def found(self) -> list[tuple[float, Floats, float, float]]:
-        """Times, their derivatives (columns,), distances and speeds."""
-        self._run.advance(MOST_STEPS, self._visit, 1)
-        return self._found
-
-    def _relative(self, y: Floats) -> Floats:
-        """Relative position and velocity (2, 3)."""
-        one, other = self._pair
-        return np.asarray(y[:, :, one] - y[:, :, other])
-
-    def _rate(self, y: Floats) -> float:
-        """Half the rate of the squared distance on the sky."""
-        x, u = self._relative(y)
-        return float(x @ self._sky @ u)
-
-    def _visit(self) -> bool:
-        """Look for transits in the last step. Return whether the time is over."""
-        stepper, (t0, y0) = self._stepper, self._last
-        t1, y1 = stepper.time, stepper.y.copy()
-        a, b = self._relative(y0)[0], self._relative(y1)[0]
-        turned = math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
-        inside = np.linspace(t0, t1, 1 + max(1, math.ceil(turned / TURN)))
-        looks = [(t0, y0), *((float(t), stepper.at(float(t))) for t in inside[1:-1]), (t1, y1)]
-        for (begin, before), (end, after) in pairwise(looks):
-            if self._rate(before) < 0.0 <= self._rate(after) and self._relative(after)[0] @ self._sight > 0.0:
-                self._add(*self._refined(begin, end))
-        self._last = t1, y1
-        if self._told:
-            self._told(int(1000 * min(1.0, (t1 - self._begin) / (self._end - self._begin))), 1000)
-        return bool(t1 >= self._end)
-
-    def _refined(self, low: float, high: float) -> tuple[float, Floats, float]:
-        """The time between two times, the state y there, and the slope of the rate."""
-        t = 0.5 * (low + high)
-        for _ in range(MOST):
-            y = self._stepper.at(t)
-            rate, slope = self._rate(y), self._slope(t, y)
-            low, high = (t, high) if rate < 0.0 else (low, t)
-            step = -rate / slope if slope > 0.0 else math.inf
-            after = t + step if low <= t + step <= high else 0.5 * (low + high)
-            if abs(after - t) <= 4e-16 * max(abs(t), high - low):
-                break
-            t = after
-        return t, y, slope
-
-    def _slope(self, t: float, y: Floats) -> float:
-        flow: Any = self._run.sim.integration.flow
-        (x, u), push = self._relative(y), flow.derivative(t, y)[1]
-        one, other = self._pair
-        return float(u @ self._sky @ u + x @ self._sky @ (push[:, one] - push[:, other]))
-
-    def _add(self, t: float, y: Floats, slope: float) -> None:
-        (x, u), (_, slopes) = self._relative(y), self._run.split(y)
-        distance, speed = (float(np.linalg.norm(self._sky @ each)) for each in (x, u))
-        if t > self._end or distance > self._within:
-            return
-        one, other = self._pair
-        dx, du = slopes[:, :, one] - slopes[:, :, other]
-        self._found.append((t, -(u @ self._sky @ dx + x @ self._sky @ du) / slope, distance, speed))

@@ -22,18 +22,20 @@ LARGEST = 2.0**10  # growth of a deviation before it is scaled back: errors coun
 EVERY = 16  # steps between two checks of that growth
 
 
-def _pushes(system: System, columns: Columns, heavy: float) -> tuple[list[Push], list[float]]:
-    """What the masses and parameters do in each force, and the size of each parameter as a power of two."""
+def _pushes(system: System, columns: Columns, unit: Floats) -> list[Push]:
+    """What the masses and parameters do in each force, for columns in these units."""
     made, of_masses = [], columns.of_masses(len(system))
     if of_masses is not None:
         for body, column in np.argwhere(of_masses):
-            made += pushes_of_mass(system, int(body), int(column), heavy)
-    sizes = []
+            made += pushes_of_mass(system, int(body), int(column), 1.0 / unit[column])
     for k, text in enumerate(columns.parameters, sum(columns.widths[:2])):
-        value = parameter_of(system, text)[2]
-        sizes.append(float(2.0 ** np.round(np.log2(abs(value) or 1.0))))
-        made.append(push_of_parameter(system, text, k, sizes[-1]))
-    return made, sizes
+        made.append(push_of_parameter(system, text, k, 1.0 / unit[k]))
+    return made
+
+
+def _size(value: float) -> float:
+    """The power of two next to a number's size."""
+    return float(2.0 ** np.round(np.log2(abs(value) or 1.0)))
 
 
 class VariedRun:
@@ -41,7 +43,8 @@ class VariedRun:
 
     Deviations are in units of the system's own distance, speed and mass, as powers of two, so that a tolerance serves
     them as well as the particles. Scaling them changes no digit. With ``second`` there are deviations of order 2 behind
-    those of order 1; the unit of each is the product of two units.
+    those of order 1; the unit of each is the product of two units. The deviations start from ``begun`` (2, 3, n,
+    columns) if it is given, else as the columns say.
     """
 
     def __init__(
@@ -52,32 +55,45 @@ class VariedRun:
         threads: int,
         options: dict[str, Any],
         second: bool = False,
+        begun: Floats | None = None,
     ) -> None:
         n, count = len(system), columns.total
         self.system, self.columns, self._pairs = system, columns, np.triu_indices(count if second else 0)
-        start, masses = columns.start(n), columns.of_masses(n)
-        heavy = 2.0 ** np.round(np.log2(system.state.masses.sum() or 1.0))
-        pushes, sizes = _pushes(system, columns, heavy)
+        self._given, self._before, self._differ = (name, threads, options), 0, set[str]()
+        start, masses = columns.start(n) if begun is None else begun, columns.of_masses(n)
         start = np.concatenate([start, columns.second_start(n, *self._pairs)], axis=-1)
+        half, first = 6 * len(columns.bodies), sum(columns.widths[:2])
+        unit: Floats = np.ones(count)  # true deviation over the scaled one
+        self._pushed: Any = np.zeros(count, bool)  # columns with terms of their own in the forces
         if masses is not None:
-            masses = heavy * np.concatenate([masses, np.zeros((n, len(self._pairs[0])))], axis=1)
-        made = varied(system, start.reshape(2, 3, -1), masses, pushes, count)
-        self.sim = Simulation(made, name, threads=threads, **options)
+            self._pushed = masses.any(axis=0)
+            unit[self._pushed] = 1.0 / _size(system.state.masses.sum())
+        for k, text in enumerate(columns.parameters, first):
+            self._pushed[k], unit[k] = True, 1.0 / _size(parameter_of(system, text)[2])
+        self._unit = self._with_pairs(unit)
+        self.sim = self._simulation(system, start)
         try:
             with compiling_for(self.sim.integration.purpose):
                 accelerations = self.sim.accelerations()[:n].T
         except RunError:  # not finite; the run gives the reason
             accelerations = np.zeros((3, 1))
         self._scale = 2.0 ** np.round(np.log2(scale_of(system.state.phase, accelerations)))[..., None]
-        half, bodies = self._scale[:, 0, 0, 0], 3 * len(columns.bodies)
-        sizes = [*np.repeat(half, bodies), *(heavy for _ in columns.masses), *sizes]
-        unit = np.abs(start / self._scale).max(axis=(0, 1, 2))[:count]  # true deviation over the scaled one
-        unit = 2.0 ** np.round(np.log2(np.where(unit > 0.0, unit, 1.0)))
-        unit[: len(sizes)] = 1.0 / np.array(sizes)
-        if masses is not None:
-            unit[masses[:, :count].any(axis=0)] = 1.0 / heavy
-        self._unit = self._with_pairs(unit)
+        found = np.abs(start / self._scale).max(axis=(0, 1, 2))[:count]
+        found = 2.0 ** np.round(np.log2(np.where(found > 0.0, found, 1.0)))
+        if begun is None:
+            found[:half] = 1.0 / np.repeat(self._scale[:, 0, 0, 0], half // 2)
+        self._unit = self._with_pairs(np.where(self._pushed, unit, found))
         self._put(start / self._unit)
+
+    def _simulation(self, system: System, deviations: Floats) -> Simulation:
+        """A run of the system with these scaled deviations (2, 3, n, columns)."""
+        count, masses = self.columns.total, self.columns.of_masses(len(system))
+        if masses is not None:
+            masses = np.concatenate([masses / self._unit[:count], np.zeros((len(system), len(self._pairs[0])))], axis=1)
+        pushes = _pushes(self.system, self.columns, self._unit)
+        made = varied(system, deviations.reshape(2, 3, -1), masses, pushes, count)
+        name, threads, options = self._given
+        return Simulation(made, name, threads=threads, **options)
 
     def _with_pairs(self, values: Any) -> Floats:
         """Values for the deviations of order 1, and their products for those of order 2."""
@@ -96,7 +112,7 @@ class VariedRun:
     @property
     def steps(self) -> int:
         """Steps taken so far."""
-        return self.sim.steps_done
+        return self._before + self.sim.steps_done
 
     def split(self, y: Floats) -> tuple[Floats, Floats]:
         """The particles' phase (2, 3, n), and the derivatives (2, 3, n, columns), of the run's y."""
@@ -122,11 +138,12 @@ class VariedRun:
             nonlocal large
             y = sim.integration.stepper.y
             sizes = np.abs(self._deviations(y)[..., : self.columns.total]).max(axis=(2, 3), initial=0.0)
-            large = bool((sizes > LARGEST * self._scale[:, :, 0, 0]).any())
-            return bool(visit()) or large
+            ended = bool(visit())
+            large = not ended and bool((sizes > LARGEST * self._scale[:, :, 0, 0]).any())
+            return ended or large
 
-        goal = self.sim.steps_done + number
-        while (left := goal - self.sim.steps_done) > 0:
+        goal = self.steps + number
+        while (left := goal - self.steps) > 0:
             self.sim.advance(left, every=every, visit=seen)
             if not large:
                 return
@@ -134,12 +151,18 @@ class VariedRun:
             large = False
 
     def _shrink(self) -> None:
-        """Scale each column back to the size of one, by a power of two."""
+        """Scale each column back to the size of one, by a power of two. What a mass or a parameter does scales with its
+        column."""
         y = self._deviations(self.sim.state.phase)
         size = np.abs(y / self._scale).max(axis=(0, 1, 2))[: self.columns.total]
         factor = self._with_pairs(2.0 ** np.round(np.log2(np.where(size > 0.0, size, 1.0))))
         self._unit *= factor
-        self._put(y / factor)
+        if (factor[: self.columns.total][self._pushed] == 1.0).all():
+            self._put(y / factor)
+            return
+        self._before, self._differ = self.steps, {*self._differ, *self.by_differences}
+        phase = self.sim.state.phase[:, :, : len(self.system)]
+        self.sim = self._simulation(self.system.at(phase, self.sim.time), y / factor)
 
     def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
         """Go on for a length of time. Return phase, derivatives and the time, as ``split`` does."""
@@ -166,4 +189,5 @@ class VariedRun:
     @property
     def by_differences(self) -> tuple[str, ...]:
         """Names of the forces whose slopes came from central differences."""
-        return tuple(force.name for force in self.sim.integration.system.forces if force.differs)  # type: ignore[union-attr]
+        forces: Any = self.sim.integration.system.forces  # type: ignore[union-attr]
+        return tuple(dict.fromkeys(force.name for force in forces if force.differs or force.name in self._differ))

@@ -119,7 +119,7 @@ def chaos(
         print_lines(lines_of(found))
 
 
-@with_options("rtol", "atol")
+@with_options("dt", "rtol", "atol")
 def transits(
     system: SubjectArgument,
     planet: Annotated[str, typer.Argument(metavar="PLANET", help="Name or number of the planet.")],

@@ -185,7 +185,7 @@ def batch_trace_loop(forces, given, alone, alone_at, quiet_at, y, dt, done, coun
                     bodies, hybrid.near, hybrid.meets, hybrid.passes, hybrid.reach, hybrid.zone, hybrid.counts,
                     hybrid.start, hybrid.centre, hybrid.middle, hybrid.group, hybrid.path, hybrid.kept, hybrid.meeting,
                     hybrid.tables, hybrid.groups, hybrid.present, hybrid.span, hybrid.speeds, hybrid.latest,
-                    hybrid.moving, hybrid.way, hybrid.inner,
+                    hybrid.used, hybrid.moving, hybrid.way, hybrid.inner,
                 )  # fmt: skip
                 cursor[STEP], before = 0, cursor[EVALUATIONS]
                 status = status_at(

@@ -18,7 +18,7 @@ from kickdrift.integrators.trace_groups import (
 )
 from kickdrift.integrators.trace_others import kick_by_others, meets_any
 from kickdrift.integrators.trace_state import FOUND, FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
-from kickdrift.integrators.trace_switch import clear_flags, find_flags
+from kickdrift.integrators.trace_switch import clear_flags, find_flags, note_used
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, MUTUAL, SOURCE
 from kickdrift.integrators.wisdom_holman_drift import drift
 from kickdrift.integrators.wisdom_holman_kicks import jump, kick_velocities, mutual_accelerations
@@ -211,6 +211,7 @@ def trace_loop(forces, given, slots, listed, masses, dt, start, y, first, steps,
                 status = attempt(others, bound, dt, t, moved, cursor)
         if status == OK:
             if flagged:
+                note_used(bound)
                 clear_flags(bound)
                 find_flags(bound, dt)
             cursor[STEP] += 1

@@ -40,7 +40,7 @@ from kickdrift.integrators.gauss_radau_series import (
 )
 from kickdrift.integrators.gauss_radau_step import AGAIN, MOST, TERMS, next_step, verdict
 from kickdrift.integrators.trace_others import INSIDE, add_inside
-from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, PATH_ROWS, POINTS
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
@@ -94,7 +94,7 @@ def note_path(hybrid, t):
     meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
     x, v = meeting.x, meeting.v
     n, first = meeting.size[NUMBER], counts[POINTS]
-    if first + n > PATH_ROWS:
+    if first + n > path.shape[0]:
         return
     for i in range(n):
         row, slot = first + i, meeting.slots[i]

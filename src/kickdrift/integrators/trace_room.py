@@ -41,6 +41,6 @@ def hybrid_of(
             work=aligned((ROWS * width,)),
         ),
         tables=tables(), groups=groups, present=np.array([KICKS in groups, INSIDE in groups], np.uint8),
-        span=np.zeros(2), speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)), moving=moving,
-        way=way, inner=inner,
+        span=np.zeros(2), speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)),
+        used=np.zeros((0, slots), np.uint8), moving=moving, way=way, inner=inner,
     )  # fmt: skip

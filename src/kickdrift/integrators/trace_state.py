@@ -27,7 +27,7 @@ NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
 # Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
 # velocity; number of the bodies that meet, whose rows follow one another.
 PATH_COLUMNS = 9
-PATH_ROWS = 4096  # further points are not noted
+PATH_ROWS = 4096  # of most runs; further points are not noted
 
 
 class Meeting(NamedTuple):
@@ -58,7 +58,7 @@ class Hybrid(NamedTuple):
     centre: NDArray[np.float64]  # (5, 8) the centre of mass there
     middle: NDArray[np.float64]  # (6, slots) orbits before the drift
     group: NDArray[np.int64]  # (massive,) number of the group of massive bodies that meet
-    path: NDArray[np.float64]  # (PATH_ROWS, PATH_COLUMNS) points of the last step
+    path: NDArray[np.float64]  # (rows, PATH_COLUMNS) points of the last step
     kept: NDArray[np.float64]  # (6, slots) values that a change of all lanes must not touch
     meeting: Meeting
     tables: Tables
@@ -67,6 +67,7 @@ class Hybrid(NamedTuple):
     span: NDArray[np.float64]  # (2,) time at the step's start, and its length
     speeds: NDArray[np.float64]  # (3, slots + 2) velocities before a kick; then the centre of mass's, and its carry
     latest: NDArray[np.float64]  # (3, slots + 1) velocities after the last iteration of a kick
+    used: NDArray[np.uint8]  # (massive + 1, slots) ``near`` and ``passes`` of the last step; (0, slots) if not wanted
     moving: bool  # other forces depend on velocity
     way: int  # NONE, PARTIAL or FULL
     inner: int  # GAUSS_RADAU or BULIRSCH_STOER

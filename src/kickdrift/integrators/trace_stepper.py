@@ -16,10 +16,11 @@ from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.integrators.trace_loop import trace_loop
 from kickdrift.integrators.trace_path import points_inside
 from kickdrift.integrators.trace_room import hybrid_of
-from kickdrift.integrators.trace_state import PAIRS, PASSAGES, POINTS, TWICE
+from kickdrift.integrators.trace_state import PAIRS, PASSAGES, PATH_COLUMNS, POINTS, TWICE
 from kickdrift.integrators.wisdom_holman import LEAPFROG
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman_stepper import WisdomHolmanStepper
+from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned
 from kickdrift.model.state import Floats
 
@@ -92,6 +93,31 @@ class TraceStepper(WisdomHolmanStepper):
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
         return status
+
+    def noting(self, rows: int) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
+        """Make room for ``rows`` points inside a step, and note the pairs and passages of each step, for a tangent map.
+
+        Return the slot of each body (n,), the central one first, then massive bodies; the number of slots; and each
+        body's row in the system."""
+        bodies = self._bodies
+        massive, slots = self._hybrid.near.shape
+        self._hybrid = self._hybrid._replace(
+            path=np.zeros((rows, PATH_COLUMNS)), used=np.zeros((massive + 1, slots), np.uint8)
+        )
+        slot = np.flatnonzero(self._real)
+        return np.array([0, *slot]), slots, np.array([bodies.central, *bodies.order[slot]])
+
+    def advance_with(self, tangents: object, steps: int) -> int:
+        """Take steps, and move these ``trace_tangent.TraceTangents`` along. Return a status."""
+        from kickdrift.integrators.trace_tangent import trace_tangent_steps
+
+        table, given = self._others.table, self._given
+        if self._loop_at is None:
+            self._loop_at = address_of(trace_loop, table, *given, self.steps_done, 1, self._cursor)
+        status = trace_tangent_steps(self._loop_at, table, *given, self.steps_done, steps, self._cursor, tangents)
+        self.steps_done += int(self._cursor[STEP])
+        self._cursor[STEP] = 0
+        return int(status)
 
     @property
     def steady(self) -> bool:  # type: ignore[override]

@@ -83,6 +83,17 @@ def note_near_pairs(hybrid, j, b, bits):
 
 
 @jit
+def note_used(hybrid):
+    """Note the pairs and passages of the last step, if they are wanted."""
+    used, massive = hybrid.used, hybrid.near.shape[0]
+    if used.shape[0] > 0:
+        for i in range(used.shape[1]):
+            for j in range(massive):
+                used[j, i] = hybrid.near[j, i]
+            used[massive, i] = hybrid.passes[i]
+
+
+@jit
 def clear_flags(hybrid):
     """Forget all pairs and passages."""
     counts, near = hybrid.counts, hybrid.near

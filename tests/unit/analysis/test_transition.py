@@ -60,6 +60,20 @@ def test_columns_are_slopes_of_runs(name, dt):
         np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * size)
 
 
+def test_columns_by_masses_and_parameters_may_grow():
+    def system(mass=1.0):
+        x, v = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        return kd.System(x, v, [mass, 1e-3], forces=[kd.Gravity(G=1.0)], units="nbody")
+
+    found = kd.transition_matrix(system(), 800.0, "gauss-radau15", bodies=1, masses=True, parameters="gravity.G")
+    size = np.abs(found.by_masses).max()
+    assert size > 1200  # deviations are scaled back at 1024
+    wanted = slope(lambda by: run_to(system(1.0 + by), "gauss-radau15", None, 800.0), 1e-6)
+    np.testing.assert_allclose(found.by_masses[:, 0], wanted, rtol=0, atol=1e-7 * size)
+    whole = found.by_masses @ system().state.masses  # all masses grow like G
+    np.testing.assert_allclose(found.by_parameters[:, 0], whole, rtol=0, atol=1e-10 * size)
+
+
 def test_bodies_select_columns_and_a_simulation_goes_on():
     whole = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01)
     part = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01, bodies=["c", 1])
@@ -267,8 +281,9 @@ def test_forces_without_variations_are_refused():
     with pytest.raises(InputError, match=r"map of wisdom-holman takes none of gravity; .* takes gravity\.G"):
         kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, parameters="gravity.G")
     whole = planets().with_forces(kd.Gravity(G=1.0), WholeArrays(k=1.0))
-    with pytest.raises(InputError, match="wisdom-holman: its tangent map needs exact slopes of whole-arrays"):
-        kd.transition_matrix(whole, 1.0, "wisdom-holman", 0.1)
+    for name in ("wisdom-holman", "trace"):
+        with pytest.raises(InputError, match=f"{name}: its tangent map needs exact slopes of whole-arrays"):
+            kd.transition_matrix(whole, 1.0, name, 0.1)
     with pytest.raises(InputError, match="takes a System or a Simulation, got str"):
         kd.transition_matrix("two-body", 0.1)
 

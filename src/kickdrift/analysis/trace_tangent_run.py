@@ -1,0 +1,125 @@
+"""A run of a System by the hybrid map `trace`, with derivatives of its end by the map's tangent map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.columns import Columns
+from kickdrift.analysis.map_run import MapRun
+from kickdrift.analysis.varied_run import DEFAULT
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.pushes import parameter_of
+from kickdrift.forces.variations import Varied
+from kickdrift.integrators.trace import METHODS
+from kickdrift.jit.notices import compiling_for
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
+
+POINTS = 2**16  # rows of the path: points of all bodies that meet inside one step
+
+
+class TraceTangentRun(MapRun):
+    """A System with derivatives under `trace`. The bodies move as in a run without derivatives, to the last bit.
+
+    Without columns the caller gives the deviations to ``start``."""
+
+    def __init__(
+        self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
+    ) -> None:
+        others = [force for force in system.forces if not isinstance(force, Gravity)]
+        for force in others:
+            Varied(force, system)  # refuses a force without slopes
+        of_masses = None if columns is None else _of_masses(system, columns, name)
+        if others and of_masses is not None and of_masses.any():
+            raise InputError(
+                f"masses, parameters: the tangent map of {name} takes them under gravity alone; {DEFAULT} has no limit"
+            )
+        self._others = others
+        sim = Simulation(system, name, threads=threads, **options)
+        if sim.options.inner != METHODS[0]:
+            raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
+        flow: Any = sim.integration.flow
+        if flow.not_separable:
+            raise InputError(
+                f"{name}: its tangent map takes accelerations that depend on positions and time alone, and "
+                f"{flow.not_separable}; {DEFAULT} takes others"
+            )
+        assert sim.dt is not None
+        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
+        if columns is not None:
+            self.start(columns.start(len(system)), of_masses)
+
+    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
+        from kickdrift.forces.bound_slopes import BoundSlopes
+        from kickdrift.integrators.trace_tangent import trace_tangents
+
+        system, masses = self.system, self.system.state.masses
+        n = len(system)
+        with compiling_for(self.sim.integration.purpose):
+            flow: Any = self.sim.integration.flow
+            stepper: Any = self.sim.method.stepper(flow, self.sim.options)
+            stepper.reset(system.state.phase, system.state.time, 0)
+            slot, slots, order = stepper.noting(POINTS)
+            G = _constant(system)
+            by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
+            self._bound = [BoundSlopes(force.bind(system, self.sim.threads)).ready() for force in self._others]
+            table = np.array([(each.address, each.work) for each in self._bound], np.int64).reshape(-1, 2)
+            self._made = trace_tangents(system.state.phase, slopes, G * masses, by_mass, order, slot, slots, table)
+        self._stepper = stepper
+        self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
+        self.steps = 0
+
+    def advance(self, steps: int) -> None:
+        with compiling_for(self.sim.integration.purpose):
+            status = self._stepper.advance_with(self._made, steps)
+        self.steps = self._stepper.steps_done
+        if status:
+            from kickdrift.integrators.trace_tangent import CROWDED
+            from kickdrift.integrators.trace_tangent_others import NO_SLOPES
+
+            which = f"{self.sim.integrator}, dt = {self.dt:g}"
+            if status == NO_SLOPES:
+                names = ", ".join(force.name for force in self._others)
+                raise InputError(
+                    f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
+                )
+            if status == CROWDED:
+                raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
+            raise RunError(f"{which}: blew up before step {self.steps + 1}")
+
+    def now(self) -> tuple[Floats, Floats]:
+        from kickdrift.integrators.trace_tangent import leave_slopes
+
+        slopes = np.empty((2, 3, len(self.system), self._columns))
+        leave_slopes(self._rows, self._columns, slopes)
+        phase = self._stepper.y.copy()
+        if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
+            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
+        return phase, slopes[:, :, np.argsort(self._order)]
+
+
+def _constant(system: System) -> float:
+    """The gravitational constant."""
+    gravity = next(force for force in system.forces if isinstance(force, Gravity))
+    return gravitational_constant(gravity.name, gravity.G, system)
+
+
+def _of_masses(system: System, columns: Columns, name: str) -> Floats:
+    """Slopes of the masses (n, columns) along the columns. A change of G acts as one of all masses."""
+    masses, found = system.state.masses, columns.of_masses(len(system))
+    made = np.zeros((len(system), columns.total)) if found is None else found
+    for body in np.flatnonzero(made.any(axis=1) & (masses == 0.0)):
+        raise InputError(
+            f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
+            f"{DEFAULT} does"
+        )
+    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
+        if parameter_of(system, text)[1] != "G":
+            raise InputError(f"parameters: the tangent map of {name} takes G of gravity alone; {DEFAULT} takes {text}")
+        made[:, column] = masses / _constant(system)
+    return made

@@ -1,0 +1,260 @@
+"""Bodies that meet, with derivatives: the Gauss-Radau steps of the hybrid map once more, on duals.
+
+The steps have the lengths that the map took. A dual's nine numbers join the method's state as they are, since the
+method is linear in the accelerations.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.integrators.gauss_radau_series import (
+    AHEAD,
+    AT_NODE,
+    BASE,
+    BLOCK,
+    GUESS,
+    GUESS_LAST,
+    LAST,
+    LOST_V,
+    LOST_X,
+    NODES,
+    NOW,
+    ROWS,
+    SCALE,
+    V,
+    X,
+    correct,
+    finish,
+    predict,
+    prepare,
+)
+from kickdrift.integrators.gauss_radau_step import CONVERGED, MOST, PATIENCE, TERMS
+from kickdrift.integrators.trace_state import FULL
+from kickdrift.integrators.trace_tangent_others import add_inside_duals
+from kickdrift.integrators.trace_tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
+from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
+from kickdrift.jit.compile import is_finite, jit, never_inline
+from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
+from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
+from kickdrift.jit.lanes import lane_max, plus, splat
+from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.vector3 import dot
+from kickdrift.jit.vectors import WIDTH
+
+STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
+LEAST = 2  # iterations before the first that may be the last: by then the scale of residuals is known
+
+
+class DualMeeting(NamedTuple):
+    """Room for bodies that meet, with derivatives along eight columns."""
+
+    members: NDArray[np.int64]  # (room,) number of each body
+    slots: NDArray[np.int64]  # (room,)
+    jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body
+    x: NDArray[np.float64]  # (width,) duals, three rows of as many as there are bodies
+    v: NDArray[np.float64]
+    a: NDArray[np.float64]
+    work: NDArray[np.float64]  # (ROWS width,) as in ``gauss_radau_series``
+
+
+def dual_meeting(room: int) -> DualMeeting:
+    """Room for so many bodies."""
+    width = BLOCK * -(-3 * room * SLOT // BLOCK)
+    x, v, a = (aligned((width,)) for _ in range(3))
+    whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
+    return DualMeeting(*whole, x, v, a, aligned((ROWS * width,)))
+
+
+@jit
+def pull_of(d):
+    """Return d / r^3 for a dual separation d."""
+    square = 1.0 / dot(d.value, d.value)
+    cube = square * math.sqrt(square)
+    return dual(cube * d.value, cube * (d.slope - (3.0 * square * dot(d.slope, d.value)) * d.value))
+
+
+@jit
+def attract_duals(hybrid, own, rows, n, everyone, s):
+    """a <- the accelerations of ``trace_meeting.attract`` at x, a time s after the step's start. Return a status."""
+    never_inline()
+    meeting, masses = own.meeting, dual_rows(rows[MASSES], own.slot.size)
+    x, a, used = dual_rows(meeting.x, n), dual_rows(meeting.a, n), hybrid.used
+    members, slots = meeting.members, meeting.slots
+    total = dual_vector((0.0, 0.0, 0.0))
+    for i in range(n):
+        pull = pull_of(vector_at(x, i))
+        total = total + masses[0, members[i]] * pull
+        put_vector(a, i, -(masses[0, 0] * pull))
+    for i in range(n):
+        felt = vector_at(a, i)
+        for j in range(i):
+            if everyone or used[slots[j], slots[i]]:
+                pull = pull_of(vector_at(x, j) - vector_at(x, i))
+                felt = felt + masses[0, members[j]] * pull
+                put_vector(a, j, vector_at(a, j) - masses[0, members[i]] * pull)
+        put_vector(a, i, felt)
+    for i in range(n):
+        if meeting.jumps[i]:
+            put_vector(a, i, vector_at(a, i) - total)
+    if own.others.shape[0] == 0:
+        return OK
+    return add_inside_duals(own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1])
+
+
+@jit
+def set_scales(work, width, n):
+    """Set the scale of residuals: one over the largest coefficients of all bodies, for values and for each column."""
+    for column in range(SLOT):
+        largest = 0.0
+        for i in range(column, 3 * n * SLOT, SLOT):
+            total = 0.0
+            for row in range(NOW, NOW + TERMS):
+                total += abs(work[row * width + i])
+            largest = max(largest, total)
+        inverse = 1.0 / largest if largest > 0.0 else 0.0
+        for i in range(column, 3 * n * SLOT, SLOT):
+            work[SCALE * width + i] = inverse
+
+
+@jit
+def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
+    """Correct the step's polynomial until only rounding is left. Return a status.
+
+    The motion itself has converged at this length, and its derivatives converge as fast. So a residual that stops
+    falling is rounding."""
+    never_inline()
+    meeting = own.meeting
+    work, x, a, tables, residual = meeting.work, meeting.x, meeting.a, hybrid.tables, np.inf
+    prepare(work, width, tables, 0, h, True)
+    for i in range(0, width, WIDTH):
+        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
+        store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
+    for count in range(MOST):
+        if count < LEAST:
+            set_scales(work, width, n)
+        worst = splat(0.0)
+        for row in range(NODES):
+            following = row + 1 if row + 1 < NODES else 0
+            status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
+            if status != OK:
+                return status
+            prepare(work, width, tables, following, h, True)
+            worst, _ = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
+        missed = lane_max(worst)
+        if not is_finite(missed):
+            return BLOWN_UP
+        if count >= LEAST:
+            if missed == 0.0 or missed * missed / residual <= CONVERGED:
+                return OK
+            if count >= PATIENCE and missed >= residual:
+                break
+        residual = missed
+    return OK if missed <= STALLED else BLOWN_UP
+
+
+@jit
+def replay(hybrid, own, rows, n, everyone, first, points):
+    """Move the bodies of ``meeting`` over the steps that begin at row ``first`` of the path. Return a status."""
+    never_inline()
+    meeting = own.meeting
+    work, path, tables, h = meeting.work, hybrid.path, hybrid.tables, hybrid.span[1]
+    width = BLOCK * ((3 * n * SLOT + BLOCK - 1) // BLOCK)
+    for i in range(ROWS * width):
+        work[i] = 0.0
+    for i in range(3 * n * SLOT, width):
+        meeting.x[i] = meeting.a[i] = 0.0
+    for i in range(3 * n * SLOT):
+        work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
+    at, done, last, before = first + n, 0.0, 0.0, 0.0
+    while done < h:
+        if at >= points or not path[at, 0] > done:
+            return BLOWN_UP
+        step = path[at, 0] - done
+        for i in range(0, width, WIDTH):
+            store(meeting.x, i, load(work, X * width + i))
+        status = attract_duals(hybrid, own, rows, n, everyone, done)
+        if status != OK:
+            return status
+        for i in range(0, width, WIDTH):
+            store(work, NOW * width + i, load(meeting.a, i))
+        ratio = step / last if last > 0.0 else 0.0
+        predict(work, width, ratio, before, tables.shifts)
+        status = iterate_duals(hybrid, own, rows, n, everyone, width, done, step)
+        if status != OK:
+            return status
+        for i in range(0, TERMS * width, WIDTH):
+            store(work, LAST * width + i, load(work, NOW * width + i))
+            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
+        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, step, True)
+        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
+        done = path[at, 0]
+        last, before, at = step, ratio, at + n
+    for i in range(3 * n * SLOT):
+        meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+    return OK
+
+
+@jit
+def momentum_duals(meeting, masses, n):
+    """Sum of m v over m_0 of the bodies that meet."""
+    v, total = dual_rows(meeting.v, n), dual_vector((0.0, 0.0, 0.0))
+    for i in range(n):
+        total = total + masses[2, meeting.members[i]] * vector_at(v, i)
+    return total
+
+
+@jit
+def enter_meeting(hybrid, meeting, number, first):
+    """members, slots and jumps <- those of the meeting at row ``first`` of the path. Return how many bodies."""
+    path, massive = hybrid.path, hybrid.near.shape[0]
+    n, heavy = int(path[first, 8]), heavy_passes(hybrid)
+    for i in range(n):
+        slot = int(path[first + i, 1])
+        slot = slot if slot >= 0 else -1 - slot
+        meeting.slots[i], meeting.members[i] = slot, number[slot]
+        meeting.jumps[i] = heavy or (slot >= massive and hybrid.used[massive, slot] != 0)
+    return n
+
+
+@jit
+def heavy_passes(hybrid):
+    """Tell whether a massive body passed its pericentre in the last step."""
+    massive, found = hybrid.near.shape[0], False
+    for i in range(massive):
+        found = found or hybrid.used[massive, i] != 0
+    return found
+
+
+@jit
+def meet_again(hybrid, own, rows, n, first, points):
+    """Move the bodies of ``meeting`` together from their places before the drift. Return a status."""
+    meeting, count = own.meeting, own.slot.size
+    masses = dual_rows(rows[MASSES], count)
+    middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
+    x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
+    for i in range(n):
+        put_vector(x, i, vector_at(middle_x, meeting.members[i]))
+        put_vector(v, i, vector_at(middle_v, meeting.members[i]))
+    move = momentum_duals(meeting, masses, n)
+    for i in range(n):
+        if meeting.jumps[i]:
+            put_vector(v, i, vector_at(v, i) + move)
+    everyone = hybrid.way == FULL and heavy_passes(hybrid)
+    status = replay(hybrid, own, rows, n, everyone, first, points)
+    if status != OK:
+        return status
+    mass = as_dual(1.0)
+    for i in range(n):
+        if meeting.jumps[i]:
+            mass += masses[2, meeting.members[i]]
+    move = (as_dual(1.0) / mass) * momentum_duals(meeting, masses, n)
+    for i in range(n):
+        if meeting.jumps[i]:
+            put_vector(v, i, vector_at(v, i) - move)
+    return OK

@@ -1,0 +1,303 @@
+"""Derivatives under trace: against differences of its own runs, forty digits, and the motions of gauss-radau15."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError, RunError
+
+DT, STEPS = 0.4, 16
+
+
+def system_of(x, v, masses, *forces) -> kd.System:
+    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0), *forces], units="nbody")
+
+
+def orbits(*bodies) -> kd.System:
+    """A star of mass 1 with bodies (mass, a, e, eccentric anomaly, height) on orbits in planes of these heights."""
+    n = len(bodies) + 1
+    x, v, masses = np.zeros((n, 3)), np.zeros((n, 3)), np.ones(n)
+    for i, (mass, a, e, angle, height) in enumerate(bodies, 1):
+        b, rate = math.sqrt(1 - e * e), math.sqrt((1.0 + mass) / a**3) / (1 - e * math.cos(angle))
+        x[i] = a * (math.cos(angle) - e), a * b * math.sin(angle), height
+        v[i] = -a * math.sin(angle) * rate, a * b * math.cos(angle) * rate, 0.0
+        masses[i] = mass
+    return system_of(x, v, masses)
+
+
+def meeting() -> kd.System:
+    """Two giants that come near each other, and a third."""
+    return orbits((1e-3, 5.0, 0.02, -0.12, 0.01), (8e-4, 5.6, 0.04, 0.0, 0.02), (6e-4, 9.0, 0.1, 2.0, 0.03))
+
+
+def diving() -> kd.System:
+    """A planet on its way through the pericentre, and another one."""
+    return orbits((1e-3, 5.0, 0.97, -0.35, 0.01), (1e-3, 12.0, 0.05, 1.0, 0.02))
+
+
+def light(system: kd.System, *bodies) -> kd.System:
+    """The system with massless bodies."""
+    more = orbits(*((0.0, *each) for each in bodies)).state
+    own = system.state
+    return system_of(
+        np.concatenate([own.positions, more.positions[1:]]), np.concatenate([own.velocities, more.velocities[1:]]),
+        np.concatenate([own.masses, more.masses[1:]]),
+    )  # fmt: skip
+
+
+def forced(system: kd.System) -> kd.System:
+    """The system about a flat star, in a field that changes."""
+    flat = kd.Oblateness(j2=0.02, radius=0.5, pole=(0.1, 0.0, 1.0), G=1.0)
+    field = kd.DrivenField((1e-4, 0.0, 5e-5), frequency=0.7)
+    return system.with_forces(kd.Gravity(G=1.0), flat, field)
+
+
+def end_of(system: kd.System, **given) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """The end of a run, and the numbers of near pairs and of passages at its step points."""
+    sim, flags = kd.Simulation(system, "trace", DT, **given), []
+    for _ in range(STEPS):
+        sim.run(1)
+        flags.append(sim.integration.stepper.flags)
+    return np.concatenate([sim.state.positions.ravel(), sim.state.velocities.ravel()]), flags
+
+
+def moved(system: kd.System, half=0, body=0, axis=0, by=0.0, mass=0.0) -> kd.System:
+    phase, masses = [system.state.positions.copy(), system.state.velocities.copy()], system.state.masses.copy()
+    phase[half][body, axis] += by
+    masses[body] += mass
+    return system_of(*phase, masses, *system.forces[1:])
+
+
+def slope(end, h):
+    """Derivative by differences of order 6."""
+    one, two, three = ((end(k * h) - end(-k * h)) / (2 * k * h) for k in (1, 2, 3))
+    return 1.5 * one - 0.6 * two + 0.1 * three
+
+
+CASES = [
+    pytest.param(meeting, {}, 1e-4, 1, id="giants meet"),
+    pytest.param(diving, {}, 1e-5, 2, id="all move together"),
+    pytest.param(diving, {"pericentre": "partial"}, 1e-5, 2, id="a passage with kicks"),
+    pytest.param(
+        lambda: light(meeting(), (5.2, 0.05, -0.06, 0.0), (5.6, 0.04, 2.0, 0.0), (7.0, 0.97, -0.3, 0.0)), {}, 1e-5, 1,
+        id="massless bodies meet giants and pass the star",
+    ),
+    pytest.param(
+        lambda: light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0)), {}, 1e-5, 2,
+        id="massless bodies while a planet passes the star",
+    ),
+    pytest.param(lambda: forced(meeting()), {}, 1e-4, 1, id="giants meet under other forces"),
+    pytest.param(lambda: forced(diving()), {}, 1e-5, 2, id="all move together under other forces"),
+    pytest.param(
+        lambda: forced(light(meeting(), (5.2, 0.05, -0.06, 0.0), (7.0, 0.97, -0.3, 0.0))), {}, 1e-5, 1,
+        id="massless bodies under other forces",
+    ),
+    pytest.param(
+        lambda: forced(light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0))), {}, 1e-5, 2,
+        id="massless bodies while a planet passes, under other forces",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("made", "given", "h", "flagged"), CASES)
+def test_columns_are_slopes_of_runs(made, given, h, flagged):
+    system = made()
+    end, flags = end_of(system, **given)
+    assert sum(each != (0, 0) for each in flags) >= 2
+    assert any(each[flagged - 1] for each in flags)
+    found = kd.transition_matrix(system, STEPS * DT, "trace", DT, **given)
+    own = np.concatenate([found.end.positions.ravel(), found.end.velocities.ravel()])
+    np.testing.assert_array_equal(own, end)  # the same bits as without derivatives
+    assert found.symplectic_error is None or found.symplectic_error < 1e-14
+    n = len(system)
+    for column in range(0, 6 * n, 5):
+        half, body, axis = column // (3 * n), column % (3 * n) // 3, column % 3
+
+        def after(by, half=half, body=body, axis=axis):
+            there, seen = end_of(moved(system, half, body, axis, by), **given)
+            assert seen == flags  # no switch between these runs
+            return there
+
+        wanted = slope(after, h)
+        np.testing.assert_allclose(found.matrix[:, column], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_columns_by_masses_and_the_constant():
+    system = meeting()
+    found = kd.transition_matrix(system, STEPS * DT, "trace", DT, bodies=1, masses=True, parameters="gravity.G")
+    for body in range(3):
+        wanted = slope(lambda by, body=body: end_of(moved(system, body=body, mass=by))[0], 1e-6)
+        np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+    wanted = slope(lambda by: end_of(system.with_forces(kd.Gravity(G=1.0 + by)))[0], 1e-5)
+    np.testing.assert_allclose(found.by_parameters[:, 0], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_the_star_may_be_in_any_row():
+    system, order = light(meeting(), (7.0, 0.97, -0.3, 0.0)), [4, 1, 0, 3, 2]
+    state = system.state
+    turned = system_of(state.positions[order], state.velocities[order], state.masses[order])
+    one, two = (kd.transition_matrix(each, STEPS * DT, "trace", DT).matrix for each in (system, turned))
+    rows = np.add.outer(3 * np.array(order), np.arange(3)).ravel()
+    rows = np.concatenate([rows, 15 + rows])
+    np.testing.assert_allclose(two, one[np.ix_(rows, rows)], rtol=0, atol=1e-12 * np.abs(one).max())
+
+
+def test_massless_bodies_about_a_star_alone():
+    """Kepler motions, whose matrix is that of gauss-radau15, in a passage too."""
+    system = light(system_of(np.zeros((1, 3)), np.zeros((1, 3)), [1.0]), (7.0, 0.97, -0.3, 0.0), (7.0, 0.1, 2.0, 0.0))
+    assert any(passages for _, passages in end_of(system)[1])
+    found, exact = (kd.transition_matrix(system, STEPS * DT, *each) for each in (("trace", DT), ("gauss-radau15",)))
+    np.testing.assert_allclose(found.matrix, exact.matrix, rtol=0, atol=1e-12 * np.abs(exact.matrix).max())
+
+
+def test_a_step_without_encounters_against_forty_digits():
+    """Kick, jump, drift, jump and kick in democratic heliocentric coordinates, and differences, in mpmath."""
+    mp = pytest.importorskip("mpmath")
+    dt, steps, masses = 0.3, 2, [1, mp.mpf(1e-3), mp.mpf(3e-4)]
+    x = np.array([[0.1, -0.05, 0.0], [1.3, 0.2, 0.02], [-2.6, 0.1, 0.3]])
+    v = np.array([[0.02, 0.0, 0.01], [-0.1, 0.9, 0.0], [0.0, -0.6, 0.05]])
+    system = system_of(x, v, [float(each) for each in masses])
+    found = kd.transition_matrix(system, steps * dt, "trace", dt, masses=True)
+
+    def drifted(x, v, mu, t):
+        """A Kepler motion by Newton's method on the eccentric anomaly's change (Danby 1988, chapter 6)."""
+        r, eta = mp.sqrt(sum(x * x)), sum(x * v)
+        a = 1 / (2 / r - sum(v * v) / mu)
+        n, root = mp.sqrt(mu / a**3), mp.sqrt(mu * a)
+        e = n * t
+        for _ in range(60):
+            off = e - (1 - r / a) * mp.sin(e) + eta / root * (1 - mp.cos(e)) - n * t
+            e -= off / (1 - (1 - r / a) * mp.cos(e) + eta / root * mp.sin(e))
+        f, g = 1 - a / r * (1 - mp.cos(e)), t - (e - mp.sin(e)) / n
+        after = f * x + g * v
+        s = mp.sqrt(sum(after * after))
+        return after, -root / (r * s) * mp.sin(e) * x + (1 - a / s * (1 - mp.cos(e))) * v
+
+    def end(x, v, m):
+        total, t = sum(m), mp.mpf(dt)
+        place, pace = sum(m[i] * x[i] for i in range(3)) / total, sum(m[i] * v[i] for i in range(3)) / total
+        q, u = [x[i] - x[0] for i in (1, 2)], [v[i] - pace for i in (1, 2)]
+
+        def kick():
+            d = q[1] - q[0]
+            pull = t / 2 * d / mp.sqrt(sum(d * d)) ** 3
+            u[0], u[1] = u[0] + m[2] * pull, u[1] - m[1] * pull
+
+        def jump():
+            way = t / 2 * (m[1] * u[0] + m[2] * u[1]) / m[0]
+            q[0], q[1] = q[0] + way, q[1] + way
+
+        for _ in range(steps):
+            kick()
+            jump()
+            for i in range(2):
+                q[i], u[i] = drifted(q[i], u[i], m[0], t)
+            jump()
+            kick()
+        star = place + steps * t * pace - (m[1] * q[0] + m[2] * q[1]) / total
+        rows = [star, star + q[0], star + q[1]]
+        rows += [pace - (m[1] * u[0] + m[2] * u[1]) / m[0], pace + u[0], pace + u[1]]
+        return np.concatenate(rows)
+
+    with mp.workdps(40):
+        start = [np.array([[mp.mpf(float(each)) for each in row] for row in rows]) for rows in (x, v)]
+        h = mp.mpf(10) ** -13
+        columns = np.column_stack([found.matrix, found.by_masses])
+        for column in range(0, 21, 2):
+            both = []
+            for sign in (1, -1):
+                one, two, m = start[0].copy(), start[1].copy(), list(masses)
+                if column < 18:
+                    (one, two)[column // 9][column % 9 // 3, column % 3] += sign * h
+                else:
+                    m[column - 18] += sign * h
+                both.append(end(one, two, m))
+            wanted = ((both[0] - both[1]) / (2 * h)).astype(float)
+            np.testing.assert_allclose(columns[:, column], wanted, rtol=0, atol=2e-15 * np.abs(columns).max())
+
+
+def test_the_step_goes_to_zero_like_the_error_of_the_map():
+    system = meeting()
+    exact = kd.transition_matrix(system, 6.4, "gauss-radau15")
+    far = [np.abs(kd.transition_matrix(system, 6.4, "trace", dt).matrix - exact.matrix).max() for dt in (0.4, 0.1)]
+    assert far[1] < 0.1 * far[0]
+    assert far[0] < 1e-3 * np.abs(exact.matrix).max()
+
+
+def test_megno_and_lyapunov_spectra_follow_the_map():
+    system = meeting()
+    report = kd.megno(system, 200.0, "trace", DT)
+    assert report.integrator == "trace"
+    found = kd.lyapunov_spectrum(system, 200.0, "trace", DT)
+    assert abs(found.sum) < 1e-12  # the map keeps volumes
+    vector = kd.lyapunov_spectrum(system, 200.0, "trace", DT, count=1, seed=3)
+    assert vector.exponents[0] > 0.0
+
+
+def test_transits_under_a_map():
+    system, given = kd.load("trappist-1"), {"until": "4 day", "direction": (0, -1, 0), "bodies": "c"}
+    exact = kd.transits(system, "b", **given)
+    step = {"integrator": "trace", "dt": "0.03 day"}
+    found = kd.transits(system, "b", **given, **step)
+    assert found.integrator == "trace"
+    np.testing.assert_allclose(found.times, exact.times, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.jacobian, exact.jacobian, rtol=0, atol=1e-3 * np.abs(exact.jacobian).max())
+
+    def times(by):
+        x, v = system.state.positions.copy(), system.state.velocities
+        x[2, 0] += by
+        near = kd.System(x, v, system.state.masses, forces=system.forces, units=system.units, names=system.names)
+        return kd.transits(near, "b", **given, **step).times
+
+    wanted = slope(times, 1e-5)
+    np.testing.assert_allclose(found.jacobian[:, 0], wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+    other = kd.transits(system, "b", **given, **step | {"integrator": "wisdom-holman"})
+    np.testing.assert_allclose(other.times, exact.times, rtol=0, atol=1e-9)
+    sim = kd.Simulation(system, "trace", "0.03 day")
+    np.testing.assert_array_equal(kd.transits(sim, "b", **given).times, found.times)
+    with pytest.raises(InputError, match=r"dt: b turns by 1\.7 radians in a step of trace; transits"):
+        kd.transits(system, "b", **given, integrator="trace", dt="0.4 day")
+
+
+def test_the_systems_own_method_serves_where_it_can():
+    own = meeting().with_run(integrator="trace", dt=DT)
+    assert kd.transition_matrix(own, 4.0).integrator == "trace"
+    assert kd.transition_matrix(own, 4.0, second=True, bodies=1).integrator == "gauss-radau15"
+    other = own.with_run(inner="bulirsch-stoer")
+    assert kd.transition_matrix(other, 4.0).integrator == "gauss-radau15"
+    some = light(meeting(), (7.0, 0.1, 2.0, 0.0)).with_run(integrator="trace", dt=DT)
+    assert kd.transition_matrix(some, 4.0, masses=True).integrator == "gauss-radau15"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"inner": "bulirsch-stoer"}, "inner: the tangent map of trace takes gauss-radau15 alone, got bulirsch-stoer"),
+        ({"second": True}, "second: the tangent map of trace has none; gauss-radau15 takes it"),
+        ({"parameters": "gravity.softening"}, "parameters: the tangent map of trace takes G of gravity alone; gauss"),
+        ({"masses": True}, "masses: particle 4 has no mass, and the tangent map of trace has no slope by it; gauss"),
+    ],
+)
+def test_what_the_map_does_not_have(given, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        kd.transition_matrix(light(meeting(), (7.0, 0.1, 2.0, 0.0)), 4.0, "trace", DT, **given)
+
+
+def test_a_step_with_too_many_points_is_named(monkeypatch):
+    monkeypatch.setattr("kickdrift.analysis.trace_tangent_run.POINTS", 5)
+    with pytest.raises(RunError, match=r"^trace, dt = 0\.4: step \d+ has more than 5 points of bodies that meet$"):
+        kd.transition_matrix(meeting(), 4.0, "trace", DT)
+
+
+def test_forces_that_the_map_does_not_have():
+    drag = meeting().with_forces(kd.Gravity(G=1.0), kd.LinearDrag(0.1))
+    with pytest.raises(InputError, match=r"^trace: its tangent map takes accelerations that depend on positions and"):
+        kd.megno(drag, 4.0, "trace", DT)
+    with pytest.raises(
+        InputError, match=r"^masses, parameters: the tangent map of trace takes them under gravity alone"
+    ):
+        kd.transition_matrix(forced(meeting()), 4.0, "trace", DT, masses=True)
