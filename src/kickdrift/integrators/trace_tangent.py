@@ -26,14 +26,14 @@ from kickdrift.integrators.trace_tangent_meeting import (
 )
 from kickdrift.integrators.trace_tangent_others import kick_by_others_duals
 from kickdrift.integrators.trace_tangent_rows import AFTER_V, AFTER_X, MASSES, MIDDLE_V, MIDDLE_X, ROWS, V, X
-from kickdrift.integrators.wisdom_holman_tangent import drift_duals, fill_kepler
+from kickdrift.integrators.wisdom_holman_tangent import drift_duals, fill_kepler, fill_masses, fill_phase
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, jit, never_inline
-from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
+from kickdrift.jit.dual import SLOT, as_dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.handle import handle
-from kickdrift.jit.memory import flat, masked_load, masked_store
+from kickdrift.jit.memory import flat, masked_store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
@@ -94,18 +94,13 @@ def enter_democratic(blocks, columns, phase, slopes, gm, gm_slopes):
     n = gm.size
     for block in range(blocks.shape[0]):
         first = block * WIDTH
-        count = min(WIDTH, columns - first)
         masses = dual_rows(blocks[block, MASSES], n)
-        for i in range(n):
-            masses[0, i] = dual(gm[i], masked_load(flat(gm_slopes), i * columns + first, count))
+        fill_masses(masses, gm, gm_slopes, columns, first)
         for i in range(n):
             masses[1, i], masses[2, i] = masses[0, 0], masses[0, i] / masses[0, 0]
         for half in range(2):
             x = dual_rows(blocks[block, half], n)
-            for k in range(3):
-                for i in range(n):
-                    place = ((half * 3 + k) * n + i) * columns + first
-                    x[k, i] = dual(phase[half, k, i], masked_load(flat(slopes), place, count))
+            fill_phase(x, half, phase, slopes, columns, first)
             centre = centre_of(x, masses)
             origin = vector_at(x, 0) if half == 0 else centre
             for i in range(1, n):

@@ -64,16 +64,32 @@ def slopes_in(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return duals[:, :2, :, 1:]
 
 
+@jit
+def fill_masses(masses, gm, gm_slopes, columns, first):
+    """masses[0] <- G times the masses, with their slopes by the columns from ``first`` on."""
+    for i in range(gm.size):
+        slopes = masked_load(flat(gm_slopes), i * columns + first, min(WIDTH, columns - first))
+        masses[0, i] = dual(gm[i], slopes)
+
+
+@jit
+def fill_phase(x, half, phase, slopes, columns, first):
+    """x (3, n) <- positions (``half`` 0) or velocities (1), with their slopes by the columns from ``first`` on."""
+    n = phase.shape[2]
+    for k in range(3):
+        for i in range(n):
+            place = ((half * 3 + k) * n + i) * columns + first
+            x[k, i] = dual(phase[half, k, i], masked_load(flat(slopes), place, min(WIDTH, columns - first)))
+
+
 @driver
 def enter(blocks, columns, phase, slopes, gm, gm_slopes):
     """Fill the blocks."""
     n = gm.size
     for block in range(blocks.shape[0]):
         first = block * WIDTH
-        count = min(WIDTH, columns - first)
         masses = dual_rows(blocks[block, MASSES], n)
-        for i in range(n):
-            masses[0, i] = dual(gm[i], masked_load(flat(gm_slopes), i * columns + first, count))
+        fill_masses(masses, gm, gm_slopes, columns, first)
         total = as_dual(0.0)
         for i in range(n):
             total += masses[0, i]
@@ -81,10 +97,7 @@ def enter(blocks, columns, phase, slopes, gm, gm_slopes):
             masses[2, i] = masses[0, i] / total
         for half in range(2):
             x = dual_rows(blocks[block, half], n)
-            for k in range(3):
-                for i in range(n):
-                    place = ((half * 3 + k) * n + i) * columns + first
-                    x[k, i] = dual(phase[half, k, i], masked_load(flat(slopes), place, count))
+            fill_phase(x, half, phase, slopes, columns, first)
             to_jacobi(x, masses, True)
 
 
