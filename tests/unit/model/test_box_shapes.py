@@ -197,7 +197,7 @@ def test_near_pairs_are_those_of_nearest_images(axes, matrix, seed):
     assert distance == pytest.approx(r[closest])
     assert nearest_pair(x, box, r[closest] * 0.99) is None
     assert any_nearer(box.wrap(x), box, r[closest] * 1.01)
-    few = box.wrap(x[np.unique([first, second, 0, 1])])  # too few for a crowd, for which any_nearer may be True as well
+    few = box.wrap(x[np.unique([first, second, 0, 1])])  # four particles are no crowd
     assert not any_nearer(few, box, r[closest] * 0.99)
 
 

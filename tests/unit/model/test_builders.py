@@ -219,7 +219,7 @@ def test_any_nearer_agrees_with_a_tree(count, edge, stretch, periodic, factor, s
     first = int(np.argmin(distances))
     limit = factor * float(distances[first])
     if limit < min(edges or [np.inf]) / 2:  # the tree returns nearest images
-        few = positions[np.unique([first, places[first], 0, 1])]  # too few for a crowd, which may count as near
+        few = positions[np.unique([first, places[first], 0, 1])]  # four particles are no crowd
         assert any_nearer(positions if factor > 1 else few, edges, limit) == (factor > 1)
 
 

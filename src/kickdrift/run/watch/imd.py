@@ -132,7 +132,7 @@ class Imd(Watcher):
         self._send(greeting(self._boxed))
 
     def _obey(self) -> None:
-        """Read one packet of the client, if there is one, and do what it says."""
+        """Read a packet of the client, if one is there, and obey the command in the packet."""
         data = self._read(HEAD_BYTES)
         if not data:
             return
