@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.row_lanes import Halves, RowLanes, Whole, blocks
+from kickdrift.forces.row_lanes import Block, RowLanes, blocks
 from kickdrift.jit.compile import jit, strict
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
 from kickdrift.jit.masks import select
@@ -38,8 +38,8 @@ class ClusterList(NamedTuple):
     """
 
     cutoff: float
-    per_row: int  # particles in a row of the list, 1 or 2 (see `row_lanes`)
-    block: Whole | Halves  # size of an entry of a row
+    per_row: int  # particles in a row of the list, 1 or 4 (see `row_lanes`)
+    block: Block  # size of an entry of a row
     inner_skin: float
     outer_skin: float
     cell: Cell
@@ -86,10 +86,10 @@ def chunk_count(n: int) -> int:
 def table_place(per_row: int, shift: int, row: int) -> int:
     """Return the index of a row's shifted positions in its cluster's table.
 
-    The table is (shifts, 3, 8), or (shifts, 4 rows, 3, 16) with two particles in a row."""
+    The table is (shifts, 3, 8), or (shifts, 2 rows, 3, 16) with four particles in a row."""
     if per_row == 1:
         return STRIDE * shift + row
-    return 8 * STRIDE * shift + 2 * STRIDE * row
+    return 4 * STRIDE * shift + 2 * STRIDE * row
 
 
 def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
@@ -108,11 +108,11 @@ def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
     return min(inner * cutoff, slack / 2), min(outer * cutoff, slack)
 
 
-def empty_rows(chunks: int, room: int, block: Whole | Halves) -> NDArray[np.int32]:
+def empty_rows(chunks: int, room: int, per_row: int, block: Block) -> NDArray[np.int32]:
     """Return rows for ``room`` entries of the outer list in each chunk.
 
-    At most eight particles list a near cluster, for each of its blocks. Entries are written eight at a time."""
-    return np.empty((chunks, WIDTH * blocks(block) * room + WIDTH, 2), np.int32)
+    At most all rows of a cluster list a near cluster, for each of its blocks. Entries are written eight at a time."""
+    return np.empty((chunks, WIDTH // per_row * blocks(block) * room + WIDTH, 2), np.int32)
 
 
 def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
@@ -155,7 +155,7 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         near_span=np.zeros((clusters, 2), np.int64),
         near=np.empty((chunks, room), np.int32),
         row_start=np.zeros((chunks, slots + 1), np.int64),
-        rows=empty_rows(chunks, room, lanes.block),
+        rows=empty_rows(chunks, room, lanes.per_row, lanes.block),
         used=np.zeros((chunks, clusters), np.int64),
         origin=np.zeros(3),
         x_single=aligned((3 * single_slots,), dtype=np.float32),

@@ -19,7 +19,7 @@ from kickdrift.jit.vectors import single_type
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
     """Return truncated energy and force over r of particle i with the particles in the slots from j on.
 
-    With 16 lanes, i + 1 takes part as well. The cutoff is not yet applied."""
+    With 16 lanes, i + 1, i + 2 and i + 3 take part as well. The cutoff is not yet applied."""
 
 
 @overload(pair_terms)
@@ -33,24 +33,27 @@ def _pair_terms(laws, i, j, r2):
             return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
 
         return one_species
-    single = r2 == single_type
 
     def many_species(laws, i, j, r2):
         like, like_at_cutoff, truncation, tables = laws
-        row, next_row = tables.row[i], tables.row[i + single]
-        energy, force_over_r = law(parameters_of(like, tables.law, row, next_row, j, r2), r2)
-        at_cutoff = parameters_of(like_at_cutoff, tables.at_cutoff, row, next_row, j, r2)
+        energy, force_over_r = law(parameters_of(like, tables.law, tables.row, i, j, r2), r2)
+        at_cutoff = parameters_of(like_at_cutoff, tables.at_cutoff, tables.row, i, j, r2)
         return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
 
     return many_species
 
 
-def parameters_of(like: Any, table: Any, row: int, next_row: int, j: int, r2: Any) -> Any:
-    """Return parameters, in the form of ``like``, of species ``row`` (and ``next_row``) with the slots from j on."""
+def parameters_of(like: Any, table: Any, species: Any, i: int, j: int, r2: Any) -> Any:
+    """Return parameters, in the form of ``like``, of the slot i, or four from i on, with the slots from j on."""
 
 
 @overload(parameters_of)
-def _parameters_of(like, table, row, next_row, j, r2):
-    if r2 == single_type:
-        return lambda like, table, row, next_row, j, r2: named_lanes_single(like, table, row, next_row, j)
-    return lambda like, table, row, next_row, j, r2: named_lanes(like, table, row, j, r2)
+def _parameters_of(like, table, species, i, j, r2):
+    def four(like, table, species, i, j, r2):
+        rows = species[i], species[i + 1], species[i + 2], species[i + 3]
+        return named_lanes_single(like, table, rows, j)
+
+    def one(like, table, species, i, j, r2):
+        return named_lanes(like, table, species[i], j, r2)
+
+    return four if r2 == single_type else one

@@ -22,9 +22,10 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
+from kickdrift.forces import pair_sum as pair_sum  # the tasks of chunks
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
-from kickdrift.forces.pair_sum import copy_to_single
+from kickdrift.forces.pair_rows import copy_to_single
 from kickdrift.forces.row_lanes import RowLanes
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.chunks import Chunks, each_chunk

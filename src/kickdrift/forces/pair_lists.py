@@ -58,7 +58,7 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     """Return the bound force with empty lists of ``room`` entries in each chunk."""
     pairs = bound.pairs
     chunks = len(pairs.made)
-    rows = empty_rows(chunks, room, pairs.block)
+    rows = empty_rows(chunks, room, pairs.per_row, pairs.block)
     special = with_special_room(pairs.special, room)
     return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows, special=special)
 

@@ -1,4 +1,4 @@
-"""The steps of the pair sum, for each width of lanes: one particle, or two, against a cluster.
+"""The steps of the pair sum, for each width of lanes: a particle against a cluster or half of it, or a tile.
 
 The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
 """
@@ -12,43 +12,71 @@ from numba import types
 
 from kickdrift.forces.clusters import (
     APART,
+    N_CLUSTERS,
     SHIFTS,
     STRIDE,
     load_vector,
     store_vector,
     table_place,
 )
-from kickdrift.jit.compile import as_written
+from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import in_eight, lane_numbers, multiply_add
 from kickdrift.jit.masks import lowest_bit, select
-from kickdrift.jit.memory import broadcast, load, load_like, store
+from kickdrift.jit.memory import broadcast, line_aligned, load, load_like, store, sums_of_rows
 from kickdrift.jit.single import (
-    halves,
+    four_of,
+    load_four_times,
     load_single,
-    load_twice,
     store_narrow,
-    two_of,
+    sums_in_quarters,
+    sums_of_quarters,
+    halves,
 )
 from kickdrift.jit.vectors import F64, WIDTH, single_type
 
+ROW = 4  # particles in a row of tiles
 PLACES = (
-    table_place.py_func(2, 1, 0),
-    table_place.py_func(2, 0, 1),
-)  # distances in the table between shifts and between rows, for rows of two particles
+    table_place.py_func(ROW, 1, 0),
+    table_place.py_func(ROW, 0, 1),
+)  # distances in the table between shifts and between rows, for rows of four particles
 
 
 def working_arrays(zero: Any, pairs: Any, c: int) -> Any:
-    """Return positions, reactions of chunk c and an empty table, in the precision of the pairs."""
+    """Return positions, reactions of chunk c, an empty table and room for a cluster's row forces, in the precision of
+    the pairs; the row forces are float64 unless rows have tiles."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
 def _working_arrays(zero, pairs, c):
     if zero.vector.element == F64:
-        return lambda zero, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE))
-    size = SHIFTS * (PLACES[0] if zero == single_type else STRIDE)
-    return lambda zero, pairs, c: (pairs.x_single, pairs.force_single[c], np.empty(size, np.float32))
+        return lambda zero, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE), np.zeros(WIDTH * STRIDE))
+
+    def tiles(zero, pairs, c):
+        row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
+        return pairs.x_single, pairs.force_single[c], tile_table(), row_sums
+
+    def single(zero, pairs, c):
+        table = np.empty(SHIFTS * STRIDE, np.float32)
+        return pairs.x_single, pairs.force_single[c], table, np.zeros(WIDTH * STRIDE)
+
+    return tiles if zero == single_type else single
+
+
+@as_written
+def tile_table():
+    """Return an empty table for rows of tiles, on a boundary of cache lines."""
+    return line_aligned(np.empty(SHIFTS * PLACES[0] + 2 * WIDTH, np.float32))
+
+
+@jit
+def copy_to_single(pairs):
+    """Copy the positions relative to the origin to float32."""
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])
 
 
 def particle_of(zero: Any, place: int) -> int:
@@ -60,7 +88,7 @@ def particle_of(zero: Any, place: int) -> int:
 def _particle_of(zero, place):
     if zero == single_type:
         per_shift, per_row = PLACES
-        return lambda zero, place: 2 * (place % per_shift // per_row)
+        return lambda zero, place: ROW * (place % per_shift // per_row)
     return lambda zero, place: place % STRIDE
 
 
@@ -75,7 +103,7 @@ def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> No
     each step."""
 
 
-@overload(fill_table)
+@overload(fill_table, forceinline=True)
 def _fill_table(table, pairs, cluster, used, zero):
     def double(table, pairs, cluster, used, zero):
         shifts = pairs.shifts
@@ -95,29 +123,27 @@ def _fill_table(table, pairs, cluster, used, zero):
             store_narrow(table, STRIDE * s + WIDTH, y - (shifts[1, s] + origin[1]))
             store_narrow(table, STRIDE * s + 2 * WIDTH, z - (shifts[2, s] + origin[2]))
 
-    def twos(table, pairs, cluster, used, zero):
+    def fours(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
         x, y, z = load_vector(pairs.x, cluster)
-        # an empty second place of a row is further away than all other empty places, for every shift
+        # an empty place of a row is further away than all other empty places, for every shift
         aside = 10 * APART * pairs.cutoff + 3 * pairs.cell.matrix[0, 0]
         x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
         while used:
             s = lowest_bit(used)
             used &= used - 1
-            store_twos(table, 8 * STRIDE * s, x - (shifts[0, s] + origin[0]))
-            store_twos(table, 8 * STRIDE * s + 2 * WIDTH, y - (shifts[1, s] + origin[1]))
-            store_twos(table, 8 * STRIDE * s + 4 * WIDTH, z - (shifts[2, s] + origin[2]))
+            store_fours(table, 4 * STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_fours(table, 4 * STRIDE * s + 2 * WIDTH, y - (shifts[1, s] + origin[1]))
+            store_fours(table, 4 * STRIDE * s + 4 * WIDTH, z - (shifts[2, s] + origin[2]))
 
-    return double if zero.vector.element == F64 else twos if zero == single_type else single
+    return double if zero.vector.element == F64 else fours if zero == single_type else single
 
 
 @as_written
-def store_twos(table, at, value):
-    """Store lanes 0 and 1 eight times each in float32, then lanes 2 and 3 in the next row, and so on."""
-    store(table, at, two_of(value, 0))
-    store(table, at + 2 * STRIDE, two_of(value, 1))
-    store(table, at + 4 * STRIDE, two_of(value, 2))
-    store(table, at + 6 * STRIDE, two_of(value, 3))
+def store_fours(table, at, value):
+    """Store lanes 0 to 3 four times each in float32, then lanes 4 to 7 in the next row."""
+    store(table, at, four_of(value, 0))
+    store(table, at + 2 * STRIDE, four_of(value, 1))
 
 
 def displacements(zero: Any, x: Any, table: Any, other: int, place: int) -> Any:
@@ -131,12 +157,12 @@ def _displacements(zero, x, table, other, place):
         dy = broadcast(table, place + WIDTH, zero) - load_like(x, other + WIDTH, zero)
         return dx, dy, broadcast(table, place + 2 * WIDTH, zero) - load_like(x, other + 2 * WIDTH, zero)
 
-    def two(zero, x, table, other, place):
-        dx = load_single(table, place) - load_twice(x, other)
-        dy = load_single(table, place + 2 * WIDTH) - load_twice(x, other + WIDTH)
-        return dx, dy, load_single(table, place + 4 * WIDTH) - load_twice(x, other + 2 * WIDTH)
+    def four(zero, x, table, other, place):
+        dx = load_single(table, place) - load_four_times(x, other)
+        dy = load_single(table, place + 2 * WIDTH) - load_four_times(x, other + WIDTH)
+        return dx, dy, load_single(table, place + 4 * WIDTH) - load_four_times(x, other + 2 * WIDTH)
 
-    return two if zero == single_type else one
+    return four if zero == single_type else one
 
 
 def subtract_reactions(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
@@ -145,7 +171,7 @@ def subtract_reactions(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz:
 
 @overload(subtract_reactions)
 def _subtract_reactions(reactions, other, g, dx, dy, dz):
-    per_row = 2 if g == single_type else 1
+    per_row = ROW if g == single_type else 1
 
     def add(reactions, other, g, dx, dy, dz):
         x, y, z = per_row * other, per_row * (other + WIDTH), per_row * (other + 2 * WIDTH)
@@ -166,12 +192,27 @@ def _store_row_force(row_sums, row, fx, fy, fz):
     def one(row_sums, row, fx, fy, fz):
         store_vector(row_sums, row, in_float64(fx), in_float64(fy), in_float64(fz))
 
-    def two(row_sums, row, fx, fy, fz):
-        (x, x2), (y, y2), (z, z2) = halves(fx), halves(fy), halves(fz)
-        store_vector(row_sums, 2 * row, x, y, z)
-        store_vector(row_sums, 2 * row + 1, x2, y2, z2)
+    def four(row_sums, row, fx, fy, fz):
+        at = 2 * STRIDE * row
+        store(row_sums, at, fx)
+        store(row_sums, at + 2 * WIDTH, fy)
+        store(row_sums, at + 4 * WIDTH, fz)
 
-    return two if fx == single_type else one
+    return four if fx == single_type else one
+
+
+def row_forces(row_sums: Any, axis: int, zero: Any) -> Any:
+    """Return one component of the forces on a cluster's particles, eight of float64, from what its rows have stored."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(row_forces)
+def _row_forces(row_sums, axis, zero):
+    def four(row_sums, axis, zero):
+        at = 2 * WIDTH * axis
+        return sums_in_quarters(load_single(row_sums, at), load_single(row_sums, at + 2 * STRIDE))
+
+    return four if zero == single_type else (lambda row_sums, axis, zero: sums_of_rows(row_sums, WIDTH * axis, STRIDE))
 
 
 def in_float64(value: Any) -> Any:
@@ -193,13 +234,17 @@ def clear(reactions: Any, cluster: int, zero: Any) -> None:
 
 @overload(clear)
 def _clear(reactions, cluster, zero):
-    per_row = 2 if zero == single_type else 1
-
     def single(reactions, cluster, zero):
         for k in range(3):
-            store(reactions, per_row * (STRIDE * cluster + WIDTH * k), zero)
+            store(reactions, STRIDE * cluster + WIDTH * k, zero)
 
-    return single if reactions.dtype == types.float32 else (lambda reactions, cluster, zero: None)
+    def tiles(reactions, cluster, zero):
+        for k in range(6):
+            store(reactions, ROW * STRIDE * cluster + 2 * WIDTH * k, zero)
+
+    if reactions.dtype != types.float32:
+        return lambda reactions, cluster, zero: None
+    return tiles if zero == single_type else single
 
 
 def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
@@ -208,11 +253,17 @@ def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
 
 @overload(add_reactions)
 def _add_reactions(forces, reactions, cluster, zero):
-    per_row = 2 if zero == single_type else 1
-
     def single(forces, reactions, cluster, zero):
         for k in range(3):
             p = STRIDE * cluster + WIDTH * k
-            store(forces, p, load(forces, p) + in_float64(load_like(reactions, per_row * p, zero)))
+            store(forces, p, load(forces, p) + in_float64(load_like(reactions, p, zero)))
 
-    return single if reactions.dtype == types.float32 else (lambda forces, reactions, cluster, zero: None)
+    def tiles(forces, reactions, cluster, zero):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            both = load_single(reactions, ROW * p), load_single(reactions, ROW * p + 2 * WIDTH)
+            store(forces, p, load(forces, p) + sums_of_quarters(both[0], both[1]))
+
+    if reactions.dtype != types.float32:
+        return lambda forces, reactions, cluster, zero: None
+    return tiles if zero == single_type else single

@@ -1,20 +1,17 @@
 """The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
 
-A step of the loop takes one particle against a cluster of eight or half a cluster, or two particles against a cluster
-(see `row_lanes`). In mixed precision the lanes are float32. A particle's force is then summed in float32 over a row
-and over the reactions of a chunk. All else is float64: the state, sums over rows and chunks, energies, and pairs within
-a cluster.
+A step of the loop takes one particle against a cluster of eight or half a cluster, or four particles against half a
+cluster (see `row_lanes`). In mixed precision the lanes are float32. A particle's force is then summed in float32 over a
+row and over the reactions of a chunk. All else is float64: the state, sums over rows and chunks, and energies.
 
 The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
-from kickdrift.forces.clusters import N_CLUSTERS, STRIDE, chunk_clusters, load_vector, store_vector
-from kickdrift.forces.intra_cluster import intra_cluster
+from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
+from kickdrift.forces.intra_cluster import own_pairs
 from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.pair_rows import (
     add_reactions,
@@ -23,6 +20,7 @@ from kickdrift.forces.pair_rows import (
     fill_table,
     in_float64,
     particle_of,
+    row_forces,
     slot_of,
     store_row_force,
     subtract_reactions,
@@ -31,11 +29,10 @@ from kickdrift.forces.pair_rows import (
 from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
-from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.lanes import lane_sum, multiply_add, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import entry, load, sums_of_rows
-from kickdrift.jit.single import store_narrow
+from kickdrift.jit.memory import entry
 from kickdrift.jit.vectors import WIDTH
 
 
@@ -57,7 +54,7 @@ def chunk_forces_and_sums(force, c):
 def sum_pairs(force, sums, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, reactions, table = working_arrays(zero, pairs, c)
+    x, reactions, table, row_sums = working_arrays(zero, pairs, c)
     rows, start, used, touched, forces = (
         pairs.rows[c],
         pairs.row_start[c],
@@ -71,7 +68,6 @@ def sum_pairs(force, sums, c):
             clear(reactions, cluster, zero)
     cutoff2 = force.cutoff**2
     laws = force.law, force.at_cutoff, force.truncation, force.tables
-    row_sums = np.zeros(WIDTH * STRIDE)
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
@@ -116,8 +112,8 @@ def sum_pairs(force, sums, c):
             store_row_force(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
-            gx, gy, gz, energy_own, virial_own, count_own, along_sum = intra_cluster(
-                laws, pairs.x, cluster, cutoff2, along_sum
+            gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
+                zero, laws, pairs, table, cluster, cutoff2, along_sum
             )
             own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
             if sums is not None:
@@ -126,11 +122,11 @@ def sum_pairs(force, sums, c):
                     virial_sum + virial_own,
                     pair_count + count_own,
                 )
-        own_x = own_x + sums_of_rows(row_sums, 0, STRIDE)
-        own_y = own_y + sums_of_rows(row_sums, WIDTH, STRIDE)
-        own_z = own_z + sums_of_rows(row_sums, 2 * WIDTH, STRIDE)
+        own_x = own_x + row_forces(row_sums, 0, zero)
+        own_y = own_y + row_forces(row_sums, 1, zero)
+        own_z = own_z + row_forces(row_sums, 2, zero)
         store_vector(forces, cluster, own_x, own_y, own_z)
-    totals = add_special(pairs.special, laws, pairs, c, cutoff2, row_sums, (energy_sum, virial_sum, pair_count))
+    totals = add_special(pairs.special, laws, pairs, c, cutoff2, (energy_sum, virial_sum, pair_count))
     energy_sum, virial_sum, pair_count = totals
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
@@ -141,11 +137,3 @@ def sum_pairs(force, sums, c):
         sums[c, 2] = lane_sum(pair_count)
         store_along(along_sum, force.along, c)
 
-
-@jit
-def copy_to_single(pairs):
-    """Copy the positions relative to the origin to float32."""
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        for k in range(3):
-            p = STRIDE * cluster + WIDTH * k
-            store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])

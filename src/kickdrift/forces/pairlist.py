@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import ceil, floor
+from typing import Any
 
 import numpy as np
 
@@ -37,10 +38,13 @@ from kickdrift.forces.clusters import (
     table_place,
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
-from kickdrift.forces.row_lanes import blocks
+from kickdrift.forces.pair_rows import copy_to_single
+from kickdrift.forces.row_lanes import Tiles, blocks
 from kickdrift.forces.special_pairs import clear_special, mark_special, place_special, without_special
+from kickdrift.forces.tile_rows import write_tiles
 from kickdrift.jit.chunks import chunk_task, each_chunk
-from kickdrift.jit.compile import is_finite, jit, never_inline
+from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
+from kickdrift.jit.inner import overload
 from kickdrift.jit.masks import bytes_with_bits, count_ones, mask_bits
 from kickdrift.jit.memory import flat, store
 from kickdrift.jit.packing import append_members
@@ -111,6 +115,7 @@ def search(pairs, chunks):
 @jit
 def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
+    ready_positions(pairs.block, pairs)
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     copy(pairs.x, pairs.inner_reference)
@@ -214,13 +219,48 @@ def first_above(pairs, begin, end, height):
     return begin
 
 
+def ready_positions(block: Any, pairs: Any) -> None:
+    """Make the positions that the pruning reads."""
+
+
+@overload(ready_positions)
+def _ready_positions(block, pairs):
+    if block.instance_class is Tiles:
+        return lambda block, pairs: copy_to_single(pairs)
+    return lambda block, pairs: None
+
+
 @chunk_task
 def prune_chunk(pairs, c):
-    """Make chunk c's rows of the inner list.
+    """Make chunk c's rows of the inner list."""
+    never_inline()
+    make_rows(pairs.block, pairs, c)
+
+
+def make_rows(block: Any, pairs: Any, c: int) -> None:
+    """Make chunk c's rows, of tiles or of particles."""
+
+
+@overload(make_rows)
+def _make_rows(block, pairs, c):
+    if block.instance_class is Tiles:
+        return lambda block, pairs, c: write_tiles(pairs, c, all_within)
+    return lambda block, pairs, c: particle_rows(pairs, c)
+
+
+@jit
+def all_within(pairs, cluster, other, s):
+    """Return 64 bits that mark the pairs of two clusters within reach; see `pairs_within`."""
+    table = np.empty(4 * 6 * WIDTH, np.float32)
+    return pairs_within(pairs, cluster, other, s, spread_rows(pairs, cluster, table), table)
+
+
+@as_written
+def particle_rows(pairs, c):
+    """Make chunk c's rows of particles.
 
     For each pair of near clusters, list the particles of one cluster that have a particle of the other within the
     cutoff plus the inner skin. The rows belong to the cluster that gives fewer rows."""
-    never_inline()
     span, near = pairs.near_span, pairs.near[c]
     begin, end = chunk_clusters(pairs, c)
     most = 1 + (span[end - 1, 1] - span[begin, 0] if end > begin else 0)
@@ -266,8 +306,6 @@ def write_rows(pairs, c, within, met, by):
             others |= ((there | there >> 8) & 255) << WIDTH * block
         own &= in_each_block(each, filled_bits(pairs, cluster))
         others &= in_each_block(each, filled_bits(pairs, other))
-        if per_row == 2:
-            own, others = (own | own >> 1) & 0x5555, (others | others >> 1) & 0x5555
         # which cluster has the rows: computed without branches, which would be unpredictable
         turn = int(2 * (count_ones(own) - count_ones(others)) + ((cluster + other) & 1) > 0)
         here, shift = cluster + turn * (other - cluster), s + turn * (SHIFTS - 1 - 2 * s)

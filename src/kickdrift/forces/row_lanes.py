@@ -1,7 +1,7 @@
 """Width of the steps of the pair loop, chosen by the processor features that numba compiles for.
 
 AVX-512 has vectors of 512 bits and 32 registers. A step is then one particle against a cluster of eight in float64, and
-two particles against a cluster in mixed precision. AVX2, SSE2 and NEON have shorter vectors; AVX2 and SSE2 have only 16
+a tile in mixed precision: half a cluster, four particles, against half a cluster. AVX2, SSE2 and NEON have shorter vectors; AVX2 and SSE2 have only 16
 registers. There, steps of the same width would need several operations each and would not fit the registers. So a step
 is one particle against half a cluster in float64, which also skips halves out of reach, and one particle against a
 cluster in mixed precision.
@@ -28,32 +28,39 @@ class Halves(NamedTuple):
     """An entry of a row is half a cluster."""
 
 
+class Tiles(NamedTuple):
+    """An entry of a row is half a cluster, and so is the row; see `tile_rows`."""
+
+
+Block = Whole | Halves | Tiles
+
+
 class Wide(NamedTuple):
     """8 lanes of float64: a particle against a cluster."""
 
     per_row: int = 1  # particles in a row of the list
-    block: Whole | Halves = Whole()  # size of an entry of a row
+    block: Block = Whole()  # size of an entry of a row
 
 
 class WideSingle(NamedTuple):
-    """16 lanes of float32: two particles against a cluster."""
+    """16 lanes of float32: four particles against half a cluster."""
 
-    per_row: int = 2
-    block: Whole | Halves = Whole()
+    per_row: int = 4
+    block: Block = Tiles()
 
 
 class Narrow(NamedTuple):
     """4 lanes of float64: a particle against half a cluster."""
 
     per_row: int = 1
-    block: Whole | Halves = Halves()
+    block: Block = Halves()
 
 
 class NarrowSingle(NamedTuple):
     """8 lanes of float32: a particle against a cluster."""
 
     per_row: int = 1
-    block: Whole | Halves = Whole()
+    block: Block = Whole()
 
 
 RowLanes = Wide | WideSingle | Narrow | NarrowSingle
@@ -69,12 +76,12 @@ def row_lanes(mixed: bool) -> RowLanes:
 
 def blocks(block: Any) -> int:
     """Return how many entries of a row a cluster makes: 1 or 2, a constant in compiled code."""
-    return 2 if isinstance(block, Halves) else 1
+    return 1 if isinstance(block, Whole) else 2
 
 
 @overload(blocks)
 def _blocks(block):
-    return (lambda block: 2) if block.instance_class is Halves else (lambda block: 1)
+    return (lambda block: 1) if block.instance_class is Whole else (lambda block: 2)
 
 
 @intrinsic

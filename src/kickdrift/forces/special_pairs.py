@@ -187,6 +187,18 @@ def _without_special(special, place, c, cluster, met, bits, filled):
     return moved
 
 
+def is_special(special: Any, c: int, other: int) -> bool:
+    """Tell whether the present cluster of chunk c is marked to have special pairs with another cluster."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(is_special)
+def _is_special(special, c, other):
+    if isinstance(special, types.NoneType):
+        return lambda special, c, other: False
+    return lambda special, c, other: special.marks[c, other] > 0
+
+
 def is_inside(special: Any, cluster: int) -> bool:
     """Tell whether a cluster has special pairs among its own particles."""
     raise NotImplementedError("for compiled code")
@@ -199,20 +211,20 @@ def _is_inside(special, cluster):
     return lambda special, cluster: special.inside[cluster]
 
 
-def add_special(special: Any, laws: Any, pairs: Any, c: int, cutoff2: float, row_sums: Any, totals: Any) -> Any:
+def add_special(special: Any, laws: Any, pairs: Any, c: int, cutoff2: float, totals: Any) -> Any:
     """Add the forces of chunk c's entries; return energy, virial and number of pairs, ``totals``, with theirs."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(add_special)
-def _add_special(special, laws, pairs, c, cutoff2, row_sums, totals):
+def _add_special(special, laws, pairs, c, cutoff2, totals):
     if isinstance(special, types.NoneType):
-        return lambda special, laws, pairs, c, cutoff2, row_sums, totals: totals
+        return lambda special, laws, pairs, c, cutoff2, totals: totals
 
-    def add(special, laws, pairs, c, cutoff2, row_sums, totals):
+    def add(special, laws, pairs, c, cutoff2, totals):
         energies, virials, counts = totals
         forces, x, shifts, zero = pairs.force[c], pairs.x, pairs.shifts, splat(0.0)
-        lanes = np.empty(WIDTH)
+        lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
         for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]
             other, s = met >> SHIFT_BITS, met & 31

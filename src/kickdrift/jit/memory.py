@@ -10,6 +10,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from kickdrift.jit.compile import as_written
 from kickdrift.jit.numba_private import cgutils
 from kickdrift.jit.vectors import (
     F64,
@@ -49,6 +50,22 @@ def loading(vector: ir.VectorType) -> Callable[..., ir.Value]:
         return value
 
     return codegen
+
+
+@intrinsic
+def _address(typingctx, array):
+    """Address of an array's first number."""
+
+    def codegen(context, builder, sig, args):
+        return builder.ptrtoint(context.make_array(sig.args[0])(context, builder, args[0]).data, ir.IntType(64))
+
+    return types.int64(array), codegen
+
+
+@as_written
+def line_aligned(array):
+    """Return the part of a row of float32, less than 16 numbers shorter, that begins on a 64-byte boundary."""
+    return array[(-_address(array) & 63) // 4 :]
 
 
 @intrinsic

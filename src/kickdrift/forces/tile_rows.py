@@ -1,0 +1,114 @@
+"""Rows of tiles, the list of mixed precision with 16 lanes: half a cluster, four particles, against half a cluster.
+
+A row is half a cluster with the halves of other clusters that have a particle in reach. All rows of a chunk belong to
+the chunk's own clusters.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.forces.clusters import (
+    LOOKED_AHEAD,
+    N_CLUSTERS,
+    SHIFT_BITS,
+    SHIFTS,
+    STRIDE,
+    chunk_clusters,
+    table_place,
+)
+from kickdrift.forces.pair_rows import fill_table, tile_table
+from kickdrift.forces.special_pairs import clear_special, is_special, mark_special, without_special
+from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.masks import mask_bits
+from kickdrift.jit.packing import put_entry
+from kickdrift.jit.single import joined, load_four_times, load_single
+from kickdrift.jit.vectors import WIDTH
+
+HALF = WIDTH // 2
+PER_SHIFT, PER_ROW = table_place.py_func(HALF, 1, 0), table_place.py_func(HALF, 0, 1)
+UNSHIFTED = SHIFTS // 2
+ALL = 0xFFFF  # bits of 16 lanes
+
+
+@jit
+def write_tiles(pairs, c, pairs_within):
+    """Write chunk c's rows of tiles.
+
+    ``pairs_within(pairs, cluster, other, s, reach2, table)`` returns 64 bits for special pairs of clusters."""
+    span, near, rows, start, used = pairs.near_span, pairs.near[c], pairs.rows[c], pairs.row_start[c], pairs.used[c]
+    x, zero, table = pairs.x_single, joined(0.0, 0.0), tile_table()
+    begin, end = chunk_clusters(pairs, c)
+    reach2 = single_reach(pairs) ** 2
+    most = 1
+    for cluster in range(begin, end):
+        most = max(most, span[cluster, 1] - span[cluster, 0])
+    later = np.empty((2 * most + 1, 2), np.int32)
+    clear_special(pairs.special, c)
+    made = 0
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        start[2 * cluster] = start[2 * cluster + 1] = made
+        used[cluster] = 0
+        if cluster < begin or cluster >= end:
+            continue
+        filled = pairs.filled[cluster]
+        mark_special(pairs.special, pairs.place, c, cluster, filled, True)
+        shifts = 1 << UNSHIFTED  # for the pairs within the cluster
+        for k in range(span[cluster, 0], span[cluster, 1]):
+            shifts |= 1 << (near[k] & 31)
+        fill_table(table, pairs, cluster, shifts, zero)
+        used[cluster] = shifts
+        second = 0
+        for k in range(span[cluster, 0], span[cluster, 1]):
+            other, s = near[k] >> SHIFT_BITS, near[k] & 31
+            if is_special(pairs.special, c, other):
+                bits = pairs_within(pairs, cluster, other, s)
+                without_special(pairs.special, pairs.place, c, cluster, near[k], bits, filled)
+                continue
+            at, place = STRIDE * other, PER_SHIFT * s
+            low = fours(x, at)
+            high = fours(x, at + HALF)
+            entry = at | place << 32
+            made += put_entry(rows, made, entry, in_reach(table, place, low, reach2))
+            made += put_entry(rows, made, entry + HALF, in_reach(table, place, high, reach2))
+            place += PER_ROW
+            entry = at | place << 32
+            second += put_entry(later, second, entry, in_reach(table, place, low, reach2))
+            second += put_entry(later, second, entry + HALF, in_reach(table, place, high, reach2))
+        start[2 * cluster + 1] = made
+        for k in range(second):
+            rows[made + k, 0], rows[made + k, 1] = later[k, 0], later[k, 1]
+        made += second
+        mark_special(pairs.special, pairs.place, c, cluster, filled, False)
+    start[2 * pairs.counts[N_CLUSTERS]] = made
+    rows[made : made + LOOKED_AHEAD] = 0
+
+
+@as_written
+def fours(x, at):
+    """Return x, y and z of half a cluster, in all quarters of 16 lanes."""
+    return load_four_times(x, at), load_four_times(x, at + WIDTH), load_four_times(x, at + 2 * WIDTH)
+
+
+@as_written
+def in_reach(table, place, theirs, reach2):
+    """Return 1 if a particle of the row at ``place`` has one of ``theirs`` in reach, else 0. A distance that is nan
+    counts as within reach."""
+    x, y, z = theirs
+    dx = load_single(table, place) - x
+    dy = load_single(table, place + 2 * WIDTH) - y
+    dz = load_single(table, place + 4 * WIDTH) - z
+    return int(mask_bits(dx * dx + dy * dy + dz * dz >= reach2) != ALL)
+
+
+@jit
+def single_reach(pairs):
+    """Return cutoff and inner skin, with a margin for the rounding of positions in float32."""
+    bounds, clusters = pairs.bounds, pairs.counts[N_CLUSTERS]
+    reach = pairs.cutoff + pairs.inner_skin
+    size = 0.0
+    for k in range(3):
+        size = max(size, pairs.live[k], bounds[k + 3, :clusters].max() - bounds[k, :clusters].min())
+    return reach + 1e-6 * (size + reach)
