@@ -20,7 +20,6 @@ from kickdrift.jit.memory import named_lanes
 from kickdrift.jit.single import off_diagonal, sums_in_quarters
 from kickdrift.jit.vectors import WIDTH, single_type
 
-
 UNSHIFTED = SHIFTS // 2
 
 
@@ -58,8 +57,7 @@ def own_tiles(zero, laws, x, table, cluster, cutoff2, along):
 
 @as_written
 def own_row(zero, laws, x, table, cluster, row, cutoff2, sums, along):
-    """Return the forces on half a cluster by both halves, not yet summed over lanes, and sums with those of the pairs.
-    """
+    """Return the forces on half a cluster by both halves, not yet summed over lanes, and sums with these pairs'."""
     fx, fy, fz = zero, zero, zero
     energies, virials, counts = sums
     for block in range(2):

@@ -9,6 +9,7 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
+from kickdrift.forces import pair_sum as pair_sum  # the tasks of chunks
 from kickdrift.forces.box_change import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.clusters import (
     BUILT,
@@ -22,7 +23,6 @@ from kickdrift.forces.clusters import (
     store_vector,
     unsigned,
 )
-from kickdrift.forces import pair_sum as pair_sum  # the tasks of chunks
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.pair_rows import copy_to_single

@@ -26,12 +26,12 @@ from kickdrift.jit.masks import lowest_bit, select
 from kickdrift.jit.memory import broadcast, line_aligned, load, load_like, store, sums_of_rows
 from kickdrift.jit.single import (
     four_of,
+    halves,
     load_four_times,
     load_single,
     store_narrow,
     sums_in_quarters,
     sums_of_quarters,
-    halves,
 )
 from kickdrift.jit.vectors import F64, WIDTH, single_type
 

@@ -136,4 +136,3 @@ def sum_pairs(force, sums, c):
         sums[c, 1] = lane_sum(virial_sum)
         sums[c, 2] = lane_sum(pair_count)
         store_along(along_sum, force.along, c)
-

@@ -1,10 +1,10 @@
 """Width of the steps of the pair loop, chosen by the processor features that numba compiles for.
 
 AVX-512 has vectors of 512 bits and 32 registers. A step is then one particle against a cluster of eight in float64, and
-a tile in mixed precision: half a cluster, four particles, against half a cluster. AVX2, SSE2 and NEON have shorter vectors; AVX2 and SSE2 have only 16
-registers. There, steps of the same width would need several operations each and would not fit the registers. So a step
-is one particle against half a cluster in float64, which also skips halves out of reach, and one particle against a
-cluster in mixed precision.
+a tile in mixed precision: half a cluster, four particles, against half a cluster. AVX2, SSE2 and NEON have shorter
+vectors; AVX2 and SSE2 have only 16 registers. There, steps of the same width would need several operations each and
+would not fit the registers. So a step is one particle against half a cluster in float64, which also skips halves out of
+reach, and one particle against a cluster in mixed precision.
 
 The choice is a type, one of the classes below. The loop is compiled and the list's rows are made for this type.
 """

@@ -6,8 +6,6 @@ the chunk's own clusters.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from kickdrift.forces.clusters import (
@@ -23,7 +21,7 @@ from kickdrift.forces.pair_rows import fill_table, tile_table
 from kickdrift.forces.special_pairs import clear_special, is_special, mark_special, without_special
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.masks import mask_bits
-from kickdrift.jit.packing import put_entry
+from kickdrift.jit.packing import append_members
 from kickdrift.jit.single import joined, load_four_times, load_single
 from kickdrift.jit.vectors import WIDTH
 
@@ -45,7 +43,7 @@ def write_tiles(pairs, c, pairs_within):
     most = 1
     for cluster in range(begin, end):
         most = max(most, span[cluster, 1] - span[cluster, 0])
-    later = np.empty((2 * most + 1, 2), np.int32)
+    listed, members = np.empty(most + WIDTH, np.int64), np.empty(most + WIDTH, np.int64)
     clear_special(pairs.special, c)
     made = 0
     for cluster in range(pairs.counts[N_CLUSTERS]):
@@ -60,27 +58,28 @@ def write_tiles(pairs, c, pairs_within):
             shifts |= 1 << (near[k] & 31)
         fill_table(table, pairs, cluster, shifts, zero)
         used[cluster] = shifts
-        second = 0
-        for k in range(span[cluster, 0], span[cluster, 1]):
-            other, s = near[k] >> SHIFT_BITS, near[k] & 31
+        first, count = span[cluster, 0], span[cluster, 1] - span[cluster, 0]
+        for k in range(count):
+            other, s = near[first + k] >> SHIFT_BITS, near[first + k] & 31
+            at, place = STRIDE * other, PER_SHIFT * s
+            low, high = fours(x, at), fours(x, at + HALF)
+            listed[k] = at | place << 32
+            members[k] = (
+                in_reach(table, place, low, reach2)
+                | in_reach(table, place, high, reach2) << 1
+                | in_reach(table, place + PER_ROW, low, reach2) << 2
+                | in_reach(table, place + PER_ROW, high, reach2) << 3
+            )
             if is_special(pairs.special, c, other):
                 bits = pairs_within(pairs, cluster, other, s)
-                without_special(pairs.special, pairs.place, c, cluster, near[k], bits, filled)
-                continue
-            at, place = STRIDE * other, PER_SHIFT * s
-            low = fours(x, at)
-            high = fours(x, at + HALF)
-            entry = at | place << 32
-            made += put_entry(rows, made, entry, in_reach(table, place, low, reach2))
-            made += put_entry(rows, made, entry + HALF, in_reach(table, place, high, reach2))
-            place += PER_ROW
-            entry = at | place << 32
-            second += put_entry(later, second, entry, in_reach(table, place, low, reach2))
-            second += put_entry(later, second, entry + HALF, in_reach(table, place, high, reach2))
-        start[2 * cluster + 1] = made
-        for k in range(second):
-            rows[made + k, 0], rows[made + k, 1] = later[k, 0], later[k, 1]
-        made += second
+                without_special(pairs.special, pairs.place, c, cluster, near[first + k], bits, filled)
+                members[k] = 0
+        for row in range(2):
+            start[2 * cluster + row] = made
+            for block in range(2):
+                bit, place = 1 << (2 * row + block), PER_ROW * row << 32 | HALF * block
+                for at in range(0, count, WIDTH):
+                    made += append_members(rows, made, listed, members, at, count - at, bit, place)
         mark_special(pairs.special, pairs.place, c, cluster, filled, False)
     start[2 * pairs.counts[N_CLUSTERS]] = made
     rows[made : made + LOOKED_AHEAD] = 0

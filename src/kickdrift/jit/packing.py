@@ -46,22 +46,6 @@ def append_members(typingctx, rows, at, listed, members, start, count, bit, plus
     return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
 
 
-@intrinsic
-def put_entry(typingctx, rows, at, number, keep):
-    """Write a whole number of 64 bits to row ``at`` of a matrix of two int32, and return ``keep``.
-
-    With ``keep`` 0 the next number will overwrite this one. So no branch is needed."""
-
-    def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        pointer = builder.gep(builder.bitcast(data, ir.IntType(64).as_pointer()), [args[1]])
-        written = builder.store(args[2], pointer)
-        written.align = 8
-        return args[3]
-
-    return types.int64(rows, types.intp, types.int64, types.int64), codegen
-
-
 def _with_avx512(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
     """Write selected numbers side by side from the pointer on, by AVX-512's instruction; return their count."""
     kind = ir.FunctionType(ir.VoidType(), [numbers.type, pointer.type, mask.type])

@@ -100,7 +100,7 @@ def sums_of_quarters(typingctx, low, high):
 
     def codegen(context, builder, sig, args):
         two = [builder.fadd(_half(builder, value, 0), _half(builder, value, 1)) for value in args]
-        parts = [_chosen(builder, *two, order) for order in ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])]
+        parts = [_chosen(builder, two[0], two[1], order) for order in ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])]
         return builder.fadd(*parts)
 
     return lanes_type(single_type, single_type), codegen
@@ -118,7 +118,7 @@ def sums_in_quarters(typingctx, low, high):
             return builder.fadd(*(_chosen(builder, a, b, order) for order in orders))
 
         twos = [added(_half(builder, value, 0), _half(builder, value, 1), by_one) for value in args]
-        fours = added(*twos, by_two)
+        fours = added(twos[0], twos[1], by_two)
         return _chosen(builder, fours, fours, in_order)
 
     return lanes_type(single_type, single_type), codegen

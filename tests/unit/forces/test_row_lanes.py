@@ -103,7 +103,7 @@ def test_lists_of_every_width_follow_the_particles(monkeypatch, lanes):
 def pairs_of_rows(pairs):
     """Number of times (slots, slots, shifts) that the rows contain each pair, by the shift of the first particle."""
     slots, per_row, width = WIDTH * pairs.counts[N_CLUSTERS], pairs.per_row, WIDTH // blocks(pairs.block)
-    per_shift, apart = (STRIDE, 1) if per_row == 1 else (8 * STRIDE, 2 * STRIDE)
+    per_shift, apart = (STRIDE, 1) if per_row == 1 else (4 * STRIDE, 2 * STRIDE)
     found = np.zeros((slots, slots, SHIFTS), int)
     for rows, start in zip(pairs.rows, pairs.row_start, strict=True):
         for row in range(slots // per_row):
