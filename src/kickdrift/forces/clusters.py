@@ -69,7 +69,8 @@ class ClusterList(NamedTuple):
     used: NDArray[np.int64]  # (chunks, clusters) bits of the shifts in a cluster's rows
     origin: NDArray[np.float64]  # (3,) the middle, the origin of positions in float32
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
-    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) in mixed precision, else empty
+    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) in mixed precision, else empty; zero between
+    # evaluations if rows have tiles
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
@@ -159,7 +160,7 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         used=np.zeros((chunks, clusters), np.int64),
         origin=np.zeros(3),
         x_single=aligned((3 * single_slots,), dtype=np.float32),
-        force_single=aligned((chunks, 3 * lanes.per_row * single_slots), fill=None, dtype=np.float32),
+        force_single=aligned((chunks, 3 * lanes.per_row * single_slots), dtype=np.float32),
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),

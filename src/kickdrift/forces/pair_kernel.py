@@ -32,8 +32,7 @@ from kickdrift.jit.chunks import Chunks, each_chunk
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import splat
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes import lane_sum, splat
 from kickdrift.model.state import Floats
 
 
@@ -180,7 +179,7 @@ def add_forces(force, wanted, x, a, sums):
         sums[1] += scaled * force.tail[1]
     collect(pairs, chunks)
     place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
-    gx, gy, gz = left_over(force.mixed, place, total)
+    gx, gy, gz = left_over(force.mixed, pairs)
     for i in range(place.size):
         p, w = unsigned(place[i]), inverse_masses[i]
         a[0, i] += total[p] * w - gx
@@ -202,22 +201,23 @@ def _prepare(mixed, pairs):
     )
 
 
-def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
+def left_over(mixed: Any, pairs: ClusterList) -> tuple[float, float, float]:
     """Return the mean acceleration from all forces in mixed precision. This is zero but for rounding; the caller
     subtracts it to conserve momentum as in float64."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(left_over)
-def _left_over(mixed, place, total):
+def _left_over(mixed, pairs):
     if isinstance(mixed, types.NoneType):
-        return lambda mixed, place, total: (0.0, 0.0, 0.0)
+        return lambda mixed, pairs: (0.0, 0.0, 0.0)
 
-    def mean(mixed, place, total):
-        gx = gy = gz = 0.0
-        for p in place:
-            gx, gy, gz = gx + total[p], gy + total[p + WIDTH], gz + total[p + 2 * WIDTH]
-        return gx / mixed, gy / mixed, gz / mixed
+    def mean(mixed, pairs):
+        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+        for cluster in range(pairs.counts[N_CLUSTERS]):
+            gx, gy, gz = load_vector(pairs.force[0], cluster)
+            fx, fy, fz = fx + gx, fy + gy, fz + gz
+        return lane_sum(fx) / mixed, lane_sum(fy) / mixed, lane_sum(fz) / mixed
 
     return mean
 

@@ -229,7 +229,7 @@ def _in_float64(value):
 
 
 def clear(reactions: Any, cluster: int, zero: Any) -> None:
-    """Set the reactions on a cluster to zero, unless the forces themselves hold them."""
+    """Set the reactions on a cluster to zero, unless they are already, or the forces themselves hold them."""
 
 
 @overload(clear)
@@ -238,17 +238,16 @@ def _clear(reactions, cluster, zero):
         for k in range(3):
             store(reactions, STRIDE * cluster + WIDTH * k, zero)
 
-    def tiles(reactions, cluster, zero):
-        for k in range(6):
-            store(reactions, ROW * STRIDE * cluster + 2 * WIDTH * k, zero)
-
-    if reactions.dtype != types.float32:
+    if reactions.dtype != types.float32 or zero == single_type:
         return lambda reactions, cluster, zero: None
-    return tiles if zero == single_type else single
+    return single
 
 
 def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
-    """Add the reactions on a cluster to its forces, unless the forces themselves hold them."""
+    """Add the reactions on a cluster to its forces, unless the forces themselves hold them.
+
+    The reactions of tiles then become zero for the next evaluation: they are three times as large as the forces, and
+    now in the cache."""
 
 
 @overload(add_reactions)
@@ -263,6 +262,8 @@ def _add_reactions(forces, reactions, cluster, zero):
             p = STRIDE * cluster + WIDTH * k
             both = load_single(reactions, ROW * p), load_single(reactions, ROW * p + 2 * WIDTH)
             store(forces, p, load(forces, p) + sums_of_quarters(both[0], both[1]))
+            store(reactions, ROW * p, zero)
+            store(reactions, ROW * p + 2 * WIDTH, zero)
 
     if reactions.dtype != types.float32:
         return lambda forces, reactions, cluster, zero: None

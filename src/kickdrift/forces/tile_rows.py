@@ -53,11 +53,11 @@ def write_tiles(pairs, c, pairs_within):
             continue
         filled = pairs.filled[cluster]
         mark_special(pairs.special, pairs.place, c, cluster, filled, True)
-        shifts = 1 << UNSHIFTED  # for the pairs within the cluster
+        shifts = 0
         for k in range(span[cluster, 0], span[cluster, 1]):
             shifts |= 1 << (near[k] & 31)
         fill_table(table, pairs, cluster, shifts, zero)
-        used[cluster] = shifts
+        shifts = 1 << UNSHIFTED  # for the pairs within the cluster
         first, count = span[cluster, 0], span[cluster, 1] - span[cluster, 0]
         for k in range(count):
             other, s = near[first + k] >> SHIFT_BITS, near[first + k] & 31
@@ -74,6 +74,8 @@ def write_tiles(pairs, c, pairs_within):
                 bits = pairs_within(pairs, cluster, other, s)
                 without_special(pairs.special, pairs.place, c, cluster, near[first + k], bits, filled)
                 members[k] = 0
+            shifts |= int(members[k] != 0) << s
+        used[cluster] = shifts
         for row in range(2):
             start[2 * cluster + row] = made
             for block in range(2):

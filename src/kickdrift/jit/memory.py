@@ -33,10 +33,10 @@ def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.fl
     Without ``fill`` its memory is not touched, so the system does not allocate it before its first use.
     """
     count, line = int(np.prod(shape)), 64 // np.dtype(dtype).itemsize
-    raw = np.empty(count + line, dtype)
+    raw = (np.empty if fill is None else np.zeros)(count + line, dtype)
     skip = (-raw.ctypes.data % 64) // raw.itemsize
     array = raw[skip : skip + count].reshape(shape)
-    if fill is not None:
+    if fill:
         array[...] = fill
     return array
 
