@@ -11,71 +11,74 @@ from kickdrift.forces.along_axes import add_along
 from kickdrift.forces.clusters import SHIFTS, STRIDE, load_vector, table_place
 from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.pair_rows import displacements, in_float64
+from kickdrift.forces.special_pairs import is_inside
 from kickdrift.forces.truncation import truncated
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lanes_like, multiply_add, rotated, splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import named_lanes
-from kickdrift.jit.single import off_diagonal, sums_in_quarters
+from kickdrift.jit.single import off_diagonal
 from kickdrift.jit.vectors import WIDTH, single_type
 
 UNSHIFTED = SHIFTS // 2
 
 
-def own_pairs(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, cutoff2: float, along: Any) -> Any:
+def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, along: Any) -> Any:
     """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
-    ``along`` each axis with that of these pairs (see `along_axes`). ``zero`` and ``table`` are as in `pair_rows`."""
+    ``along`` each axis with that of these pairs (see `along_axes`). Rows of tiles have these pairs at their start."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(own_pairs)
-def _own_pairs(zero, laws, pairs, table, cluster, cutoff2, along):
+def _own_pairs(zero, laws, pairs, cluster, cutoff2, along):
     if zero == single_type:
-        return lambda zero, laws, pairs, table, cluster, cutoff2, along: own_tiles(
-            zero, laws, pairs.x_single, table, cluster, cutoff2, along
-        )
-    return lambda zero, laws, pairs, table, cluster, cutoff2, along: intra_cluster(
-        laws, pairs.x, cluster, cutoff2, along
-    )
+
+        def none(zero, laws, pairs, cluster, cutoff2, along):
+            nothing = splat(0.0)
+            return nothing, nothing, nothing, nothing, nothing, nothing, along
+
+        return none
+    return lambda zero, laws, pairs, cluster, cutoff2, along: intra_cluster(laws, pairs.x, cluster, cutoff2, along)
 
 
-@as_written
-def own_tiles(zero, laws, x, table, cluster, cutoff2, along):
-    """Return the same as `own_pairs`, from tiles in float32: each half of the cluster meets both, so each pair counts
+def row_start(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, row: int, cutoff2: float, totals: Any) -> Any:
+    """Return the forces that a row's sums begin with, not yet summed over lanes, and the chunk's ``totals``: energy,
+    virial, number of pairs and virial along each axis. ``zero`` and ``table`` are as in `pair_rows`.
+
+    A row of tiles begins with the pairs within its cluster. Each half of the cluster meets both, so each pair counts
     twice."""
-    energy, virial, count = splat(0.0), splat(0.0), splat(0.0)
-    fx, fy, fz, energy, virial, count, along = own_row(
-        zero, laws, x, table, cluster, 0, cutoff2, (energy, virial, count), along
-    )
-    gx, gy, gz, energy, virial, count, along = own_row(
-        zero, laws, x, table, cluster, 1, cutoff2, (energy, virial, count), along
-    )
-    sx, sy, sz = sums_in_quarters(fx, gx), sums_in_quarters(fy, gy), sums_in_quarters(fz, gz)
-    return sx, sy, sz, 0.5 * energy, 0.5 * virial, 0.5 * count, along
+    raise NotImplementedError("for compiled code")
 
 
-@as_written
-def own_row(zero, laws, x, table, cluster, row, cutoff2, sums, along):
-    """Return the forces on half a cluster by both halves, not yet summed over lanes, and sums with these pairs'."""
-    fx, fy, fz = zero, zero, zero
-    energies, virials, counts = sums
-    for block in range(2):
-        other = STRIDE * cluster + WIDTH // 2 * block
-        dx, dy, dz = displacements(zero, x, table, other, table_place(WIDTH // 2, UNSHIFTED, row))
-        r2 = dx * dx + dy * dy + dz * dz
-        if block == row:
-            r2 = off_diagonal(r2, 4.0 * cutoff2)
-        inside = r2 < cutoff2
-        first = WIDTH * cluster
-        energy, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
-        g = select(inside, force_over_r, 0.0)
-        fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
-        energies = energies + in_float64(select(inside, energy, 0.0))
-        virials = virials + in_float64(g * select(inside, r2, 0.0))
-        counts = counts + in_float64(select(inside, zero + 1.0, 0.0))
-        along = add_along(along, 0.5, g, dx, dy, dz)
-    return fx, fy, fz, energies, virials, counts, along
+@overload(row_start)
+def _row_start(zero, laws, pairs, table, cluster, row, cutoff2, totals):
+    if zero != single_type:
+        return lambda zero, laws, pairs, table, cluster, row, cutoff2, totals: (zero, zero, zero, totals)
+
+    def tiles(zero, laws, pairs, table, cluster, row, cutoff2, totals):
+        fx, fy, fz = zero, zero, zero
+        energies, virials, counts, along = totals
+        if is_inside(pairs.special, cluster):
+            return fx, fy, fz, totals
+        for block in range(2):
+            other = STRIDE * cluster + WIDTH // 2 * block
+            dx, dy, dz = displacements(zero, pairs.x_single, table, other, table_place(WIDTH // 2, UNSHIFTED, row))
+            r2 = dx * dx + dy * dy + dz * dz
+            if block == row:
+                r2 = off_diagonal(r2, 4.0 * cutoff2)
+            inside = r2 < cutoff2
+            first = WIDTH * cluster
+            energy, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
+            g = select(inside, force_over_r, 0.0)
+            fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+            energies = energies + 0.5 * in_float64(select(inside, energy, 0.0))
+            virials = virials + 0.5 * in_float64(g * select(inside, r2, 0.0))
+            counts = counts + 0.5 * in_float64(select(inside, zero + 1.0, 0.0))
+            along = add_along(along, 0.5, g, dx, dy, dz)
+        return fx, fy, fz, (energies, virials, counts, along)
+
+    return tiles
 
 
 @as_written

@@ -33,6 +33,7 @@ from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_sum, splat
+from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
 

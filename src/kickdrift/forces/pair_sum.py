@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
-from kickdrift.forces.intra_cluster import own_pairs
+from kickdrift.forces.intra_cluster import own_pairs, row_start
 from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.pair_rows import (
     add_reactions,
@@ -90,7 +90,10 @@ def sum_pairs(force, sums, c):
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
         for row in range(rows_each):
-            fx, fy, fz = zero, zero, zero
+            totals = energy_sum, virial_sum, pair_count, along_sum
+            fx, fy, fz, totals = row_start(zero, laws, pairs, table, cluster, row, cutoff2, totals)
+            if sums is not None:
+                energy_sum, virial_sum, pair_count, along_sum = totals
             for k in range(start[first + row], start[first + row + 1]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
@@ -113,7 +116,7 @@ def sum_pairs(force, sums, c):
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
-                zero, laws, pairs, table, cluster, cutoff2, along_sum
+                zero, laws, pairs, cluster, cutoff2, along_sum
             )
             own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
             if sums is not None:

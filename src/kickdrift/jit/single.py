@@ -100,7 +100,10 @@ def sums_of_quarters(typingctx, low, high):
 
     def codegen(context, builder, sig, args):
         two = [builder.fadd(_half(builder, value, 0), _half(builder, value, 1)) for value in args]
-        parts = [_chosen(builder, two[0], two[1], order) for order in ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])]
+        parts = [
+            _chosen(builder, two[0], two[1], order)
+            for order in ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
+        ]
         return builder.fadd(*parts)
 
     return lanes_type(single_type, single_type), codegen

@@ -64,8 +64,8 @@ KERNELS = {
     # dx 3, r^2 5, inverse 8, its powers 3, force / r 3, the cutoff 1, on i 6, on j 6: eight times; loads x and force of
     # the cluster (384), stores its force (192), the particle's shifted place and the entry (32)
     "lj-force": Kernel("Lennard-Jones force", "entry of a row (8 pairs)", 8 * 35, 608, WAITING),
-    # the same with an inverse of 5, 16 times; x of the cluster (96), the row's place (192), forces (384), the entry
-    "lj-mixed": Kernel("Lennard-Jones force, mixed precision", "entry of a row (16 pairs)", 16 * 32, 680, WAITING),
+    # the same with an inverse of 5, 16 times; x of half a cluster (48), the row's place (192), forces (384), the entry
+    "lj-mixed": Kernel("Lennard-Jones force, mixed precision", "tile (16 pairs)", 16 * 32, 632, WAITING),
     # dx 3, r^2 5, the comparison 1, 64 times, from x of the other (24 and as many conversions); loads x of one and the
     # other from a table, writes the rows
     "lj-prune": Kernel("Lennard-Jones, rows made", "two clusters near each other", 64 * 9 + 48, 980, MIXED),
