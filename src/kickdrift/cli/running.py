@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kickdrift.cli.amounts import in_units, length, whole
-from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
@@ -196,7 +196,8 @@ def resume(
     from kickdrift.trajectory.opened import open as opened
 
     with Interruption(file, resumed=True) as stopped:
-        sim = taken_up(file, threads=threads)
+        with busy(f"reading {file}", quiet):
+            sim = taken_up(file, threads=threads)
         check_watching(sim.system, live, imd, imd_wait, quiet)
         warn_of_version(sim, quiet)
         with opened(file) as run:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import out, say
+from kickdrift.cli.console import out, progress_bar, say
 from kickdrift.cli.options import OverwriteOption, QuietOption
 
 
@@ -50,7 +50,8 @@ def view(
 
     shipped = is_shipped(file) and not os.path.lexists(file)
     target = output or (Path(f"{Path(file).stem}.html") if shipped else Path(file).with_suffix(".html"))
-    page = write_page(file, target, frames=frames, colour=colour, size=size, overwrite=overwrite)
+    with progress_bar(quiet):
+        page = write_page(file, target, frames=frames, colour=colour, size=size, overwrite=overwrite)
     out(str(page))
     if open_ or (open_ is None and has_display()):
         import webbrowser

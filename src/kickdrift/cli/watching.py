@@ -13,6 +13,7 @@ from kickdrift.errors import InputError
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
+    from kickdrift.model.system import System
     from kickdrift.run.simulation import Simulation
 
 ImdOption = Annotated[
@@ -30,18 +31,16 @@ LiveOption = Annotated[
 ]
 
 
-def check_watching(
-    subject: System | Problem, live: int | None, imd: int | None, imd_wait: bool, quiet: bool
-) -> None:
+def check_watching(subject: System | Problem, live: int | None, imd: int | None, imd_wait: bool, quiet: bool) -> None:
     """Refuse options that make no sense, before anything runs."""
-    from kickdrift.model.system import System
+    from kickdrift.model.system import System as Particles
 
     if imd_wait and imd is None:
         raise InputError("--imd-wait: needs --imd")
     if live is not None and quiet:
         raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
     for option, port, act in (("--live", live, "show"), ("--imd", imd, "stream")):
-        if port is not None and not isinstance(subject, System):
+        if port is not None and not isinstance(subject, Particles):
             raise InputError(f"{option}: a Problem has no particles to {act}")
         if port is not None and (option, port) != ("--live", 0):
             _check_port(port, option)

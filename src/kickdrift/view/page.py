@@ -11,6 +11,7 @@ from typing import Any
 
 from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
+from kickdrift.display.showing import last_stage
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory import reader
 from kickdrift.view.scene import Scene, scene_of
@@ -95,7 +96,8 @@ def write_page(
     """
     inputs = [given] if isinstance(given, str | os.PathLike) else [getattr(given, "path", None)]
     target = checked_target(output, PAGE, overwrite, inputs)
-    text = page(scene_of(given, frames, colour, size))
+    with last_stage(f"writing {target}"):
+        text = page(scene_of(given, frames, colour, size))
     with written_whole(target, PAGE, overwrite=overwrite) as part:
         part.write_text(text, encoding="utf-8")
     return target

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.display.showing import stage
 from kickdrift.errors import InputError
 from kickdrift.model.patch import patch_of
 from kickdrift.model.problem import Problem
@@ -178,10 +179,12 @@ def _read(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) ->
     """Positions or velocities (f, k, 3) of the shown rows at the chosen frames, read in blocks."""
     most = max(1, BLOCK_BYTES // (24 * len(run.ids)))  # frames of a block
     starts = np.flatnonzero(np.diff(chosen // most, prepend=-1))
-    found = []
+    found, done, move = [], 0, stage(f"reading {what}")
     for part in np.split(chosen, starts[1:]):
         block = run.vectors(what, slice(int(part[0]), int(part[-1]) + 1), rows)
         found.append(block[part - part[0]])
+        done += len(part)
+        move(done, len(chosen))
     return np.concatenate(found)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 from itertools import pairwise
@@ -50,6 +52,17 @@ def test_a_film_has_a_picture_for_each_frame(suffix, liquid):
     assert done == [(k, FRAMES) for k in range(1, FRAMES + 1)]
     assert pictures.std(axis=(1, 2, 3)).min() > 10
     assert all(np.abs(a.astype(int) - b).mean() > 0.5 for a, b in pairwise(pictures))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_film_that_is_ended_leaves_nothing(name, liquid):
+    number = getattr(signal, name)
+    with pytest.raises(SystemExit) as ended:
+        kd.movie(liquid, liquid.with_suffix(".gif"), size=SIZE, progress=lambda *k: os.kill(os.getpid(), number))
+    assert ended.value.code == 128 + number
+    assert list(liquid.parent.iterdir()) == [liquid]
+    assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_a_gif_needs_no_ffmpeg_and_shows_the_nearest_frames(planets, monkeypatch, tmp_path):
