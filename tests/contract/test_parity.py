@@ -211,7 +211,7 @@ OF_FILES = {
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "view": {"--output", "--overwrite", "--open", "--quiet"},
-    "new": {"--output"}, "doctor": {"--overwrite"},
+    "new": {"--output", "--schema"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 

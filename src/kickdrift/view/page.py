@@ -94,10 +94,18 @@ def write_page(
     InputError
         For bad input, an existing file, and a missing folder. Nothing is written.
     """
+    return write_with_scene(given, output, frames, colour, size, overwrite)[0]
+
+
+def write_with_scene(
+    given: Any, output: Any, frames: int | None, colour: str | None, size: float, overwrite: bool
+) -> tuple[Path, Scene]:
+    """Write the page as `write_page` does. Return its path and its scene."""
     inputs = [given] if isinstance(given, str | os.PathLike) else [getattr(given, "path", None)]
     target = checked_target(output, PAGE, overwrite, inputs)
     with last_stage(f"writing {target}"):
-        text = page(scene_of(given, frames, colour, size))
+        scene = scene_of(given, frames, colour, size)
+        text = page(scene)
     with written_whole(target, PAGE, overwrite=overwrite) as part:
         part.write_text(text, encoding="utf-8")
-    return target
+    return target, scene
