@@ -15,6 +15,7 @@ from PIL import Image
 import kickdrift as kd
 from kickdrift.plots import film_files
 from kickdrift.plots.camera import Camera, view
+from kickdrift.plots.filmed import Bodies
 from tests.run_files import FRAMES, make_system, write
 
 SIZE = (96, 64)
@@ -135,6 +136,20 @@ def test_the_run_of_an_ode_is_refused(tmp_path, kickdrift):
     code, _, err = kickdrift("movie", tmp_path / "ode.h5", tmp_path / "ode.gif")
     assert code == 2
     assert "is the run of an ODE" in err
+
+
+def test_a_film_of_planets_shows_the_ellipse_of_each_body(planets):
+    """A two-body orbit keeps its ellipse: all positions of the run lie on the ellipse of each frame."""
+    with kd.open(planets) as run:
+        bodies = Bodies(run, [0, 5, 10], SIZE, Camera(), None, None)
+    for k, row in enumerate(bodies.rows):
+        middle, long, short = bodies.ellipses[k, 1]
+        centre = bodies.x[row, 1] + middle
+        off = bodies.x[:, 1] - centre
+        at = np.stack([off @ long / (long @ long), off @ short / (short @ short)])
+        np.testing.assert_allclose(np.hypot(*at), 1.0, atol=2e-3)  # leapfrog's error at the step of the run
+        assert bodies.scene.reach > np.linalg.norm(centre) + np.linalg.norm(long)
+    assert np.isnan(bodies.ellipses[:, 0]).all()
 
 
 def test_the_camera_sees_what_is_nearer_larger():
