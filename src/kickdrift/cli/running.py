@@ -15,6 +15,7 @@ from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
+    HostsOption,
     JsonOption,
     OverwriteOption,
     QuietOption,
@@ -97,8 +98,12 @@ def run(
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     processes: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps (default: 1)."
+        ),
+    ] = None,
+    hosts: HostsOption = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
     live: LiveOption = None,
@@ -136,7 +141,7 @@ def run(
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
     check_watching(chosen, live, imd, imd_wait, quiet)
-    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
+    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
@@ -179,6 +184,7 @@ def resume(
         int | None,
         typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
     ] = None,
+    hosts: HostsOption = None,
     flush: FlushOption = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
@@ -197,7 +203,7 @@ def resume(
 
     with Interruption(file, resumed=True) as stopped:
         with busy(f"reading {file}", quiet):
-            sim = taken_up(file, threads=threads)
+            sim = taken_up(file, threads=threads, hosts=hosts)
         check_watching(sim.system, live, imd, imd_wait, quiet)
         warn_of_version(sim, quiet)
         with opened(file) as run:
