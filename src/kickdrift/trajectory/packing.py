@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ from typing import Any
 import h5py
 
 from kickdrift.disk.parts import private_place
+from kickdrift.display.pace import PARTS
+from kickdrift.display.showing import stage
 from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
 
@@ -39,12 +41,28 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Iterator[Path]:
                 items = [file[name] for name in names]
                 filters = _FILTERS if compress else {}
                 first = {_address(item): _like(item, None, copy, filters) for item in items}
-                _copy(file, copy, {}, first, filters, storage)
+                _copy(file, copy, {}, first, filters, _committing(file, storage, compress))
             storage.commit()
         finally:
             storage.close()
         os.chmod(part, path.stat().st_mode)
         yield part
+
+
+def _committing(file: h5py.File, storage: PagedFile, compress: bool) -> Callable[[int], None]:
+    """Function that commits what was copied, and shows how much of the file that is."""
+    move, done = stage("compressing" if compress else "unpacking"), 0
+    sizes: list[int] = []
+    file.visititems(lambda name, item: sizes.append(item.nbytes) if isinstance(item, h5py.Dataset) else None)
+    total = max(1, sum(sizes))
+
+    def commit(bytes_copied: int) -> None:
+        nonlocal done
+        storage.commit()
+        done += bytes_copied
+        move(min(PARTS, PARTS * done // total), PARTS)
+
+    return commit
 
 
 def _address(item: Any) -> int:
@@ -67,7 +85,7 @@ def _copy(
     made: dict[int, str],
     first: dict[int, h5py.Dataset],
     filters: dict[str, Any],
-    storage: PagedFile,
+    commit: Callable[[int], None],
 ) -> None:
     """Copy everything inside a group. An object with several names keeps them. Datasets in ``first`` exist already,
     without names."""
@@ -77,21 +95,21 @@ def _copy(
             target[name] = target.file[made[address]]
             continue
         if isinstance(item, h5py.Group):
-            _copy(item, target.create_group(name), made, first, filters, storage)
+            _copy(item, target.create_group(name), made, first, filters, commit)
         else:
             if address in first:
                 target[name] = first[address]
             else:
                 _like(item, name, target, filters)
             if item.chunks:
-                _copy_rows(item, target[name], storage)
+                _copy_rows(item, target[name], commit)
         for key in item.attrs:
             target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
         made[address] = f"{target.name}/{name}"
 
 
-def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> None:
-    """Copy rows in whole chunks, a few megabytes at a time."""
+def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, commit: Callable[[int], None]) -> None:
+    """Copy rows in whole chunks, a few megabytes at a time. ``commit`` gets the bytes of each part."""
     row = max(1, item.dtype.itemsize * int(item.size // max(1, item.shape[0])))
     block = item.chunks[0] * max(1, _COMMIT_BYTES // (row * item.chunks[0]))
     new.resize(item.shape[0], axis=0)
@@ -102,7 +120,7 @@ def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> Non
         except OSError:  # a damaged chunk
             _copy_readable(item, new, start, min(start + block, rows))
         new.file.flush()
-        storage.commit()
+        commit(row * (min(start + block, rows) - start))
 
 
 def _stored_rows(item: h5py.Dataset) -> int:
