@@ -31,6 +31,7 @@ from kickdrift.integrators.gauss_radau_series import (
     X,
     correct,
     finish,
+    place_velocities,
     predict,
     prepare,
 )
@@ -141,6 +142,8 @@ def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
         worst = splat(0.0)
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
+            if own.moving:
+                place_velocities(work, width, meeting.v, 0, tables, row, h)
             status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
             if status != OK:
                 return status
@@ -178,6 +181,8 @@ def replay(hybrid, own, rows, n, everyone, first, points):
         step = path[at, 0] - done
         for i in range(0, width, WIDTH):
             store(meeting.x, i, load(work, X * width + i))
+            if own.moving:
+                store(meeting.v, i, load(work, V * width + i))
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status
