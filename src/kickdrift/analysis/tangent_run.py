@@ -39,9 +39,7 @@ class TangentRun(MapRun):
         others = [force for force in system.forces if not isinstance(force, Gravity)]
         for text in () if columns is None else columns.parameters:
             if isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
-                raise InputError(
-                    f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}"
-                )
+                raise InputError(f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}")
         self._pushes = pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None

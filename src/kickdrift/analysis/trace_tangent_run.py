@@ -15,7 +15,6 @@ from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
 from kickdrift.forces.variations import Varied
-from kickdrift.integrators.trace import METHODS
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -38,8 +37,6 @@ class TraceTangentRun(MapRun):
         of_masses = None if columns is None else _of_masses(system, columns, name)
         self._others, self._pushes = others, pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)
-        if sim.options.inner != METHODS[0]:
-            raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
         assert sim.dt is not None
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         if columns is not None:

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.trace_state import POINTS
+from kickdrift.integrators.trace_tangent_attraction import DualMeeting, dual_meeting
 from kickdrift.integrators.trace_tangent_kicks import jump_duals, kick_duals, shift_duals
 from kickdrift.integrators.trace_tangent_meeting import (
-    DualMeeting,
-    dual_meeting,
     enter_meeting,
     heavy_passes,
     meet_again,
