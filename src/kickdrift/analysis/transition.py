@@ -137,8 +137,8 @@ def transition_matrix(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
-        and forces with exact slopes. So does ``trace``, for forces of positions and time and the inner method
-        gauss-radau15; its switches between encounters and Kepler drifts have no derivative
+        and forces with exact slopes. So does ``trace``, for forces of velocity too; its switches between encounters and
+        Kepler drifts have no derivative
     bodies : names or numbers of the bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.

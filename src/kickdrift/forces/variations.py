@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 
+SERIAL = 64  # from more bodies on, a single deviation takes its slopes on all threads
+
 
 class Varied:
     """A force of a System, for its particles and their deviations.
@@ -74,8 +76,9 @@ class Varied:
         """Return the parts: a NamedTuple with a compiled body."""
         from kickdrift.forces import gravity_directions, variations_kernel
 
-        if isinstance(self.force, Gravity) and (self._along > 1 or self._masses is not None):
-            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._first)
+        alone = self._along == 1 and self._masses is None and len(self.system) > SERIAL
+        if isinstance(self.force, Gravity) and not alone:
+            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._along, self._first)
         parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
         self._found = getattr(parts, "found", None)
         return parts

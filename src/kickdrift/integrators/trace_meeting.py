@@ -40,7 +40,7 @@ from kickdrift.integrators.gauss_radau_series import (
 )
 from kickdrift.integrators.gauss_radau_step import AGAIN, MOST, TERMS, next_step, verdict
 from kickdrift.integrators.trace_others import INSIDE, add_inside
-from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS, TABLE_ROW
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
@@ -98,7 +98,8 @@ def note_path(hybrid, t):
         return
     for i in range(n):
         row, slot = first + i, meeting.slots[i]
-        path[row, 0], path[row, 1], path[row, 8] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot, n
+        path[row, 0], path[row, 1] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot
+        path[row, 8], path[row, 9] = n, meeting.size[TABLE_ROW]
         for k in range(3):
             path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
     counts[POINTS] = first + n
