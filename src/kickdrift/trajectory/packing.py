@@ -164,7 +164,7 @@ def _compressed(shape: tuple[int, ...], fill: Any, part: NDArray[Any]) -> bytes:
         whole[tuple(map(slice, part.shape))] = part
         part = whole
     lanes = np.ascontiguousarray(part).reshape(-1).view(np.uint8).reshape(-1, part.dtype.itemsize)
-    return zlib.compress(np.ascontiguousarray(lanes.T), _LEVEL)
+    return zlib.compress(lanes.T.tobytes(), _LEVEL)
 
 
 def _stored_rows(item: h5py.Dataset) -> int:
