@@ -34,9 +34,9 @@ class Varied:
 
     Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
     forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
-    some 1e-10; after the first evaluation ``differs`` tells which. Pair forces on a neighbour list and gravity by a
-    tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone. ``first``
-    is the number of deviations of order 1 among the k; gravity alone has those of order 2.
+    some 1e-10; after the first evaluation ``differs`` tells which. Forces on a neighbour list are `VariedPairs`. Gravity
+    by a tree is refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity and forces on
+    a list. ``first`` is the number of deviations of order 1 among the k; gravity alone has those of order 2.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
@@ -44,8 +44,8 @@ class Varied:
     def __init__(
         self, force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
     ) -> None:
-        if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
-            raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
+        if isinstance(force, GravityTree):  # its tree makes the sums jump
+            raise InputError(f"force {force.name!r}: has no variational equations; 'gravity' has them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         if isinstance(force, TidesSpin):
@@ -81,6 +81,34 @@ class Varied:
         return parts
 
 
+class VariedPairs(Varied, ListedForce):
+    """A force on a neighbour list, for the particles of a System and their deviations, on one list.
+
+    Pair laws have exact slopes by duals, truncations included."""
+
+    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+        """Return the bound force, a `pair_slopes.PairSlopesKernel`."""
+        from kickdrift.forces import pair_slopes
+
+        if mixed:
+            raise InputError("precision: variational equations need double")
+        own = self.force.bind(self.system, threads)
+        return pair_slopes.bind(own, self.system.state.masses, self._masses, self._along)
+
+
+def varied_force(
+    force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
+) -> Varied:
+    """The force of a System, for its particles and deviations. Raises InputError for a force without variational
+    equations."""
+    return (VariedPairs if isinstance(force, ListedForce) else Varied)(force, system, masses, along, first)
+
+
+def particles_in(system: Any) -> int:
+    """Number of particles of a System, without deviations."""
+    return next((len(force.system) for force in system.forces if isinstance(force, Varied)), len(system))
+
+
 def unvaried(force: Any) -> Any:
     """The force of a System without deviations, for that of a varied one; any other force unchanged."""
     return force.force if isinstance(force, Varied) else force
@@ -109,7 +137,7 @@ def varied(
     more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
     made = System(
         x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
-        [*(Varied(force, system, masses, along, first) for force in system.forces), *pushes], system.units,
+        [*(varied_force(force, system, masses, along, first) for force in system.forces), *pushes], system.units,
         name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
     return made.at(made.state.phase, system.state.time)
