@@ -24,7 +24,7 @@ from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
-    from kickdrift.forces.pushes import Push
+    from kickdrift.forces.pushes import PairPush, Push
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 
@@ -104,6 +104,15 @@ def varied_force(
     return (VariedPairs if isinstance(force, ListedForce) else Varied)(force, system, masses, along, first)
 
 
+def check_mapped(force: Any, system: System, name: str) -> None:
+    """Refuse a force that the tangent map of a method does not take."""
+    if isinstance(force, ListedForce):
+        raise InputError(
+            f"force {force.name!r}: the tangent map of {name} takes no forces on a list of neighbours; gauss-radau15 does"
+        )
+    Varied(force, system)  # refuses a force without slopes
+
+
 def particles_in(system: Any) -> int:
     """Number of particles of a System, without deviations."""
     return next((len(force.system) for force in system.forces if isinstance(force, Varied)), len(system))
@@ -118,7 +127,7 @@ def varied(
     system: System,
     deviations: Floats,
     masses: Floats | None = None,
-    pushes: Iterable[Push] = (),
+    pushes: Iterable[Push | PairPush] = (),
     first: int | None = None,
 ) -> System:
     """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle

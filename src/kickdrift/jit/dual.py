@@ -16,7 +16,7 @@ from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models
 
 from kickdrift.jit.numba_private import AttributeTemplate, Conversion, cgutils, impl_ret_borrowed, infer_getattr
 from kickdrift.jit.vector3_operators import AXES, Vector3, components
-from kickdrift.jit.vectors import WIDTH, Lanes, constant, lanes_type
+from kickdrift.jit.vectors import WIDTH, Lanes, as_lanes, constant, lanes_type
 
 PARTS = ("value", "slope")
 SLOT = 1 + WIDTH  # numbers of float64 in memory for one dual: the value and eight slopes
@@ -94,6 +94,26 @@ def dual(typingctx, value, slope):
         return made(builder, *args)
 
     return kind(kind.value, slope), codegen
+
+
+@intrinsic
+def dual_fields(typingctx, values, slopes, like):
+    """NamedTuple of the class of ``values``, with duals of as many lanes as ``like`` has as fields. The fields of both
+    NamedTuples are numbers or lanes."""
+    kind = Dual(like, like)
+    result = types.NamedTuple([kind] * len(values), values.instance_class)
+
+    def codegen(context, builder, sig, args):
+        fields = []
+        for k in range(len(values)):
+            both = [
+                as_lanes(builder, builder.extract_value(part, k), of[k], like.vector)
+                for part, of in zip(args, sig.args[:2], strict=False)
+            ]
+            fields.append(made(builder, *both))
+        return context.make_tuple(builder, sig.return_type, fields)
+
+    return result(values, slopes, like), codegen
 
 
 @lower_cast(types.Number, Dual)

@@ -199,13 +199,16 @@ def _where(condition, x, y):
 
 
 def dual_like(value: Any, like: Any) -> Any:
-    """A dual of lanes unchanged; lanes, or a number in as many lanes as ``like`` has, as a dual without slopes."""
+    """A dual of lanes unchanged; lanes, or a number in as many lanes as ``like`` has, as a dual without slopes.
+    ``like`` is lanes or a dual of lanes."""
 
 
 @overload(dual_like)
 def _dual_like(value, like):
     if of_lanes(value):
         return lambda value, like: value
+    if isinstance(like, Lanes):
+        return lambda value, like: dual(lanes_like(value, like), lanes_like(0.0, like))
     return lambda value, like: dual(lanes_like(value, like.value), lanes_like(0.0, like.value))
 
 
