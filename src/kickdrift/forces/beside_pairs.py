@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import numpy as np
 from numba import carray, types
 
 from kickdrift.forces.clusters import ClusterList
@@ -18,8 +19,8 @@ from kickdrift.model.state import Floats
 class BesidePairs(PairKernel):
     """A bound force that calls ``own``, a force of the particles alone, and uses its list.
 
-    ``parts`` has the fields ``force``, ``address`` and ``work``: the parts and the machine code of ``own``, which `ready`
-    fills in. The compiled body ``add(force, wanted, t, x, v, a, sums)`` returns a status."""
+    ``parts`` has the fields ``force``, ``address`` and ``work``: the parts and the machine code of ``own``, which
+    `ready` fills in. The compiled body ``add(force, wanted, t, x, v, a, sums)`` returns a status."""
 
     add: ClassVar[Any]
 
@@ -75,7 +76,8 @@ class BesidePairs(PairKernel):
 
 @jit
 def accelerations_of_own(force, wanted, t, x, v, sums):
-    """force.a <- accelerations (3, n) of the particles at their positions, the first n columns of x. Return a status."""
+    """force.a <- accelerations (3, n) of the particles, whose positions are the first n columns of x. Return a
+    status."""
     never_inline()
     phase, a = force.phase, force.a
     for k in range(3):
@@ -84,3 +86,18 @@ def accelerations_of_own(force, wanted, t, x, v, sums):
     if wanted:
         return call_force(force.address, force.work, FORCES_AND_SUMS, t, phase[0], phase[1], a, sums)
     return call_force(force.address, force.work, FORCES, t, phase[0], phase[1], a, None)
+
+
+def slopes_by_masses(masses: Floats, slopes: Floats | None) -> Floats:
+    """-dm / m of n particles along k deviations, (n, k) from slopes of the masses; (n, 0) if no mass varies."""
+    return np.zeros((len(masses), 0)) if slopes is None else np.ascontiguousarray(-slopes / masses[:, None])
+
+
+@jit
+def add_by_masses(by_masses, own, a):
+    """Add what the masses do to the accelerations of the deviations; ``own`` (3, n) are those of the particles."""
+    n, directions = by_masses.shape
+    for k in range(3):
+        for i in range(n):
+            for q in range(directions):
+                a[k, n + i * directions + q] += by_masses[i, q] * own[k, i]

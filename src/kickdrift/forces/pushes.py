@@ -99,6 +99,8 @@ def push_of_parameter(system: System, text: str, column: int, unit: float) -> Pu
     number, key, value = parameter_of(system, text)
     if isinstance(system.forces[number], PairForce):
         return PairPush(system.forces[number], key, system, column, unit)
+    if isinstance(system.forces[number], ListedForce):
+        raise InputError(f"parameters: {text}: many-body forces have no derivatives by parameters")
     force, step = system.forces[number], STEP * (abs(value) or 1.0)
     copies = [(replace(force, **{key: value + k * step}), system) for k in PLACES]
     return Push(force, copies, column, unit / step)

@@ -20,6 +20,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.forces.tree import GravityTree
 
@@ -34,9 +35,9 @@ class Varied:
 
     Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
     forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
-    some 1e-10; after the first evaluation ``differs`` tells which. Forces on a neighbour list are `VariedPairs`. Gravity
-    by a tree is refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity and forces on
-    a list. ``first`` is the number of deviations of order 1 among the k; gravity alone has those of order 2.
+    some 1e-10; after the first evaluation ``differs`` tells which. Forces on a neighbour list are `VariedPairs`.
+    Gravity by a tree is refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity and
+    forces on a list. ``first`` is the number of deviations of order 1 among the k; gravity alone has those of order 2.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
@@ -84,16 +85,24 @@ class Varied:
 class VariedPairs(Varied, ListedForce):
     """A force on a neighbour list, for the particles of a System and their deviations, on one list.
 
-    Pair laws have exact slopes by duals, truncations included."""
+    Pair laws have exact slopes by duals, truncations included. Many-body forces use central differences."""
+
+    @property
+    def differs(self) -> bool:
+        """See Varied."""
+        return not isinstance(self.force, PairForce)
 
     def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
-        """Return the bound force, a `pair_slopes.PairSlopesKernel`."""
-        from kickdrift.forces import pair_slopes
+        """Return the bound force, a `beside_pairs.BesidePairs`."""
+        from kickdrift.forces import beside_pairs, list_differences, pair_slopes
 
         if mixed:
             raise InputError("precision: variational equations need double")
         own = self.force.bind(self.system, threads)
-        return pair_slopes.bind(own, self.system.state.masses, self._masses, self._along)
+        by_masses = beside_pairs.slopes_by_masses(self.system.state.masses, self._masses)
+        if self.differs:
+            return list_differences.bind(own, by_masses)
+        return pair_slopes.bind(own, by_masses, self._along)
 
 
 def varied_force(
@@ -108,7 +117,8 @@ def check_mapped(force: Any, system: System, name: str) -> None:
     """Refuse a force that the tangent map of a method does not take."""
     if isinstance(force, ListedForce):
         raise InputError(
-            f"force {force.name!r}: the tangent map of {name} takes no forces on a list of neighbours; gauss-radau15 does"
+            f"force {force.name!r}: the tangent map of {name} takes no forces on a list of neighbours; "
+            "velocity-verlet and gauss-radau15 do"
         )
     Varied(force, system)  # refuses a force without slopes
 
