@@ -35,8 +35,8 @@ from kickdrift.forces.special_slopes import (
     add_special_slopes,
     broadcast_vector,
     load_vector_like,
+    react,
     store_vector_like,
-    variation,
 )
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, jit, never_inline
@@ -106,26 +106,37 @@ def place_deviations(force, x, directions, first):
     never_inline()
     place, deviations, n = force.force.pairs.place, force.deviations, force.a.shape[1]
     for q in range(force.number[0]):
-        deviations[q, :] = 0.0
-    for k in range(3):
+        u = deviations[q]
+        for cluster in range(force.force.pairs.counts[N_CLUSTERS]):
+            store_vector(u, cluster, splat(0.0), splat(0.0), splat(0.0))
+        at = n + first + q
         for i in range(n):
-            p = unsigned(place[i]) + unsigned(k) * LANES
-            for q in range(force.number[0]):
-                deviations[q, p] = x[k, n + i * directions + first + q]
+            p = unsigned(place[i])
+            u[p], u[p + LANES], u[p + LANES + LANES] = x[0, at], x[1, at], x[2, at]
+            at += directions
 
 
 @jit
 def collect_slopes(force, a, directions, first):
     """Add the slopes of all chunks, in one order, to the accelerations of the deviations from the first on."""
     never_inline()
-    pairs, slopes, n = force.force.pairs, force.slopes, force.a.shape[1]
-    for k in range(3):
-        for i in range(n):
-            p = unsigned(pairs.place[i]) + unsigned(k) * LANES
+    pairs, slopes, n, inverse_masses = force.force.pairs, force.slopes, force.a.shape[1], force.force.inverse_masses
+    for q in range(force.number[0]):
+        total = force.deviations[q]
+        for cluster in range(pairs.counts[N_CLUSTERS]):
+            sx, sy, sz = splat(0.0), splat(0.0), splat(0.0)
             for c in range(force.chunks.number):
-                if pairs.touched[c, pairs.place[i] // STRIDE]:
-                    for q in range(force.number[0]):
-                        a[k, n + i * directions + first + q] += slopes[c, q, p] * force.force.inverse_masses[i]
+                if pairs.touched[c, cluster]:
+                    gx, gy, gz = load_vector(slopes[c, q], cluster)
+                    sx, sy, sz = sx + gx, sy + gy, sz + gz
+            store_vector(total, cluster, sx, sy, sz)
+        at = n + first + q
+        for i in range(n):
+            p, w = unsigned(pairs.place[i]), inverse_masses[i]
+            a[0, at] += total[p] * w
+            a[1, at] += total[p + LANES] * w
+            a[2, at] += total[p + LANES + LANES] * w
+            at += directions
 
 
 @chunk_task
@@ -164,6 +175,8 @@ def sum_slopes(force, u, s, number, c):
         for row in range(WIDTH):
             at, listed = start[first + row], start[first + row + 1] - start[first + row]
             count = listed + parts if within else listed  # the row's own cluster comes last
+            ux, uy, uz = broadcast_vector(u, STRIDE * cluster + row, zero)
+            fx, fy, fz = zero, zero, zero
             for k in range(count):
                 if k < listed:
                     other, place = entry(rows, at + k, 0), entry(rows, at + k, 1)
@@ -175,22 +188,25 @@ def sum_slopes(force, u, s, number, c):
                 dx, dy, dz = displacements(zero, x, table, other, place)
                 r2 = select(after > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
                 g, h = pair_slopes(laws, first + row, slot_of(other), r2)
-                others[k], p = other, TERMS * WIDTH * k
-                store(terms, p, select(r2 < cutoff2, g, 0.0))
-                store(terms, p + WIDTH, select(r2 < cutoff2, h, 0.0))
-                store_vector_like(terms, p + 2 * WIDTH, dx, dy, dz)
-            for q in range(number):
-                ux, uy, uz = broadcast_vector(u, STRIDE * (q * room + cluster) + row, zero)
+                g, h = select(r2 < cutoff2, g, 0.0), select(r2 < cutoff2, h, 0.0)
+                gx, gy, gz = react(u, s, other, ux, uy, uz, g, h, dx, dy, dz)
+                fx, fy, fz = fx + gx, fy + gy, fz + gz
+                if number > 1:
+                    others[k], p = other, TERMS * WIDTH * k
+                    store(terms, p, g)
+                    store(terms, p + WIDTH, h)
+                    store_vector_like(terms, p + 2 * WIDTH, dx, dy, dz)
+            store_row_force(row_sums, row, fx, fy, fz)
+            for q in range(1, number):
+                before = STRIDE * room * q
+                ux, uy, uz = broadcast_vector(u, before + STRIDE * cluster + row, zero)
                 fx, fy, fz = zero, zero, zero
                 for k in range(count):
-                    p, theirs = TERMS * WIDTH * k, STRIDE * (q * room) + others[k]
+                    p = TERMS * WIDTH * k
                     g, h = load_like(terms, p, zero), load_like(terms, p + WIDTH, zero)
                     dx, dy, dz = load_vector_like(terms, p + 2 * WIDTH, zero)
-                    wx, wy, wz = load_vector_like(u, theirs, zero)
-                    gx, gy, gz = variation(g, h, dx, dy, dz, ux - wx, uy - wy, uz - wz)
+                    gx, gy, gz = react(u, s, before + others[k], ux, uy, uz, g, h, dx, dy, dz)
                     fx, fy, fz = fx + gx, fy + gy, fz + gz
-                    sx, sy, sz = load_vector_like(s, theirs, zero)
-                    store_vector_like(s, theirs, sx - gx, sy - gy, sz - gz)
                 store_row_force(row_sums, WIDTH * q + row, fx, fy, fz)
         for q in range(number):
             p, own = WIDTH * STRIDE * q, q * room + cluster

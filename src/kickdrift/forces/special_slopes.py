@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from kickdrift.forces.clusters import SHIFT_BITS, STRIDE, load_vector, store_vector
+from kickdrift.forces.clusters import SHIFT_BITS, STRIDE, load_vector
 from kickdrift.forces.law_lanes import pair_slopes
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
@@ -47,6 +47,17 @@ def store_vector_like(x, p, a, b, c):
     store(x, p + 2 * WIDTH, c)
 
 
+@as_written
+def react(u, s, other, ux, uy, uz, g, h, dx, dy, dz):
+    """Return the variations of pairs with the neighbours whose x begin at ``other``, and subtract them from the
+    neighbours' slopes. The particles have the deviation (ux, uy, uz)."""
+    wx, wy, wz = load_vector_like(u, other, g)
+    gx, gy, gz = variation(g, h, dx, dy, dz, ux - wx, uy - wy, uz - wz)
+    sx, sy, sz = load_vector_like(s, other, g)
+    store_vector_like(s, other, sx - gx, sy - gy, sz - gz)
+    return gx, gy, gz
+
+
 def add_special_slopes(
     special: Any, laws: Any, pairs: Any, u: Any, s: Any, number: int, c: int, cutoff2: float
 ) -> None:
@@ -79,13 +90,9 @@ def _add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
                 g, h = pair_slopes(laws, WIDTH * cluster + row, WIDTH * other, r2)
                 g, h = select(r2 < cutoff2, factor * g, 0.0), select(r2 < cutoff2, factor * h, 0.0)
                 for q in range(number):
-                    at, theirs = q * size + p, q * (size // STRIDE) + other
-                    wx, wy, wz = broadcast_vector(u, at, zero)
-                    ux, uy, uz = load_vector(u, theirs)
-                    wx, wy, wz = wx - ux, wy - uy, wz - uz
-                    gx, gy, gz = variation(g, h, dx, dy, dz, wx, wy, wz)
-                    sx, sy, sz = load_vector(s, theirs)
-                    store_vector(s, theirs, sx - gx, sy - gy, sz - gz)
+                    at = q * size + p
+                    ux, uy, uz = broadcast_vector(u, at, zero)
+                    gx, gy, gz = react(u, s, q * size + STRIDE * other, ux, uy, uz, g, h, dx, dy, dz)
                     s[at] += lane_sum(gx)
                     s[at + WIDTH] += lane_sum(gy)
                     s[at + 2 * WIDTH] += lane_sum(gz)
