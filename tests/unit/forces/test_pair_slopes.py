@@ -118,9 +118,9 @@ class Screened(NamedTuple):
         r = math.sqrt(r2)
         wave = p.strength * math.exp(-r / p.width) * math.cos(2.0 * r)
         slope = -wave / p.width - 2.0 * p.strength * math.exp(-r / p.width) * math.sin(2.0 * r)
-        core = np.where(r < 1.2, p.hardness * (1.2 - r) ** 2, 0.0)
-        energy = wave + core + 0.1 * p.strength * math.log(r) + p.hardness / r2**3
-        slope = slope - 2.0 * np.where(r < 1.2, p.hardness * (1.2 - r), 0.0) + 0.1 * p.strength / r
+        inside = np.where(r < 1.2, 1.2 - r, 0.0)
+        energy = wave + p.hardness * inside**4 + 0.1 * p.strength * math.log(r) + p.hardness / r2**3
+        slope = slope - 4.0 * p.hardness * inside**3 + 0.1 * p.strength / r
         return energy, max(abs(6.0 * p.hardness / r2**4), 0.0) - slope / r
 
 
@@ -180,7 +180,9 @@ def test_what_has_no_derivative_is_said():
             kd.transition_matrix(system, 0.1, "velocity-verlet", 0.01, parameters=[f"lennard-jones.{key}"])
     with pytest.raises(InputError, match="precision: variational equations need double"):
         kd.megno(system, 0.1, "velocity-verlet", 0.01, precision="mixed")
-    with pytest.raises(InputError, match="parameters: stillinger-weber.cutoff: many-body forces have no derivatives by"):
+    with pytest.raises(
+        InputError, match="parameters: stillinger-weber.cutoff: many-body forces have no derivatives by"
+    ):
         kd.transition_matrix(kd.load("silicon-512"), 0.1, parameters="stillinger-weber.cutoff")
     planets = kd.load("outer-solar-system")
     with pytest.raises(InputError, match="force 'lennard-jones': the tangent map of trace takes no forces on a list"):
