@@ -86,8 +86,8 @@ def nearest_image(box, separation: np.ndarray) -> np.ndarray:
 
 
 def pair_slopes(system: System, deviations: np.ndarray) -> np.ndarray:
-    """Derivatives (n, 3) of the forces of a pair law along deviations (n, 3) of the positions, by a complex step (Squire
-    & Trapp 1998, doi:10.1137/S003614459631241X), exact to rounding. Scaled pairs count with their factor."""
+    """Derivatives (n, 3) of the forces of a pair law along deviations (n, 3) of the positions, by a complex step
+    (Squire & Trapp 1998, doi:10.1137/S003614459631241X), exact to rounding. Scaled pairs count with their factor."""
     (force,), step = system.forces, 1e-30
     p = interacting_pairs(force, system)
     a, b = system.species_index[p.i], system.species_index[p.j]

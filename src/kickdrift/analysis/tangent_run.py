@@ -12,7 +12,7 @@ from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
+from kickdrift.forces.pushes import PairPush, Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import check_mapped
 from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
@@ -107,9 +107,9 @@ class TangentRun(MapRun):
         return phase[:, :, back], slopes[:, :, back]
 
 
-def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push]]:
+def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push | PairPush]]:
     """What masses and parameters do in the forces other than gravity, each with its column."""
-    made: list[tuple[int, Push]] = []
+    made: list[tuple[int, Push | PairPush]] = []
     of_masses = columns.of_masses(len(system))
     if of_masses is not None:
         for body, column in np.argwhere(of_masses):
@@ -121,7 +121,7 @@ def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push
     return made
 
 
-def _bound(forces: list[Any], pushes: list[tuple[int, Push]], system: System, threads: int) -> tuple[list[Any], Any]:
+def _bound(forces: list[Any], pushes: list[tuple[int, Push | PairPush]], system: System, threads: int) -> tuple[list[Any], Any]:
     """Machine code of the slopes of these forces, and of these pushes with their columns."""
     if not forces:
         return [], []

@@ -59,7 +59,7 @@ def _by(force: PairForce, key: str, system: System) -> Floats:
     step = float(2.0 ** np.round(np.log2(STEP * (abs(value) or 1.0))))
 
     def at(k: int) -> Floats:
-        moved = replace(force, **{key: value + k * step})
+        moved: Any = replace(force, **{key: value + k * step})  # type: ignore[arg-type]
         return np.array([[moved.pair_law(a, b) for b in names] for a in names], dtype=float).transpose(2, 0, 1)
 
     return np.asarray((8.0 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12.0 * step))

@@ -83,9 +83,8 @@ def made(builder: ir.IRBuilder, value: ir.Value, slope: ir.Value) -> ir.Value:
 @intrinsic
 def dual(typingctx, value, slope):
     """Dual of a number and eight slopes, of a vector of three and its slopes, or of lanes and a slope for each."""
-    if isinstance(value, Lanes):
-        kind = Dual(value, value)
-    else:
+    kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) else None
+    if kind is None:
         kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
         if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
             return None

@@ -181,7 +181,7 @@ def test_what_has_no_derivative_is_said():
     with pytest.raises(InputError, match="precision: variational equations need double"):
         kd.megno(system, 0.1, "velocity-verlet", 0.01, precision="mixed")
     with pytest.raises(
-        InputError, match="parameters: stillinger-weber.cutoff: many-body forces have no derivatives by"
+        InputError, match=r"parameters: stillinger-weber\.cutoff: many-body forces have no derivatives by"
     ):
         kd.transition_matrix(kd.load("silicon-512"), 0.1, parameters="stillinger-weber.cutoff")
     planets = kd.load("outer-solar-system")
