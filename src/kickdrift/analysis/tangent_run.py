@@ -121,7 +121,9 @@ def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push
     return made
 
 
-def _bound(forces: list[Any], pushes: list[tuple[int, Push | PairPush]], system: System, threads: int) -> tuple[list[Any], Any]:
+def _bound(
+    forces: list[Any], pushes: list[tuple[int, Push | PairPush]], system: System, threads: int
+) -> tuple[list[Any], Any]:
     """Machine code of the slopes of these forces, and of these pushes with their columns."""
     if not forces:
         return [], []
