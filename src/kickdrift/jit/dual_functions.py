@@ -30,7 +30,7 @@ def _sign_of(x):
 
 
 # The name in ``math``, the name in NumPy, and the slope from the argument x and the value y.
-_SLOPES: tuple[tuple[str, str, Callable[[float, float], float]], ...] = (
+SLOPES: tuple[tuple[str, str, Callable[[float, float], float]], ...] = (
     ("sqrt", "sqrt", lambda x, y: 0.5 / y),
     ("exp", "exp", lambda x, y: y),
     ("expm1", "expm1", lambda x, y: y + 1.0),
@@ -70,7 +70,7 @@ def _teach(function: Callable[..., Any], others: tuple[Any, ...], rule: Callable
         overload(each)(code)
 
 
-for _name, _of_numpy, _rule in _SLOPES:
+for _name, _of_numpy, _rule in SLOPES:
     _more = (getattr(np, _of_numpy),) if _of_numpy else ()
     _teach(getattr(math, _name), (*_more, abs) if _name == "fabs" else _more, _rule)
 
