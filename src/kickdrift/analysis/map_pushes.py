@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from kickdrift.analysis.columns import Columns
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
+from kickdrift.forces.pushes import PairPush, Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.model.system import System
 
-Pushes = list[tuple[int, Push]]
+Pushes = list[tuple[int, Push | PairPush]]
 
 
 class BoundOthers(NamedTuple):

@@ -14,7 +14,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
-from kickdrift.forces.variations import Varied
+from kickdrift.forces.variations import check_mapped
 from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.wisdom_holman import WisdomHolman
@@ -44,7 +44,7 @@ class TangentRun(MapRun):
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         for force in others:
-            Varied(force, system)  # refuses a force without slopes
+            check_mapped(force, system, name)
         self._others = others
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)

@@ -14,7 +14,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
-from kickdrift.forces.variations import Varied
+from kickdrift.forces.variations import check_mapped
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -33,7 +33,7 @@ class TraceTangentRun(MapRun):
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
         for force in others:
-            Varied(force, system)  # refuses a force without slopes
+            check_mapped(force, system, name)
         of_masses = None if columns is None else _of_masses(system, columns, name)
         self._others, self._pushes = others, pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)

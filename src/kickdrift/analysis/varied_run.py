@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence, scale_of
 from kickdrift.errors import RunError
-from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
+from kickdrift.forces.pushes import PairPush, Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import varied
 from kickdrift.integrators.splitting import Splitting
 from kickdrift.jit.notices import compiling_for
@@ -24,9 +24,10 @@ EVERY = 16  # steps between two checks of that growth
 SELDOM = 256  # the same for splitting methods, whose steps are linear in the deviations at any size
 
 
-def _pushes(system: System, columns: Columns, unit: Floats) -> list[Push]:
+def _pushes(system: System, columns: Columns, unit: Floats) -> list[Push | PairPush]:
     """What the masses and parameters do in each force, for columns in these units."""
-    made, of_masses = [], columns.of_masses(len(system))
+    made: list[Push | PairPush] = []
+    of_masses = columns.of_masses(len(system))
     if of_masses is not None:
         for body, column in np.argwhere(of_masses):
             made += pushes_of_mass(system, int(body), int(column), 1.0 / unit[column])
