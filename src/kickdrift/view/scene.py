@@ -98,7 +98,7 @@ def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Sc
 def scene_of_system(given: System | Simulation) -> Scene:
     """Scene of one moment: the start of a System, or a Simulation as it stands."""
     if isinstance(given, Simulation):
-        system, state = given.system, given.state
+        system, state = whole_of(given), given.state
     else:
         system, state = given, getattr(given, "state", None)
     if not isinstance(system, System):
@@ -108,6 +108,12 @@ def scene_of_system(given: System | Simulation) -> Scene:
     chunk = stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
     notes = [] if isinstance(given, Simulation) else ["Shows the start: a system has no frames."]
     return stage.scene([chunk], x, v, notes=stage.notes() + notes)
+
+
+def whole_of(sim: Simulation) -> System | Problem:
+    """The system of a Simulation, with rows for bodies that left and for those that collisions may add."""
+    events = getattr(sim.integration, "events", None)
+    return events.roster.filed if events else sim.system
 
 
 def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
