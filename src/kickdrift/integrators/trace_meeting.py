@@ -19,7 +19,6 @@ from kickdrift.integrators.gauss_radau_series import (
     AHEAD,
     AT_NODE,
     BASE,
-    BLOCK,
     ENDS,
     GUESS,
     GUESS_LAST,
@@ -49,7 +48,7 @@ from kickdrift.jit.vector3 import dot, numbers3, store3, vector3
 from kickdrift.jit.vectors import WIDTH
 
 EPSILON = 1e-6  # of the length of steps; their error is below 1e-13 of the energy up to here
-SETTLED = 1e-12  # expected residual of another iteration; places then miss about 1e-15
+SETTLED = 1e-13  # expected residual of another iteration; places then miss less than rounding
 ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
 SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
 SHORTEST = 1e-13  # of the time h
@@ -67,7 +66,7 @@ def attract(hybrid, others, s, x, a):
         inverse2 = 1.0 / (px * px + py * py + pz * pz)
         cube = inverse2 * math.sqrt(inverse2)
         w, pull = -gm_0 * cube, gm[i] * cube
-        a[i], a[n + i], a[2 * n + i] = w * px, w * py, w * pz
+        ax, ay, az = w * px, w * py, w * pz
         pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
         for j in range(i):
             if everyone or near[slots[j], slots[i]]:
@@ -75,12 +74,11 @@ def attract(hybrid, others, s, x, a):
                 inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
                 cube = inverse2 * math.sqrt(inverse2)
                 w, back = gm[j] * cube, gm[i] * cube
-                a[i] += w * dx
-                a[n + i] += w * dy
-                a[2 * n + i] += w * dz
+                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
                 a[j] -= back * dx
                 a[n + j] -= back * dy
                 a[2 * n + j] -= back * dz
+        a[i], a[n + i], a[2 * n + i] = ax, ay, az
     for i in range(n):
         if jumps[i]:
             a[i] -= pull_x
@@ -205,7 +203,7 @@ def follow(hybrid, others, h):
     """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, n = meeting.work, meeting.size[NUMBER]
-    width = BLOCK * ((3 * n + BLOCK - 1) // BLOCK)
+    width = WIDTH * ((3 * n + WIDTH - 1) // WIDTH)
     for i in range(ROWS * width):
         work[i] = 0.0
     for i in range(3 * n, width):
