@@ -23,6 +23,7 @@ spheres (number from their abstract). A normal distribution of heights also give
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,11 +31,12 @@ import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim
 
 THEORY = "kinetic theory (derivation in ring_thermal.py)"
+PUBLISHED = 0.63
+ERRORS = 4.0  # standard errors
 ABSTRACT = "Spaute & Greenberg 1987, abstract"
 RADIUS = 0.02  # of particles, for c_x = 1
 DEPTH = 0.05
-ORBIT = 2.0 * math.pi
-STEPS = 100  # in an orbit
+STEPS = 40  # in an orbit
 WARM = 4  # orbits before the first sample
 EITHER = (0.567, 0.687)  # restitutions at which rates of heating are measured
 
@@ -71,30 +73,56 @@ def dilute(n: int, seed: int, ratio: float) -> tuple[np.ndarray, np.ndarray, flo
     return x, np.stack([u_x, u_y - 1.5 * x[:, 0], u_z], axis=1), side
 
 
-def heating(n: int, seed: int, restitution: float, orbits: int, ratio: float) -> tuple[float, float, float, float]:
-    """Change of ln c^2 by a bounce of each particle, its standard error from parts of the run, mean c_z / c_x, and the
-    filling factor of the midplane over that of a normal distribution."""
+class Heated(NamedTuple):
+    """What a run of a dilute ring shows."""
+
+    rate: float  # change of the logarithm of the random energy, for a bounce of each particle
+    shape: float  # c_z / c_x
+    filling: float  # of the midplane, over that of a normal distribution of heights
+
+
+def heated(n: int, seed: int, restitution: float, orbits: int, ratio: float) -> Heated:
+    """A run of so many orbits."""
     x, v, side = dilute(n, seed, ratio)
     forces = [kd.Hill(1.0), kd.GravitySheet(1.0, side, side, G=0.0)]
     system = kd.System(x, v, masses=np.ones(n), radii=np.full(n, RADIUS), forces=forces, units="nbody")
-    sim = kd.Simulation(
-        system, "sei", dt=ORBIT / STEPS, events=[kd.Collision(action="bounce", restitution=restitution)]
-    )
+    bounce = kd.Collision(action="bounce", restitution=restitution)
+    sim = kd.Simulation(system, "sei", dt=2.0 * math.pi / STEPS, events=[bounce])
     sim.run(WARM * STEPS, every=WARM * STEPS)
-    logs, shapes, filled = [], [], []
+    energies, filled = [], []
 
     def look(sim: kd.Simulation) -> None:
-        state = sim.state
-        u = state.velocities + 1.5 * np.outer(state.positions[:, 0], [0.0, 1.0, 0.0])
-        squares, height = u.var(axis=0), state.positions[:, 2]
-        logs.append(math.log(squares[0] + 4.0 * squares[1] + squares[2] + height.var()))
-        shapes.append([squares[0] + 4.0 * squares[1], squares[2] + height.var()])
-        inside = math.pi * np.clip(RADIUS**2 - height**2, 0.0, None).sum() / side**2
-        filled.append(inside * 3.0 * math.sqrt(ORBIT) * height.std() / (4.0 * RADIUS * DEPTH))
+        x, v = sim.state.positions, sim.state.velocities.copy()
+        v[:, 1] += 1.5 * x[:, 0]
+        squares, heights = v.var(axis=0), x[:, 2]
+        energies.append([squares[0] + 4.0 * squares[1], squares[2] + heights.var()])
+        inside = math.pi * np.clip(RADIUS**2 - heights**2, 0.0, None).sum() / side**2
+        filled.append(inside * 3.0 * math.sqrt(2.0 * math.pi) * heights.std() / (4.0 * RADIUS * DEPTH))
 
     report = sim.run(orbits * STEPS, every=STEPS // 10, observe=look)
-    times = np.array([event["time"] for event in report.events]) / ORBIT
-    bounces = 2.0 * (times > WARM).sum() / n
-    rate = (logs[-1] - logs[0]) / bounces
-    across, upright = np.mean(np.array(shapes) / np.exp(logs)[:, None], axis=0)
-    return rate, bounces, math.sqrt(upright / across), float(np.mean(filled))
+    bounces = 2.0 * sum(event["time"] > 2.0 * math.pi * WARM for event in report.events) / n
+    across, upright = np.array(energies).T
+    rate = float(np.log((across[-1] + upright[-1]) / (across[0] + upright[0]))) / bounces
+    return Heated(rate, float(np.mean(np.sqrt(upright / across))), float(np.mean(filled)))
+
+
+def thermal_balance(n: int, replicas: int, orbits: int) -> list[Claim]:
+    """Heating on either side of the critical restitution, the shape of the velocities, and the filling factor."""
+    ratio, critical = balance()
+    runs = np.array([[heated(n, seed, each, orbits, ratio) for seed in range(replicas)] for each in EITHER])
+    mean, error = runs.mean(axis=1), runs.std(axis=1, ddof=1) / math.sqrt(replicas)
+    (low, high), width = mean[:, 0], EITHER[1] - EITHER[0]
+    found = EITHER[0] - width * low / (high - low)
+    spread = width * math.hypot(high * error[0, 0], low * error[1, 0]) / (high - low) ** 2
+    text = f"dilute ring, depth {DEPTH:g}, {n} particles, {replicas} replicas, {orbits} orbits"
+    rows = [
+        claim(f"{text}: restitution at which random velocities stay, with a standard error of {spread:.2g}",
+              float(found), "0.63 within 0.05", bool(low < 0.0 < high and abs(found - PUBLISHED) <= 0.05),
+              f"{ABSTRACT}; normal distributions {critical:.3f}"),
+    ]  # fmt: skip
+    for k, name, expected in ((1, "c_z / c_x", ratio), (2, "filling factor of the midplane, over the formula", 1.0)):
+        value, own = mean[:, k].mean(), math.hypot(*error[:, k]) / 2.0
+        off = abs(value - expected) / own
+        rows.append(claim(f"{text}: {name} {value:.3f} beside {expected:.3f}, in standard errors of {own:.2g}",
+                          float(off), f"at most {ERRORS:g}", off <= ERRORS, THEORY))  # fmt: skip
+    return rows
