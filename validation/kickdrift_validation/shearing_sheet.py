@@ -6,8 +6,8 @@ Rein & Tremaine 2011, doi:10.1111/j.1365-2966.2011.18939.x: epicycles to roundin
 energy error that does not grow. Henon & Petit 1986, doi:10.1007/BF01234287: two satellites that pass at a distance of
 many Hill radii, whose eccentricity after the encounter has a closed form. rebound's SEI runs the same patch. Particles
 that bounce make a ring like those of Wisdom & Tremaine 1988, also beside rebound: see ring_patch.py. A dilute ring
-heats up or cools down as kinetic theory says: see ring_thermal.py. ``--long`` takes ten times as many orbits, and larger
-rings of two optical depths.
+heats up or cools down as kinetic theory says: see ring_thermal.py. ``--long`` takes ten times as many orbits, and
+larger rings of two optical depths.
 """
 
 from __future__ import annotations
