@@ -14,7 +14,7 @@ changes on average if, with brackets for means over the distribution of g,
     <|g| (g_x^2 + 4 g_y^2)> = 5 <|g| g_z^2>,    A = 12 / (3 + <|g|^3> / <|g| g_z^2>).
 
 The first equation is for c_z / c_x, the second for the restitution: 0.6270, and c_z / c_x = 0.6525 (the argument of
-Goldreich & Tremaine 1978, doi:10.1016/0019-1035(78)90165-6, and Hameen-Anttila 1978). Particles with a larger
+Goldreich & Tremaine 1978, Icarus 34, 227). Particles with a larger
 restitution heat up without limit. Spaute & Greenberg (1987, Icarus 70) found this above 0.63 in simulations of smooth
 spheres (number from their abstract). A normal distribution of heights also gives the filling factor of the midplane,
 4 R tau / (3 sqrt(2 pi) c_z), at an optical depth tau.
@@ -87,7 +87,8 @@ def scattered(restitution: float, ratio: float, n: int = 20_000, rounds: int = 2
     u = rng.normal(0.0, 1.0, (4, n)) * np.array([[1.0], [0.5], [ratio], [ratio]])  # u_x, u_y, u_z, z
     bounces, start = 0.0, 0.0
     for number in range(rounds):
-        c, s = (turn(rng.uniform(0.0, 2.0 * math.pi, n)) for turn in (np.cos, np.sin))
+        turn = rng.uniform(0.0, 2.0 * math.pi, n)
+        c, s = np.cos(turn), np.sin(turn)
         u = np.stack([u[0] * c + 2.0 * u[1] * s, u[1] * c - 0.5 * u[0] * s, u[2] * c - u[3] * s, u[3] * c + u[2] * s])
         u = u[:, np.argsort(u[3])]
         if number == rounds // 4:
