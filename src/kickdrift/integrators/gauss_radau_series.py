@@ -25,7 +25,7 @@ NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
 AT_NODE, AHEAD, BASE = (ENDS + TERMS + k for k in range(3))
 ROWS = BASE + 1
 NODES = TERMS - 1
-BLOCK = 2 * WIDTH  # a row of the workspace is a multiple of this
+BLOCK = 2 * WIDTH  # numbers that ``prepare`` takes at a time; the last WIDTH alone, in a row that is no multiple
 LOW = 4  # terms whose weights include their rounding errors
 
 
