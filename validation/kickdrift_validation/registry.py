@@ -105,8 +105,8 @@ SCRIPTS = (
     ),
     Script(
         "shearing_sheet.py",
-        "sei in Hill's frame: epicycles, order, a satellite that passes, a ring of bouncing particles; beside rebound",
-        45,
+        "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; beside rebound",
+        65,
         peers=("rebound", "mpmath"),
     ),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),

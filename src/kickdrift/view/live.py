@@ -22,7 +22,7 @@ from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import duration
 from kickdrift.view.curves import curve
-from kickdrift.view.scene import Scene, phase_of, scene_of
+from kickdrift.view.scene import Scene, phase_of, scene_of, whole_of
 from kickdrift.view.stage import Stage
 
 APART = 0.25  # seconds between two frames
@@ -61,10 +61,11 @@ class Feed:
     """
 
     def __init__(self, sim: Simulation, send: Send, listened: Callable[[], bool] = lambda: True) -> None:
-        if not isinstance(sim.system, System):
+        whole = whole_of(sim)
+        if not isinstance(whole, System):
             raise InputError("live: a Problem has no particles to show")
         self._sim, self._send, self._listened = sim, send, listened
-        self._stage = Stage.of(sim.system)
+        self._stage = Stage.of(whole)
         self._row, self._record = 0, sim.record  # looks that were sent, of this record
         self._next = self._last = self._began = 0.0  # by the clock
         self._spent = self._owed = 0.0  # processor's time at the last frame, and until the next one

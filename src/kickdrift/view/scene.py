@@ -99,7 +99,7 @@ def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Sc
 def scene_of_system(given: System | Simulation) -> Scene:
     """Scene of one moment: the start of a System, or a Simulation as it stands."""
     if isinstance(given, Simulation):
-        system, state = given.system, given.state
+        system, state = whole_of(given), given.state
     else:
         system, state = given, getattr(given, "state", None)
     if not isinstance(system, System):
@@ -111,6 +111,12 @@ def scene_of_system(given: System | Simulation) -> Scene:
         caption = _caption({"integrator": given.integrator, "dt": given.dt}, system.units)
         return stage.scene([chunk], x, v, notes=stage.notes(), caption=caption)
     return stage.scene([chunk], x, v, notes=[*stage.notes(), "Shows the start: a system has no frames."])
+
+
+def whole_of(sim: Simulation) -> System | Problem:
+    """The system of a Simulation, with rows for bodies that left and for those that collisions may add."""
+    events = getattr(sim.integration, "events", None)
+    return events.roster.filed if events else sim.system
 
 
 def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
