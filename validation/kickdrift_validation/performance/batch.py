@@ -14,17 +14,20 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
+from time import process_time
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.analysis.chaos import megno, megnos
 from kickdrift.batch.batch import Batch
+from kickdrift.ensemble.rows import run_columns
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.performance.turns import Runner, ratio_of, turns
 from kickdrift_validation.runner import ONE_THREAD
 
 AT_LEAST = 4.0
+REPORT, KEPT = 1.0, 0.9  # ms; share of the speed that samples and reports leave
 GROUP = 64  # members of a Batch
 ROUNDS, SECONDS = 7, 0.4
 STEP = 2 * np.pi / 100  # a hundredth of the innermost body's period
@@ -89,8 +92,41 @@ def growths(name: str, steps: int) -> tuple[Callable[..., object], Callable[...,
     return alone, together
 
 
+def with_reports(name: str, steps: int) -> tuple[Callable[..., object], Callable[..., object], list[float]]:
+    """Bare, with reports, and the processor time of the reports a member in ms, a number more for each turn."""
+    costs: list[float] = []
+
+    def reported(systems: list[kd.System]) -> None:
+        batch = Batch(systems, name, STEP)
+        batch.run(steps)
+        began = process_time()
+        for report in batch.reports():
+            assert report is not None
+            run_columns(report)
+        costs.append(1e3 * (process_time() - began) / len(systems))
+
+    return runs(name, steps, False)[1], reported, costs
+
+
+def report_claims() -> Iterator[Claim]:
+    """Cost of the members' reports, and what they leave of the speed."""
+    systems = [planets(seed, 3) for seed in range(GROUP)]
+    for name in ("leapfrog", "rk4", "wisdom-holman"):
+        for steps in (10_000, 100_000, 1_000_000):
+            bare, reported, costs = with_reports(name, steps)
+            speeds = turns([Each(bare, systems, GROUP), Each(reported, systems, GROUP)], 0.1, ROUNDS)
+            ratio, cost = ratio_of(speeds[:, 1], speeds[:, 0]), float(np.median(costs))
+            print(f"{name}, {steps} steps: a report {cost:.2f} ms of processor time; with reports {ratio.median:.2f}")
+            if steps == 10_000:
+                text = f"{name}, a member's report with its drift, ms of processor time"
+                yield claim(text, cost, f"under {REPORT:g}", cost < REPORT, "its samples in memory")
+            if steps == 1_000_000:
+                text = f"{name}, {steps} steps: members a second with samples and reports over those without"
+                yield claim(text, ratio.median, f"at least {KEPT:g}", ratio.median >= KEPT, "stepping, in turns")
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Each method, by the number of bodies and of steps."""
+    """Each method, by the number of bodies and of steps; then the reports."""
     cases = [("leapfrog", "run"), ("rk4", "run"), ("wisdom-holman", "run"), ("leapfrog", "megno"), ("rk4", "megno")]
     cases += [(name, "stepping") for name in ("leapfrog", "rk4", "wisdom-holman")]
     print(f"{'bodies':>6} {'steps':>7}  {'what':24} {'one by one':>12} {'in a Batch':>12}  members/s; ratio, quartiles")
@@ -110,6 +146,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
             if bodies == 3:
                 text = f"{what}, {bodies} bodies, {steps} steps: members a second over one by one"
                 yield claim(text, ratio.median, f"at least {AT_LEAST:g}", ratio.median >= AT_LEAST, "one by one")
+    yield from report_claims()
 
 
 if __name__ == "__main__":
