@@ -17,7 +17,7 @@ from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman_bodies import GM, HILL, INSIDE, LIVE, OTHERS, SHARE, SOURCE
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import inverse_sqrt, minus, plus
+from kickdrift.jit.lanes import inverse_sqrt, inverse_sqrt_estimate, minus, plus
 from kickdrift.jit.masks import all_lanes, any_lane
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, rotated3, store3
@@ -56,12 +56,12 @@ def _takes(kernel, bodies, others):
 @as_written
 def stumpff(z):
     """c2 and c3 of ``kepler.small_g``, summed in pairs."""
-    a, b, minus_z, z2 = C2, C3, 0.0 - z, z * z
+    a, b, z2 = C2, C3, z * z
     z4 = z2 * z2
-    c2 = (a[0] + minus_z * a[1]) + z2 * (a[2] + minus_z * a[3])
-    c2 = c2 + z4 * ((a[4] + minus_z * a[5]) + z2 * (a[6] + minus_z * a[7]))
-    c3 = (b[0] + minus_z * b[1]) + z2 * (b[2] + minus_z * b[3])
-    c3 = c3 + z4 * ((b[4] + minus_z * b[5]) + z2 * (b[6] + minus_z * b[7]))
+    c2 = (a[0] - z * a[1]) + z2 * (a[2] - z * a[3])
+    c2 = c2 + z4 * ((a[4] - z * a[5]) + z2 * (a[6] - z * a[7]))
+    c3 = (b[0] - z * b[1]) + z2 * (b[2] - z * b[3])
+    c3 = c3 + z4 * ((b[4] - z * b[5]) + z2 * (b[6] - z * b[7]))
     return c2, c3
 
 
@@ -73,39 +73,35 @@ def moved(gm, dt, x, v, inverse, r0):
     zeta = gm - beta * r0
     # first guess
     s, a, b = dt * inverse, eta * inverse, zeta * inverse
-    a2 = a * a
-    c3, c4 = 0.5 * a2 - (1.0 / 6.0) * b, a * ((5.0 / 12.0) * b - 0.625 * a2 + (1.0 / 24.0) * beta)
-    s2 = s * s
-    u = (s - 0.5 * a * s2) + s * s2 * (c3 + s * c4)
-    # Stumpff's functions
+    a2, s2 = a * a, s * s
+    c3, c4 = 0.5 * a2 - (1.0 / 6.0) * b, a * ((5.0 / 12.0) * b + ((1.0 / 24.0) * beta - 0.625 * a2))
+    u = (s - 0.5 * a * s2) + (s * s2) * (c3 + s * c4)
+    # excess and distance there; factors of the Stumpff functions are ready before these
     u2 = u * u
-    z = beta * u2
+    u3, z = u * u2, beta * u2
     c2, c3 = stumpff(z)
-    g2, g3 = u2 * c2, u * u2 * c3
-    g1 = u - beta * g3
-    g0 = 1.0 - beta * g2
-    # correction
-    r = (r0 + eta * g1) + zeta * g2
-    excess = (r0 * u - dt + eta * g2) + zeta * g3
+    r = ((r0 + eta * u) + (zeta * u2) * c2) - (beta * (eta * u3)) * c3
+    excess = ((r0 * u - dt) + (eta * u2) * c2) + (zeta * u3) * c3
     over = 1.0 / r
-    slope, bend = eta * g0 + zeta * g1, zeta * g0 - beta * eta * g1
-    p, a, b = -excess * over, 0.5 * slope * over, (1.0 / 6.0) * bend * over
+    g2, g3 = u2 * c2, u3 * c3
+    g1, g0 = u - beta * g3, 1.0 - beta * g2
+    # correction
+    slope, bend = 0.5 * (eta * g0 + zeta * g1), zeta * g0 - (beta * eta) * g1
+    p, a, b = excess * over, slope * over, bend * over
     a2 = a * a
-    d = p - p * p * (a - p * (2.0 * a2 - b))
-    size = p * p * (4.0 * a2 + abs(bend * over) + abs(beta))
+    d = (0.0 - p) - (p * p) * (a + p * (2.0 * a2 - (1.0 / 6.0) * b))
+    size = p * p * (4.0 * a2 + abs(b) + abs(beta))
     good = (size < SETTLED) & (abs(z) < SERIES) & (beta > 0.0) & (dt * dt * beta * beta * beta < 9.8 * gm * gm)
     # at the root
-    d2, third = d * d, (1.0 / 3.0) * d
-    curl = beta * g1
-    h2 = (g2 + d * g1) + 0.5 * d2 * (g0 - third * curl)
-    h3 = (g3 + d * g2) + 0.5 * d2 * (g1 + third * g0)
-    h1 = (g1 + d * g0) - 0.5 * d2 * (curl + third * beta * g0)
-    r = (r0 + eta * h1) + zeta * h2
-    over = 1.0 / r
+    d2, curl = d * d, beta * g1
+    h2 = (g2 + d * g1) + d2 * (0.5 * g0 - d * ((1.0 / 6.0) * curl))
+    h3 = (g3 + d * g2) + d2 * (0.5 * g1 + d * ((1.0 / 6.0) * g0))
+    h1 = (g1 + d * g0) - d2 * (0.5 * curl + d * ((1.0 / 6.0) * beta * g0))
     gm_over_r0 = gm * inverse
-    f, g = 0.0 - gm_over_r0 * h2, dt - gm * h3
-    fdot, gdot = 0.0 - gm_over_r0 * over * h1, 0.0 - gm * over * h2
-    return x + (f * x + g * v), v + (fdot * x + gdot * v), good
+    there = x + ((dt * v - h3 * (gm * v)) - h2 * (gm_over_r0 * x))
+    over = 1.0 / ((r0 + eta * h1) + zeta * h2)
+    fdot, gdot = gm_over_r0 * over * h1, gm * over * h2
+    return there, v - (fdot * x + gdot * v), good
 
 
 @as_written
@@ -134,12 +130,13 @@ def distances(x):
 
 @as_written
 def sums_before(x, constants, row):
-    """Sums over the lanes before of weight times x."""
+    """Sums over the four lanes before of weight times x, and these turned by four lanes: from the lane 4 on, both make
+    the sums over all lanes before."""
     own = row * WIDTH
     part = (load(constants, own) * rotated3(x, 7) + load(constants, own + WIDTH) * rotated3(x, 6)) + (
         load(constants, own + 2 * WIDTH) * rotated3(x, 5) + load(constants, own + 3 * WIDTH) * rotated3(x, 4)
     )
-    return part + load(constants, FROM_FOURTH * WIDTH) * rotated3(part, 4)
+    return part, rotated3(part, 4)
 
 
 @as_written
@@ -153,11 +150,13 @@ def sums_behind(x, constants, row):
 
 
 @as_written
-def pulled(d, constants, turn):
-    """Displacements d over their cubes, and the mask of those within a Hill radius."""
-    r2 = dot(d, d)
-    inverse = inverse_sqrt(r2)
-    return inverse * (inverse * inverse), r2 < load(constants, (REACH + turn) * WIDTH)
+def inverse_cube(r2):
+    """r2^(-3/2). The series of (1 - e)^(-3/2), e = 1 - r2 y^2, corrects an estimate y of 1 / r."""
+    y = inverse_sqrt_estimate(r2)
+    y2 = y * y
+    e, y3 = 1.0 - r2 * y2, y2 * y
+    series = (1.5 + 1.875 * e) + (e * e) * (2.1875 + (315.0 / 128.0) * e)
+    return y3 + (y3 * e) * series
 
 
 @as_written
@@ -165,23 +164,23 @@ def mutual(place, source, constants):
     """Mutual accelerations at ``place``, each pair once, and the mask of those within a Hill radius."""
     d1, d2 = rotated3(place, 1) - place, rotated3(place, 2) - place
     d3, d4 = rotated3(place, 3) - place, rotated3(place, 4) - place
-    cube1, near1 = pulled(d1, constants, 0)
-    cube2, near2 = pulled(d2, constants, 1)
-    cube3, near3 = pulled(d3, constants, 2)
-    cube4, near4 = pulled(d4, constants, 3)
-    pull = PULL * WIDTH
+    reach, pull = REACH * WIDTH, PULL * WIDTH
+    q1, q2, q3, q4 = dot(d1, d1), dot(d2, d2), dot(d3, d3), dot(d4, d4)
+    near = (q1 < load(constants, reach)) | (q2 < load(constants, reach + WIDTH))
+    near = near | (q3 < load(constants, reach + 2 * WIDTH)) | (q4 < load(constants, reach + 3 * WIDTH))
+    cube1, cube2, cube3, cube4 = inverse_cube(q1), inverse_cube(q2), inverse_cube(q3), inverse_cube(q4)
     a = (load(constants, pull) * cube1) * d1 + (load(constants, pull + WIDTH) * cube2) * d2
     b = (load(constants, pull + 2 * WIDTH) * cube3) * d3 + (load(constants, pull + 3 * WIDTH) * cube4) * d4
-    back = rotated3((source * cube1) * d1, 7) + rotated3((source * cube2) * d2, 6)
-    return (a + b) - (back + rotated3((source * cube3) * d3, 5)), near1 | near2 | near3 | near4
+    back1, back2 = rotated3((source * cube1) * d1, 7), rotated3((source * cube2) * d2, 6)
+    back3 = rotated3((source * cube3) * d3, 5)
+    return ((a + b) - back1) - (back2 + back3), near
 
 
 @as_written
 def central_parts(x, inverse, place, offset):
     """``wisdom_holman_kicks.central_part``, from 1 / r'."""
-    now = inverse_sqrt(dot(place, place))
-    inverse2 = inverse * inverse
-    inverse3, star = inverse2 * inverse, now * (now * now)
+    inverse2, star = inverse * inverse, inverse_cube(dot(place, place))
+    inverse3 = inverse2 * inverse
     ratio3 = star / inverse3
     q = dot(offset, x + place) * inverse2
     lost = q * (3.0 + q * (3.0 + q)) * (ratio3 * ratio3 / (1.0 + ratio3))
@@ -211,8 +210,10 @@ def steps_of_eight(bodies, stages, dt, steps, cursor):
         change = plus(lost, length * along)
         after = plus(middle, change)
         lost, middle = plus(change, minus(middle, after)), after
-        offset = sums_before(x, constants, OFFSETS)
-        place = x + offset
+        part, turned = sums_before(x, constants, OFFSETS)
+        upper = load(constants, FROM_FOURTH * WIDTH)
+        offset = part + upper * turned
+        place = (x + part) + upper * turned
         acceleration, near = mutual(place, source, constants)
         if any_lane(near):
             cursor[FRESH] = 1
@@ -220,8 +221,10 @@ def steps_of_eight(bodies, stages, dt, steps, cursor):
         inverse, r0 = distances(x)
         w, g = central_parts(x, inverse, place, offset)
         fixed = gm * (g + others * w) - (rest * central) * sums_behind(w, constants, OUTSIDES)
-        total = (fixed + acceleration) - rest * sums_before(acceleration, constants, INSIDES)
-        v = v + (kicks[stage] * dt * live) * total
+        part, turned = sums_before(acceleration, constants, INSIDES)
+        step = (kicks[stage] * dt) * live
+        back = step * rest
+        v = ((v + step * (fixed + acceleration)) - back * part) - (upper * back) * turned
         cursor[EVALUATIONS] += 1
         stage += 1
         if stage == kicks.size:
