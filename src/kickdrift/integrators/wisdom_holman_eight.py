@@ -224,7 +224,7 @@ def steps_of_eight(bodies, stages, dt, steps, cursor):
         part, turned = sums_before(acceleration, constants, INSIDES)
         step = (kicks[stage] * dt) * live
         back = step * rest
-        v = ((v + step * (fixed + acceleration)) - back * part) - (upper * back) * turned
+        v = v + ((step * (fixed + acceleration) - back * part) - (upper * back) * turned)
         cursor[EVALUATIONS] += 1
         stage += 1
         if stage == kicks.size:
