@@ -27,6 +27,7 @@ from kickdrift_validation.performance.turns import Runner, ratio_of, turns
 from kickdrift_validation.runner import ONE_THREAD
 
 AT_LEAST = 4.0
+PAST = 1.15
 REPORT, KEPT = 1.0, 0.9  # ms; share of the speed that samples and reports leave
 GROUP = 64  # members of a Batch
 ROUNDS, SECONDS = 7, 0.4
@@ -125,6 +126,60 @@ def report_claims() -> Iterator[Claim]:
                 yield claim(text, ratio.median, f"at least {KEPT:g}", ratio.median >= KEPT, "stepping, in turns")
 
 
+class Together(Runner):
+    """Steps of eight systems in a Batch."""
+
+    least = 2000.0
+
+    def __init__(self, count: int) -> None:
+        self._batch = Batch([planets(seed, count + 1) for seed in range(8)], "wisdom-holman", STEP)
+
+    def run(self, amount: float) -> float:
+        self._batch.run(round(amount), every=round(amount))
+        return 8.0 * round(amount)
+
+
+class Whfast512Together(Runner):
+    """Steps of several systems in rebound's WHFast512."""
+
+    least = 2000.0
+
+    def __init__(self, count: int, systems: int) -> None:
+        import rebound
+
+        self._systems, self._sim = systems, rebound.Simulation()
+        sim = self._sim
+        sim.integrator, sim.dt = "whfast512", STEP
+        sim.integrator.N_systems = systems
+        for seed in range(systems):
+            state = planets(seed, count + 1).state
+            for m, x, v in zip(state.masses, state.positions, state.velocities, strict=True):
+                sim.add(m=float(m), x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+
+    def run(self, amount: float) -> float:
+        steps = round(amount)
+        self._sim.integrator.concatenate_steps = steps  # in one call, else each costs a conversion
+        self._sim.integrate(self._sim.t + 0.5 * steps * STEP, exact_finish_time=0)
+        self._sim.synchronize()
+        return float(self._systems * steps)
+
+
+def whfast512_claims() -> Iterator[Claim]:
+    """Steps of systems of a few planets, over WHFast512's."""
+    try:
+        import rebound
+    except ImportError:
+        return
+    if not rebound.avx512_available:
+        return
+    for count, systems in ((2, 4), (3, 2), (4, 2), (8, 1)):
+        speeds = turns([Whfast512Together(count, systems), Together(count)], 0.1, 3 * ROUNDS)
+        ratio = ratio_of(speeds[:, 1], speeds[:, 0])
+        print(f"{count} planets: {ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f}) of WHFast512's steps")
+        text = f"systems of {count} planets, wisdom-holman in a Batch: steps over those of {systems} in WHFast512"
+        yield claim(text, ratio.median, f"at least {PAST:g}", ratio.median >= PAST, f"rebound {rebound.__version__}")
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
     """Each method, by the number of bodies and of steps; then the reports."""
     cases = [("leapfrog", "run"), ("rk4", "run"), ("wisdom-holman", "run"), ("leapfrog", "megno"), ("rk4", "megno")]
@@ -147,6 +202,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
                 text = f"{what}, {bodies} bodies, {steps} steps: members a second over one by one"
                 yield claim(text, ratio.median, f"at least {AT_LEAST:g}", ratio.median >= AT_LEAST, "one by one")
     yield from report_claims()
+    yield from whfast512_claims()
 
 
 if __name__ == "__main__":
