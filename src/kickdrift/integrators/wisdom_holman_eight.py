@@ -18,7 +18,7 @@ from kickdrift.integrators.wisdom_holman_bodies import GM, HILL, INSIDE, LIVE, O
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import inverse_sqrt, inverse_sqrt_estimate, minus, plus
-from kickdrift.jit.masks import all_lanes, any_lane
+from kickdrift.jit.masks import all_lanes, any_lane, select
 from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, rotated3, store3
 from kickdrift.jit.vectors import WIDTH
@@ -28,6 +28,7 @@ from kickdrift.jit.vectors import WIDTH
 # the sums over the lanes before and behind; where these take in four more lanes.
 PULL, REACH, OFFSETS, INSIDES, OUTSIDES = 0, 4, 8, 12, 16
 FROM_FOURTH, TO_FOURTH = 20, 21
+TRIES = 3  # corrections of an orbit's first guess
 
 
 def takes(kernel: Any, bodies: Any, others: Any) -> bool:
@@ -68,7 +69,7 @@ def stumpff(z):
 @as_written
 def moved(gm, dt, x, v, inverse, r0):
     """Positions and velocities after a Kepler drift, from 1 / r0 and r0. Also tells whether all orbits are ellipses,
-    and solved by one correction of the first guess; see ``kepler``."""
+    and solved by a few corrections of the first guess; see ``kepler``."""
     beta, eta = 2.0 * gm * inverse - dot(v, v), dot(x, v)
     zeta = gm - beta * r0
     # first guess
@@ -76,21 +77,25 @@ def moved(gm, dt, x, v, inverse, r0):
     a2, s2 = a * a, s * s
     c3, c4 = 0.5 * a2 - (1.0 / 6.0) * b, a * ((5.0 / 12.0) * b + ((1.0 / 24.0) * beta - 0.625 * a2))
     u = (s - 0.5 * a * s2) + (s * s2) * (c3 + s * c4)
-    # excess and distance there; factors of the Stumpff functions are ready before these
-    u2 = u * u
-    u3, z = u * u2, beta * u2
-    c2, c3 = stumpff(z)
-    r = ((r0 + eta * u) + (zeta * u2) * c2) - (beta * (eta * u3)) * c3
-    excess = ((r0 * u - dt) + (eta * u2) * c2) + (zeta * u3) * c3
-    over = 1.0 / r
-    g2, g3 = u2 * c2, u3 * c3
-    g1, g0 = u - beta * g3, 1.0 - beta * g2
-    # correction
-    slope, bend = 0.5 * (eta * g0 + zeta * g1), zeta * g0 - (beta * eta) * g1
-    p, a, b = excess * over, slope * over, bend * over
-    a2 = a * a
-    d = (0.0 - p) - (p * p) * (a + p * (2.0 * a2 - (1.0 / 6.0) * b))
-    size = p * p * (4.0 * a2 + abs(b) + abs(beta))
+    for _ in range(TRIES):
+        # excess and distance there; factors of the Stumpff functions are ready before these
+        u2 = u * u
+        u3, z = u * u2, beta * u2
+        c2, c3 = stumpff(z)
+        r = ((r0 + eta * u) + (zeta * u2) * c2) - (beta * (eta * u3)) * c3
+        excess = ((r0 * u - dt) + (eta * u2) * c2) + (zeta * u3) * c3
+        over = 1.0 / r
+        g2, g3 = u2 * c2, u3 * c3
+        g1, g0 = u - beta * g3, 1.0 - beta * g2
+        # correction
+        slope, bend = 0.5 * (eta * g0 + zeta * g1), zeta * g0 - (beta * eta) * g1
+        p, a, b = excess * over, slope * over, bend * over
+        a2 = a * a
+        d = (0.0 - p) - (p * p) * (a + p * (2.0 * a2 - (1.0 / 6.0) * b))
+        size = p * p * (4.0 * a2 + abs(b) + abs(beta))
+        if all_lanes(size < SETTLED):
+            break
+        u = select(size < SETTLED, u, u + d)
     good = (size < SETTLED) & (abs(z) < SERIES) & (beta > 0.0) & (dt * dt * beta * beta * beta < 9.8 * gm * gm)
     # at the root
     d2, curl = d * d, beta * g1
@@ -189,7 +194,7 @@ def central_parts(x, inverse, place, offset):
 
 @as_written
 def steps_of_eight(bodies, stages, dt, steps, cursor):
-    """Take whole steps while no orbit needs more than one correction and no two bodies are near each other. ``cursor``
+    """Take whole steps while a few corrections solve all orbits and no two bodies are near each other. ``cursor``
     says where the rest continues."""
     orbit, table, centre, constants = bodies.orbit, bodies.table, bodies.centre, bodies.work
     drifts, kicks = stages[0], stages[1]
