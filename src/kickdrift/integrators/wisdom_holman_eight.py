@@ -23,7 +23,6 @@ from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, load3, rotated3, store3
 from kickdrift.jit.vectors import WIDTH
 
-
 # Rows of the constants: G m of the body one to four lanes behind; the larger squared Hill radius of both; weights of
 # the sums over the lanes before and behind; where these take in four more lanes.
 PULL, REACH, OFFSETS, INSIDES, OUTSIDES = 0, 4, 8, 12, 16
