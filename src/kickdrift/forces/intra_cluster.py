@@ -10,7 +10,7 @@ from numba import types
 from kickdrift.forces.along_axes import add_along
 from kickdrift.forces.clusters import SHIFTS, STRIDE, load_vector, table_place
 from kickdrift.forces.law_lanes import pair_terms, parameters_of, truncated_terms
-from kickdrift.forces.pair_rows import displacements, in_float64
+from kickdrift.forces.pair_rows import displacements
 from kickdrift.forces.special_pairs import is_inside
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
@@ -24,7 +24,9 @@ UNSHIFTED = SHIFTS // 2
 
 def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, along: Any) -> Any:
     """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
-    ``along`` each axis with that of these pairs (see `along_axes`). Rows of tiles have these pairs at their start."""
+    ``along`` each axis with that of these pairs (see `along_axes`).
+
+    Rows of tiles have these forces already; the sums are in float64."""
     raise NotImplementedError("for compiled code")
 
 
@@ -32,49 +34,41 @@ def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, al
 def _own_pairs(zero, laws, pairs, cluster, cutoff2, along):
     if zero == single_type:
 
-        def none(zero, laws, pairs, cluster, cutoff2, along):
+        def sums_alone(zero, laws, pairs, cluster, cutoff2, along):
+            found = intra_cluster(laws, pairs.x, cluster, cutoff2, along)
             nothing = splat(0.0)
-            return nothing, nothing, nothing, nothing, nothing, nothing, along
+            return nothing, nothing, nothing, found[3], found[4], found[5], found[6]
 
-        return none
+        return sums_alone
     return lambda zero, laws, pairs, cluster, cutoff2, along: intra_cluster(laws, pairs.x, cluster, cutoff2, along)
 
 
-def row_start(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, row: int, cutoff2: float, totals: Any) -> Any:
-    """Return the forces that a row's sums begin with, not yet summed over lanes, and the chunk's ``totals``: energy,
-    virial, number of pairs and virial along each axis. ``zero`` and ``table`` are as in `pair_rows`.
-
-    A row of tiles begins with the pairs within its cluster. Each half of the cluster meets both, so each pair counts
-    twice."""
+def row_start(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, row: int, cutoff2: float) -> Any:
+    """Return the forces that a row's sums begin with, not yet summed over lanes. ``zero`` and ``table`` are as in
+    `pair_rows`. A row of tiles begins with the forces of its cluster on it."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(row_start)
-def _row_start(zero, laws, pairs, table, cluster, row, cutoff2, totals):
+def _row_start(zero, laws, pairs, table, cluster, row, cutoff2):
     if zero != single_type:
-        return lambda zero, laws, pairs, table, cluster, row, cutoff2, totals: (zero, zero, zero, totals)
+        return lambda zero, laws, pairs, table, cluster, row, cutoff2: (zero, zero, zero)
 
-    def tiles(zero, laws, pairs, table, cluster, row, cutoff2, totals):
+    def tiles(zero, laws, pairs, table, cluster, row, cutoff2):
         fx, fy, fz = zero, zero, zero
-        energies, virials, counts, along = totals
         if is_inside(pairs.special, cluster):
-            return fx, fy, fz, totals
+            return fx, fy, fz
         for block in range(2):
             other = STRIDE * cluster + WIDTH // 2 * block
             dx, dy, dz = displacements(zero, pairs.x_single, table, other, table_place(WIDTH // 2, UNSHIFTED, row))
             r2 = dx * dx + dy * dy + dz * dz
             if block == row:
                 r2 = off_diagonal(r2, 4.0 * cutoff2)
-            inside = r2 < cutoff2
             first = WIDTH * cluster
-            energy, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
-            g = select(inside, force_over_r, 0.0)
+            _, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
+            g = select(r2 < cutoff2, force_over_r, 0.0)
             fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
-            energies = energies + 0.5 * in_float64(select(inside, energy, 0.0))
-            virials = virials + 0.5 * in_float64(g * select(inside, r2, 0.0))
-            counts = counts + 0.5 * in_float64(select(inside, zero + 1.0, 0.0))
-            along = add_along(along, 0.5, g, dx, dy, dz)
-        return fx, fy, fz, (energies, virials, counts, along)
+        return fx, fy, fz
 
     return tiles
 

@@ -90,10 +90,7 @@ def sum_pairs(force, sums, c):
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
         for row in range(rows_each):
-            totals = energy_sum, virial_sum, pair_count, along_sum
-            fx, fy, fz, totals = row_start(zero, laws, pairs, table, cluster, row, cutoff2, totals)
-            if sums is not None:
-                energy_sum, virial_sum, pair_count, along_sum = totals
+            fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
             for k in range(start[first + row], start[first + row + 1]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
