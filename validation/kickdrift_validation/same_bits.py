@@ -43,7 +43,7 @@ LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the
 FAULT = (
     "forces/pair_kernel.py",
     "        for c in range(chunks.number):\n            if touched",
-    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.loop else k\n"
+    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.team else k\n"
     "            if touched",
 )
 
@@ -240,7 +240,7 @@ def histories(case: Case) -> dict[str, str]:
 def elsewhere(cases: list[Case], ways: str, path: str | None = None) -> list[Any]:
     """What `histories` or ``plain`` on one thread give in another process, which may have four threads; of the packages
     on ``path``, a PYTHONPATH, if given."""
-    threads = {"NUMBA_NUM_THREADS": "4", "OMP_WAIT_POLICY": "passive"}  # four on fewer cores must not spin
+    threads = {"NUMBA_NUM_THREADS": "4"}
     env = {**os.environ, **threads, **({"PYTHONPATH": path} if path else {})}
     command = [sys.executable, "-P", "-m", "kickdrift_validation.same_bits", "--child", ways]
     done = subprocess.run(command, input=json.dumps(cases), env=env, capture_output=True, text=True, check=False)
