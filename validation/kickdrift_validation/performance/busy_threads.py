@@ -2,9 +2,9 @@
 
     python -m kickdrift_validation.performance.busy_threads [--turns 15] [--seconds 0.2]
 
-As many processes as there are cores count without end meanwhile. The liquid is that of melt.py, at three sizes. The same
-run on one and on two threads takes turns (A B A B …) in one process. A figure is the median of the ratios of neighbouring
-turns.
+As many processes as there are cores count without end meanwhile. The liquid is that of melt.py, at three sizes. The
+same run on one and on two threads takes turns (A B A B …) in one process. A figure is the median of the ratios of
+neighbouring turns.
 """
 
 from __future__ import annotations
