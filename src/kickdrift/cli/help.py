@@ -27,7 +27,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "output", "every", "interval", "write", "store", "compress", "flush", "trajectories", "json_file", "plot",
         "overwrite", "quiet",
     ),
-    "Machine": ("threads", "engine", "processes", "workers", "scheduler"),
+    "Machine": ("threads", "engine", "processes", "hosts", "workers", "scheduler"),
     "Watching": ("live", "imd", "imd_wait"),
     REST: (),
 }  # fmt: skip

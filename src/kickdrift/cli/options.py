@@ -55,6 +55,12 @@ def _alone(path: Path | None) -> Path | None:
     return path
 
 
+HostsOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Machines for the processes: lines of NAME or NAME:COUNT, as mpiexec takes them."
+    ),
+]
 JsonOption = Annotated[
     Path | None,
     typer.Option(

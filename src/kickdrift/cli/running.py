@@ -15,6 +15,7 @@ from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
+    HostsOption,
     JsonOption,
     OverwriteOption,
     QuietOption,
@@ -96,8 +97,12 @@ def run(
     threads: ThreadsOption = 1,
     engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
     processes: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps (default: 1)."
+        ),
+    ] = None,
+    hosts: HostsOption = None,
     imd: Annotated[
         int | None,
         typer.Option(metavar="[PORT]", help="Stream the run to MDAnalysis: imd://localhost:PORT (default 8888)."),
@@ -150,7 +155,7 @@ def run(
         raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
     if live is not None and not isinstance(chosen, System):
         raise InputError("--live: a Problem has no particles to show")
-    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, **options)
+    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
     if imd is not None and isinstance(chosen, System):
@@ -212,6 +217,7 @@ def resume(
         int | None,
         typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
     ] = None,
+    hosts: HostsOption = None,
     flush: FlushOption = None,
     json_file: JsonOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
@@ -226,7 +232,7 @@ def resume(
     from kickdrift.trajectory.opened import open as opened
 
     with Interruption(file, resumed=True) as stopped:
-        sim = taken_up(file, threads=threads)
+        sim = taken_up(file, threads=threads, hosts=hosts)
         warn_of_version(sim, quiet)
         with opened(file) as run:
             options, closed = None if flush is None else replace(run.options, flush=flush), run.closed

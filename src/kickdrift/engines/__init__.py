@@ -92,6 +92,8 @@ class Engine:
         """Reason why the engine cannot run this job, or None."""
         if job.processes > 1 and not self.processes:
             return f"processes: {self.name} runs in one process, not in {job.processes}"
+        if job.hosts and not self.processes:
+            return f"hosts: {self.name} runs on this machine alone"
         if not self.foreign:
             return None
         if job.threads > 1:

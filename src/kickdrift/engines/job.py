@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """Request of a Simulation to an engine. ``named`` is the requested name of the method."""
+    """Request of a Simulation to an engine. ``named`` is the requested name of the method; ``hosts`` is a file that
+    lists the machines of the processes."""
 
     system: System
     method: Method
@@ -21,3 +22,4 @@ class Job:
     options: Options
     threads: int = 1
     processes: int = 1
+    hosts: str | None = None

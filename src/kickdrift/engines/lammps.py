@@ -117,11 +117,11 @@ class LammpsSession(Session):
 
     def _begun(self) -> Any:
         """Start LAMMPS with the requested number of processes."""
-        if self.job.processes == 1:
+        if self.job.processes == 1 and not self.job.hosts:
             return World()
         from kickdrift.engines.lammps_processes import Processes
 
-        return Processes(self.job.processes)
+        return Processes(self.job.processes, self.job.hosts)
 
     def _ask(self, what: str, *arguments: Any) -> Any:
         """Return LAMMPS' answer. Raises Trouble if LAMMPS has stopped; the next ``reset`` then starts it again."""
@@ -130,6 +130,9 @@ class LammpsSession(Session):
             return getattr(self._world, what)(*arguments)
         except ImportError as error:
             raise InputError(f"engine 'lammps': {error}") from None
+        except InputError:  # from the hosts file
+            self.close()
+            raise
         except Exception as error:  # from LAMMPS or its processes
             self.close()
             text = " ".join(str(error).split()).removeprefix("ERROR: ")

@@ -1,7 +1,8 @@
 """LAMMPS in several processes: mpiexec starts them, each runs ``lammps_worker``, and all get the same commands.
 
-The processes connect to a socket in a folder that only this user can enter. They run in a session of their own, so that
-Ctrl-C reaches only this process, which then ends them. They also end when this process ends.
+The processes connect to a socket in a folder that only this user can enter, or over the network if some run on other
+machines (see ``hosts``). They run in a session of their own, so that Ctrl-C reaches only this process, which then
+ends them. They also end when this process ends.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -21,9 +23,12 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening, slots
 from kickdrift.engines.lammps_library import mpiexec
 
 SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's address
+KEY = "KICKDRIFT_LAMMPS_KEY"  # name of the variable with the key, for connections over the network
+KEPT = ("HYDRA_LAUNCHER", "HYDRA_LAUNCHER_EXEC")  # mpiexec's variables that a user sets to reach other machines
 START_SECONDS = 120.0  # limit for the start of all processes
 POLL_SECONDS = 0.5
 END_SECONDS = 5.0
@@ -32,47 +37,44 @@ END_SECONDS = 5.0
 class Processes:
     """The methods of ``lammps_world.World``, on all processes at once. Answers are the first process's."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, hosts: str | None = None) -> None:
         self.count, program = count, mpiexec()
         self.folder = folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
         self._said = (folder / "said").open("w+")
-        with socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(str(folder / "socket"))
-            listening.listen(count)
-            listening.settimeout(POLL_SECONDS)
-            folders = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
-            path = os.pathsep.join(each for each in folders if each)
-            environment = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_"))}
-            environment |= {SOCKET: str(folder / "socket"), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-            environment["PYTHONSAFEPATH"] = "1"  # no module from the current folder, which may be another user's
-            words = [str(program), "-n", str(count), sys.executable, "-m", "kickdrift.engines.lammps_worker"]
-            try:
+        self._key = secrets.token_bytes(KEY_BYTES) if hosts else None
+        try:
+            machines, own = ([], "") if hosts is None else _machines(hosts, folder)
+            with _door(folder, own, count) as door:
+                door.settimeout(POLL_SECONDS)
+                words = [str(program), *machines, "-n", str(count)]
                 self._process = subprocess.Popen(
-                    words, stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, env=environment,
-                    start_new_session=True,
+                    [*words, sys.executable, "-m", "kickdrift.engines.lammps_worker"], stdin=subprocess.DEVNULL,
+                    stdout=self._said, stderr=self._said, env=_environment(door, self._key), start_new_session=True,
                 )  # fmt: skip
-            except BaseException:
-                self._said.close()
-                shutil.rmtree(folder, ignore_errors=True)
-                raise
-            self._connections: list[Connection] = []
-            self.close = weakref.finalize(self, _end, self._process, self._connections, self._said, folder)
-            try:
-                until = monotonic() + START_SECONDS
-                self._accept(listening, until)
-                ranks = dict(zip(self._answers(until), self._connections, strict=True))
-                self._connections[:] = [ranks[rank] for rank in sorted(ranks)]
-            except BaseException:
+                self._connections: list[Connection] = []
+                self.close = weakref.finalize(self, _end, self._process, self._connections, self._said, folder)
+                self._begin(door)
+        except BaseException:
+            if hasattr(self, "close"):
                 self.close()
-                raise
+            self._said.close()
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
-    def _accept(self, listening: socket.socket, until: float) -> None:
+    def _begin(self, door: socket.socket) -> None:
+        """Wait for all processes, and put their connections in the order of their ranks."""
+        until = monotonic() + START_SECONDS
+        self._accept(door, until)
+        ranks = dict(zip(self._answers(until), self._connections, strict=True))
+        self._connections[:] = [ranks[rank] for rank in sorted(ranks)]
+
+    def _accept(self, door: socket.socket, until: float) -> None:
         """Accept a connection from each process."""
         while len(self._connections) < self.count:
             with contextlib.suppress(TimeoutError):
-                connection, _ = listening.accept()
-                connection.setblocking(True)
-                self._connections.append(Connection(connection.detach()))
+                stream, _ = door.accept()
+                if connection := _proven(stream, self._key):
+                    self._connections.append(connection)
             if self._process.poll() is not None:
                 raise RuntimeError(f"mpiexec ended with status {self._process.returncode}{self._last_words()}")
             if monotonic() > until:
@@ -153,6 +155,47 @@ class Processes:
     def measure(self) -> Any:
         """See World."""
         return self._all("measure")
+
+
+def _machines(hosts: str, folder: Path) -> tuple[list[str], str]:
+    """Return mpiexec's options for a hosts file, and this machine's address as the others see it."""
+    listed = slots(hosts)
+    own = address_towards(list(listed))
+    plain = folder / "hosts"  # without comments, which mpiexec takes at the start of a line alone
+    plain.write_text("".join(f"{name}:{count}\n" for name, count in listed.items()))
+    return ["-f", str(plain), "-localhost", own], own
+
+
+def _door(folder: Path, address: str, count: int) -> socket.socket:
+    """Return the socket that the processes connect to: in the folder, or at an address if one is given."""
+    if address:
+        return listening(address, count)
+    door = socket.socket(socket.AF_UNIX)
+    door.bind(str(folder / "socket"))
+    door.listen(count)
+    return door
+
+
+def _environment(door: socket.socket, key: bytes | None) -> dict[str, str]:
+    """Return the processes' environment, which says where the door is."""
+    folders = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("PMI_", "HYDRA_")) or k in KEPT}
+    where = door.getsockname()
+    return kept | {
+        SOCKET: where if key is None else f"{where[0]}:{where[1]}",
+        KEY: "" if key is None else key.hex(),
+        "PYTHONPATH": os.pathsep.join(each for each in folders if each),
+        "OMP_NUM_THREADS": "1",
+        "PYTHONSAFEPATH": "1",  # no module from the current folder, which may be another user's
+    }
+
+
+def _proven(stream: socket.socket, key: bytes | None) -> Connection | None:
+    """Return the connection; None if it comes over the network and does not know the key."""
+    if key is not None:
+        return accepted(stream, key)
+    stream.setblocking(True)
+    return Connection(stream.detach())
 
 
 def _end(process: subprocess.Popen, connections: list[Connection], said: Any, folder: Path) -> None:

@@ -6,20 +6,24 @@ It executes commands and answers each with an error text or None. The first proc
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import socket
+import threading
+import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from kickdrift.engines.lammps_processes import SOCKET
+from kickdrift.engines.hosts import connected
+from kickdrift.engines.lammps_processes import END_SECONDS, KEY, SOCKET
 from kickdrift.engines.lammps_world import World
 
 
 def main() -> None:
     """Serve until the other side closes the connection."""
-    connected = socket.socket(socket.AF_UNIX)
-    connected.connect(os.environ[SOCKET])
-    orders = Connection(connected.detach())
+    key, where = bytes.fromhex(os.environ.pop(KEY, "")), os.environ[SOCKET]
+    orders = connected(where, key) if key else beside(where)
+    threading.Thread(target=_end_with, args=(orders.fileno(),), daemon=True).start()
     try:
         world = World()
         rank = world.rank
@@ -41,8 +45,25 @@ def main() -> None:
             orders.send((str(error), None))
     world.close()
     world.lmp.finalize()
-    if rank == 0:  # a killed process cannot report
-        shutil.rmtree(Path(os.environ[SOCKET]).parent, ignore_errors=True)
+    if rank == 0 and not key:  # a killed process cannot report
+        shutil.rmtree(Path(where).parent, ignore_errors=True)
+
+
+def _end_with(orders: int) -> None:
+    """End this process after the other side, also if it waits for another process in MPI."""
+    closed = getattr(select, "POLLRDHUP", select.POLLHUP)
+    waiting = select.poll()
+    waiting.register(orders, closed)
+    waiting.poll()
+    time.sleep(END_SECONDS)  # a process that waits for orders ends by itself
+    os._exit(1)
+
+
+def beside(path: str) -> Connection:
+    """Connect to a socket on this machine."""
+    stream = socket.socket(socket.AF_UNIX)
+    stream.connect(path)
+    return Connection(stream.detach())
 
 
 if __name__ == "__main__":

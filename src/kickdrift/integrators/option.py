@@ -29,7 +29,7 @@ TEXTS = ("time", "pressure", "compressibility")  # dimensions of options that ma
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
-    "events", "options", "processor", "features", "seeds", "progress",
+    "hosts", "events", "options", "processor", "features", "seeds", "progress",
 )  # fmt: skip
 
 

@@ -51,6 +51,7 @@ def resume(
     problem: Problem | None = None,
     events: Iterable[Event] | None = None,
     threads: int | None = None,
+    hosts: str | os.PathLike[str] | None = None,
 ) -> Simulation:
     """Return the Simulation of a run's file, at the file's end or at an earlier ``step``.
 
@@ -67,6 +68,7 @@ def resume(
     problem : the run's Problem, if it is made of functions of the user; another Problem raises InputError
     events : the run's events, if they have functions of the user
     threads : default the run's number, or as many as the machine has; the bits do not depend on it
+    hosts : file that lists machines for the run's processes, as in `Simulation`
 
     Raises
     ------
@@ -86,9 +88,9 @@ def resume(
             raise InputError(f"{run.path}: is the run of a {kinds[0]}, not of a {kinds[1]}")
         _check_resumable(run)
         if isinstance(run, Run):
-            sim = _simulation(run, _system(run, system, events), None, threads)
+            sim = _simulation(run, _system(run, system, events), None, threads, hosts)
         else:
-            sim = _simulation(run, *subject_of(run, problem, events), threads)
+            sim = _simulation(run, *subject_of(run, problem, events), threads, hosts)
             check_f(sim, run)
         end = step is None
         goal = _goal(run, step, run.last_point)
@@ -173,14 +175,19 @@ def _system(run: Run, system: System | None, events: Iterable[Event] | None) -> 
 
 
 def _simulation(
-    run: Run | ProblemRun, subject: System | Problem, events: Iterable[Event] | None, threads: int | None
+    run: Run | ProblemRun,
+    subject: System | Problem,
+    events: Iterable[Event] | None,
+    threads: int | None,
+    hosts: str | os.PathLike[str] | None,
 ) -> Simulation:
     """Return the Simulation that the file describes, at the run's start."""
     with about(run.path):
         method = method_of(run.method)
         return Simulation(
             subject, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
-            processes=min(method.processes, os.cpu_count() or 1), events=events, **options_of(method.options),
+            processes=method.processes if hosts else min(method.processes, os.cpu_count() or 1), hosts=hosts,
+            events=events, **options_of(method.options),
         )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from warnings import warn
 
 from kickdrift.display.showing import following
 from kickdrift.engines import engine as engine_named
+from kickdrift.engines.hosts import slots
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
@@ -62,7 +63,8 @@ class Simulation(Present):
     dt : step in the system's unit of time, or "2 fs"; default the system file's. Adaptive methods: first step, optional
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
-    processes : number of processes, for an engine that runs on several ("lammps")
+    processes : number of processes, for an engine that runs on several ("lammps"); default 1, or all that ``hosts`` has
+    hosts : file that lists machines for the processes, as mpiexec takes it: lines of NAME or NAME:COUNT
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     options : options of the integrator, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
         explains them. Options given here override those of an integrator's value, which override the system file's.
@@ -84,7 +86,8 @@ class Simulation(Present):
         threads: int = 1,
         *,
         engine: str = "native",
-        processes: int = 1,
+        processes: int | None = None,
+        hosts: str | os.PathLike[str] | None = None,
         events: Iterable[Event] | None = None,
         **options: Any,
     ) -> None:
@@ -102,16 +105,18 @@ class Simulation(Present):
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
         self.threads = check_threads(threads)
-        self.processes = whole_number("processes", processes, 1)
-        if self.processes > 1:
+        self.hosts = None if hosts is None else str(hosts)
+        listed = sum(slots(hosts).values()) if hosts is not None else 1
+        self.processes = whole_number("processes", listed if processes is None else processes, 1)
+        if self.processes > 1 and hosts is None:
             check_room("run", self.processes, "processes", PROCESS_BYTES, "give fewer")
         if isinstance(system, System):
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_crossings(events or (), len(system.args))
-        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes)  # type: ignore[arg-type]
-        if self._engine.foreign or self.processes > 1:
+        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes, self.hosts)  # type: ignore[arg-type]
+        if self._engine.foreign or self.processes > 1 or hosts:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)
         self._stability = Stability(self.integration)

@@ -1,0 +1,119 @@
+"""An engine's processes on other machines: the hosts file, the connections, and a run on two network namespaces."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from multiprocessing import AuthenticationError
+from pathlib import Path
+
+import pytest
+
+import kickdrift as kd
+from kickdrift.engines import hosts as other_machines
+
+HOW = {"engine": "lammps", "integrator": "velocity-verlet"}
+WAY = '#!/bin/sh\n[ "$1" = -x ] && shift\nshift\nexec {} sh -c "$*"\n'  # like ssh: -x, a machine's name, a command
+
+
+def way_there(folder: Path, monkeypatch, before: str = "") -> None:
+    """Let mpiexec start processes on other machines by a script."""
+    way = folder / "way"
+    way.write_text(WAY.format(before))
+    way.chmod(0o700)
+    monkeypatch.setenv("HYDRA_LAUNCHER_EXEC", str(way))
+
+
+def test_a_hosts_file_gives_the_processes_and_a_resumed_run_takes_one_again(monkeypatch, tmp_path):
+    """127.0.0.2 is this machine, but mpiexec takes it for another."""
+    way_there(tmp_path, monkeypatch)
+    hosts, path, system = tmp_path / "hosts", tmp_path / "run.h5md", kd.load("lj-1000")
+    hosts.write_text("127.0.0.1  # this machine\n127.0.0.2:1\n")
+    sim = kd.Simulation(system, **HOW, hosts=hosts)
+    report = sim.run(10, output=path)
+    assert report.processes == 2
+    assert sim.integration.stepper._session._world._key is not None  # the processes came over the network
+    sim.integration.stepper._session.close()
+    assert report.energy.final == pytest.approx(kd.Simulation(system, **HOW).run(10).energy.final, rel=1e-12)
+    sim = kd.resume(path, hosts=hosts)
+    sim.run(10)
+    assert (sim.processes, sim.steps_done) == (2, 20)
+    sim.integration.stepper._session.close()
+
+
+def test_a_process_from_elsewhere_proves_that_it_knows_the_key():
+    key, taken = bytes(range(other_machines.KEY_BYTES)), []
+    with other_machines.listening("127.0.0.1", 3) as door:
+        where = "{}:{}".format(*door.getsockname())
+        for theirs in (key, key[::-1]):
+            here = threading.Thread(target=lambda: taken.append(other_machines.accepted(door.accept()[0], key)))
+            here.start()
+            if theirs == key:
+                there = other_machines.connected(where, theirs)
+            else:
+                with pytest.raises((AuthenticationError, OSError, EOFError)):
+                    other_machines.connected(where, theirs)
+            here.join()
+    taken[0].send("word")
+    assert (there.recv(), taken[1]) == ("word", None)
+    there.close()
+    taken[0].close()
+
+
+@pytest.mark.parametrize(("lines", "said"), [
+    ("a b c", ", line 1: 'a b c' is not NAME or NAME:COUNT"),
+    ("one\ntwo:0", ", line 2: 'two:0' is not NAME or NAME:COUNT"),
+    ("# nothing\n", " names no machine"),
+    (None, " cannot be read: No such file or directory"),
+])  # fmt: skip
+def test_bad_hosts_files(lines, said, tmp_path):
+    hosts = tmp_path / "hosts"
+    if lines is not None:
+        hosts.write_text(lines)
+    with pytest.raises(kd.InputError, match=f"^hosts: {re.escape(str(hosts) + said)}$"):
+        kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts)
+
+
+def test_machines_that_cannot_be_reached_and_engines_without_processes(tmp_path):
+    hosts = tmp_path / "hosts"
+    hosts.write_text("255.255.255.255")
+    with pytest.raises(kd.InputError, match=r"^hosts: machine '255\.255\.255\.255' cannot be reached: "):
+        kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts).run(1)
+    with pytest.raises(kd.InputError, match=r"^engine 'native': hosts: native runs on this machine alone; only lammps"):
+        kd.Simulation(kd.load("lj-1000"), hosts=hosts)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("ip"), reason="needs root and the command ip")
+def test_a_run_on_two_network_namespaces(monkeypatch, tmp_path):
+    """Two namespaces share no address: all connections go over a virtual cable, as between two machines."""
+    mark = f"kd{os.getpid()}"
+    names = [f"{mark}a", f"{mark}b"]
+
+    def ip(*words: str) -> None:
+        subprocess.run(["ip", *words], check=True)
+
+    try:
+        for name in names:
+            ip("netns", "add", name)
+        ip("link", "add", names[0], "netns", names[0], "type", "veth", "peer", "name", names[1], "netns", names[1])
+        for k, name in enumerate(names):
+            ip("-n", name, "addr", "add", f"10.99.0.{k + 1}/24", "dev", name)
+            ip("-n", name, "link", "set", "lo", "up")
+            ip("-n", name, "link", "set", name, "up")
+        way_there(tmp_path, monkeypatch, f"ip netns exec {names[1]}")
+        (tmp_path / "hosts").write_text("10.99.0.1:1\n10.99.0.2:2\n")
+        ran = subprocess.run(
+            ["ip", "netns", "exec", names[0], sys.executable, "-m", "kickdrift", "run", "lj-1000", "--engine", "lammps",
+             "--hosts", str(tmp_path / "hosts"), "--steps", "20"],
+            capture_output=True, text=True,
+        )  # fmt: skip
+    finally:
+        for name in names:
+            subprocess.run(["ip", "netns", "delete", name], check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "in 3 processes" in ran.stdout
