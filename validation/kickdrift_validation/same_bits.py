@@ -41,10 +41,9 @@ METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 DENSE = ("Rosenbrock", "SciPy")  # families whose Jacobians are dense
 LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the order of the chunks' sum shows
 FAULT = (
-    "forces/pair_kernel.py",
-    "        for c in range(chunks.number):\n            if touched",
-    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.team else k\n"
-    "            if touched",
+    "forces/cluster_sums.py",
+    "    for c in range(chunks.number):\n        if touched",
+    "    for k in range(chunks.number):\n        c = chunks.number - 1 - k if chunks.team else k\n        if touched",
 )
 
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.row_lanes import Halves, RowLanes, Whole, blocks
 from kickdrift.jit.compile import jit, strict
-from kickdrift.jit.lanes import lane_max, lane_sum, splat
-from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.box import Box
@@ -49,10 +47,11 @@ class ClusterList(NamedTuple):
     shifts: NDArray[np.float64]  # (3, 32), using the 27 shifts of the bricks
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, without padding
+    first: NDArray[np.int64]  # (clusters,) index in `order` of a cluster's first particle
     column: NDArray[np.int64]  # (n,)
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
     place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
-    offset: NDArray[np.float64]  # (3, n) whole edges subtracted from each position
+    offset: NDArray[np.float64]  # (3 slots,) whole edges subtracted from each position
     filled: NDArray[np.int64]  # (clusters,) particles in a cluster
     home: NDArray[np.int64]  # (clusters,) column of a cluster
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
@@ -73,6 +72,7 @@ class ClusterList(NamedTuple):
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
+    moves: NDArray[np.float64]  # (chunks, 2) see `note_moves`
     code: int = 0  # address of the list's machine code
     special: Any = None  # pairs that are left out or scaled, if any; see `special_pairs`
 
@@ -140,10 +140,11 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         shifts=shifts,
         counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
+        first=np.zeros(clusters, np.int64),
         column=np.zeros(n, np.int64),
         column_clusters=np.zeros(clusters + 2, np.int64),
         place=np.zeros(n, np.int64),
-        offset=np.zeros((3, n)),
+        offset=aligned((3 * slots,)),
         filled=np.zeros(clusters, np.int64),
         home=np.zeros(clusters, np.int64),
         bounds=np.zeros((6, clusters)),
@@ -163,6 +164,7 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
+        moves=np.zeros((chunks, 2)),
     )
 
 
@@ -172,8 +174,8 @@ def sort(pairs, x):
 
     The code is compiled strictly, so a particle on an edge is in the same column on every processor."""
     n = pairs.order.size
-    order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
-    low, extent = wrap(pairs, x)
+    order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, np.zeros((3, n))
+    low, extent = wrap(pairs, x, offset)
     far = low + 2.0 * extent + FAR * pairs.cutoff  # further than any particle minus an edge
     pairs.origin[:] = low + 0.5 * extent
     nx, ny = columns(n, extent)
@@ -200,7 +202,8 @@ def sort(pairs, x):
         shell_sort(order[start:end], z)
         first[c] = cluster
         for begin in range(start, end, WIDTH):
-            fill_cluster(pairs, x, cluster, c, order[begin : min(begin + WIDTH, end)], far)
+            pairs.first[cluster] = begin
+            fill_cluster(pairs, x, offset, cluster, c, order[begin : min(begin + WIDTH, end)], far)
             cluster += 1
         start = end
     first[nx * ny] = cluster
@@ -208,15 +211,14 @@ def sort(pairs, x):
 
 
 @strict
-def wrap(pairs, x):
-    """offset <- whole edges to subtract from each position; return the wrapped positions' lowest corner and extent."""
+def wrap(pairs, x, offset):
+    """offset (3, n) <- whole edges to subtract from each position; return the lowest corner and the extent then."""
     matrix = pairs.cell.matrix
     low, extent = np.zeros(3), np.zeros(3)
-    pairs.offset[:] = 0.0
     for k in range(2, -1, -1):
         if matrix[k, k] > 0.0:
             extent[k] = matrix[k, k]
-            into_brick(matrix, k, x, pairs.offset)
+            into_brick(matrix, k, x, offset)
         else:
             low[k] = high = x[k, 0]
             for i in range(x.shape[1]):
@@ -238,9 +240,9 @@ def columns(n, extent):
 
 
 @jit
-def fill_cluster(pairs, x, cluster, column, particles, far):
+def fill_cluster(pairs, x, offset, cluster, column, particles, far):
     """Assign slots of a cluster to up to eight particles, and pad the cluster."""
-    bounds, sorted_x, offset = pairs.bounds, pairs.x, pairs.offset
+    bounds, sorted_x = pairs.bounds, pairs.x
     pairs.filled[cluster], pairs.home[cluster] = particles.size, column
     for lane in range(particles.size):
         pairs.place[particles[lane]] = STRIDE * cluster + lane
@@ -253,6 +255,7 @@ def fill_cluster(pairs, x, cluster, column, particles, far):
                 i = particles[lane]
                 here = x[k, i] - offset[k, i]
                 sorted_x[p] = here
+                pairs.offset[p] = offset[k, i]
                 bounds[k, cluster] = min(bounds[k, cluster], here)
                 bounds[k + 3, cluster] = max(bounds[k + 3, cluster], here)
 
@@ -274,17 +277,6 @@ def shell_sort(order, z):
 
 
 @jit
-def copy_positions(pairs, x):
-    """Copy positions to their places."""
-    place, offset, sorted_x = pairs.place, pairs.offset, pairs.x
-    for i in range(place.size):
-        p = unsigned(place[i])
-        sorted_x[p] = x[0, i] - offset[0, i]
-        sorted_x[p + LANES] = x[1, i] - offset[1, i]
-        sorted_x[p + LANES + LANES] = x[2, i] - offset[2, i]
-
-
-@jit
 def load_vector(x, cluster):
     """Return a cluster's eight x, y and z."""
     p = STRIDE * cluster
@@ -298,21 +290,6 @@ def store_vector(x, cluster, a, b, c):
     store(x, p, a)
     store(x, p + WIDTH, b)
     store(x, p + 2 * WIDTH, c)
-
-
-@jit
-def largest_move(pairs, reference):
-    """Return the largest squared displacement from the reference, and a sum that is finite if all are finite."""
-    largest = splat(0.0)
-    total = splat(0.0)
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        x, y, z = load_vector(pairs.x, cluster)
-        x0, y0, z0 = load_vector(reference, cluster)
-        dx, dy, dz = x - x0, y - y0, z - z0
-        d2 = dx * dx + dy * dy + dz * dz
-        largest = select(d2 > largest, d2, largest)
-        total = total + d2
-    return lane_max(largest), lane_sum(total)
 
 
 @jit

@@ -80,7 +80,7 @@ class _HandleAttributes(AttributeTemplate):
 
 def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, kind: types.Type) -> ir.Value:
     inside = cgutils.gep_inbounds(builder, pointer, 0, index)
-    if isinstance(_read(kind), Handle):
+    if _read(kind) is not kind:
         return inside
     return _unowned(context, builder, kind, builder.load(inside))
 
