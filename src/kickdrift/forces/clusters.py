@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.row_lanes import Halves, RowLanes, Whole, blocks
-from kickdrift.jit.compile import jit, strict
+from kickdrift.jit.compile import jit
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.box import Box
-from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of, into_brick
+from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
@@ -166,114 +165,6 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         made=np.zeros(chunks, np.int64),
         moves=np.zeros((chunks, 2)),
     )
-
-
-@strict
-def sort(pairs, x):
-    """Sort the particles into columns and by z (ids break ties), and make padded clusters with bounding boxes.
-
-    The code is compiled strictly, so a particle on an edge is in the same column on every processor."""
-    n = pairs.order.size
-    order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, np.zeros((3, n))
-    low, extent = wrap(pairs, x, offset)
-    far = low + 2.0 * extent + FAR * pairs.cutoff  # further than any particle minus an edge
-    pairs.origin[:] = low + 0.5 * extent
-    nx, ny = columns(n, extent)
-    pairs.counts[NX], pairs.counts[NY] = nx, ny
-    pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]
-    fill = np.zeros(nx * ny + 1, np.int64)
-    for i in range(n):
-        a = int((x[0, i] - offset[0, i] - low[0]) / extent[0] * nx)
-        b = int((x[1, i] - offset[1, i] - low[1]) / extent[1] * ny)
-        column[i] = min(max(a, 0), nx - 1) * ny + min(max(b, 0), ny - 1)
-        fill[column[i] + 1] += 1
-    for c in range(nx * ny):
-        fill[c + 1] += fill[c]
-    before, z = np.empty(n, np.int64), np.empty(n)
-    for i in range(n):
-        before[i] = order[i]  # nearly sorted already
-        z[i] = x[2, i] - offset[2, i]
-    for i in before:
-        order[fill[column[i]]] = i
-        fill[column[i]] += 1
-    cluster = start = 0
-    for c in range(nx * ny):
-        end = fill[c]
-        shell_sort(order[start:end], z)
-        first[c] = cluster
-        for begin in range(start, end, WIDTH):
-            pairs.first[cluster] = begin
-            fill_cluster(pairs, x, offset, cluster, c, order[begin : min(begin + WIDTH, end)], far)
-            cluster += 1
-        start = end
-    first[nx * ny] = cluster
-    pairs.counts[N_CLUSTERS] = cluster
-
-
-@strict
-def wrap(pairs, x, offset):
-    """offset (3, n) <- whole edges to subtract from each position; return the lowest corner and the extent then."""
-    matrix = pairs.cell.matrix
-    low, extent = np.zeros(3), np.zeros(3)
-    for k in range(2, -1, -1):
-        if matrix[k, k] > 0.0:
-            extent[k] = matrix[k, k]
-            into_brick(matrix, k, x, offset)
-        else:
-            low[k] = high = x[k, 0]
-            for i in range(x.shape[1]):
-                low[k], high = min(low[k], x[k, i]), max(high, x[k, i])
-            extent[k] = max(high - low[k], 1e-3 * pairs.cutoff)
-    return low, extent
-
-
-@strict
-def columns(n, extent):
-    """Return the numbers of columns along x and y.
-
-    A column is about as wide as a cluster of eight is high, and there are no more columns than clusters."""
-    width = (extent[0] * extent[1] * extent[2] * WIDTH / n) ** (1.0 / 3.0)
-    nx, ny = max(1, int(extent[0] / width)), max(1, int(extent[1] / width))
-    while nx * ny > n // WIDTH + 1:  # a thin sheet
-        nx, ny = (nx + 1) // 2, (ny + 1) // 2
-    return nx, ny
-
-
-@jit
-def fill_cluster(pairs, x, offset, cluster, column, particles, far):
-    """Assign slots of a cluster to up to eight particles, and pad the cluster."""
-    bounds, sorted_x = pairs.bounds, pairs.x
-    pairs.filled[cluster], pairs.home[cluster] = particles.size, column
-    for lane in range(particles.size):
-        pairs.place[particles[lane]] = STRIDE * cluster + lane
-    for k in range(3):
-        bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
-        for lane in range(WIDTH):
-            p = STRIDE * cluster + k * WIDTH + lane
-            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since lanes of one cluster interact
-            if lane < particles.size:
-                i = particles[lane]
-                here = x[k, i] - offset[k, i]
-                sorted_x[p] = here
-                pairs.offset[p] = offset[k, i]
-                bounds[k, cluster] = min(bounds[k, cluster], here)
-                bounds[k + 3, cluster] = max(bounds[k + 3, cluster], here)
-
-
-@jit
-def shell_sort(order, z):
-    """Sort particle numbers by z, then by number (Shell 1959, gaps of Ciura 2001); fast for nearly sorted input."""
-    for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
-        for k in range(gap, order.size):
-            i = order[k]
-            at = k
-            while at >= gap:
-                j = order[at - gap]
-                if z[j] < z[i] or (z[j] == z[i] and j < i):
-                    break
-                order[at] = j
-                at -= gap
-            order[at] = i
 
 
 @jit

@@ -14,6 +14,7 @@ from kickdrift.forces.box_change import (
     least_factor,
 )
 from kickdrift.forces.cluster_load import Loading, keep_positions, move_since
+from kickdrift.forces.cluster_sort import sort
 from kickdrift.forces.clusters import (
     BUILT,
     JUMPS_ALLOWED,
@@ -30,7 +31,6 @@ from kickdrift.forces.clusters import (
     chunk_clusters,
     copy,
     load_vector,
-    sort,
     table_place,
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
@@ -74,7 +74,7 @@ def refresh(pairs, x, chunks):
             if not is_finite(x[k, i]):
                 return BLOWN_UP
     counts[BUILT] = 0
-    sort(pairs, x)
+    sort(pairs, x, chunks)
     place_special(pairs.special, pairs.place)
     search(pairs, chunks)
     if counts[ROOM_NEEDED] > pairs.near.shape[1]:

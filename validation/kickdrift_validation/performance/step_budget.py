@@ -20,8 +20,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.cluster_load import Loading
+from kickdrift.forces.cluster_sort import sort
 from kickdrift.forces.cluster_sums import add_accelerations
-from kickdrift.forces.clusters import sort
 from kickdrift.forces.evaluate import clear, sum_of
 from kickdrift.forces.pairlist import prune, search
 from kickdrift.integrators.loops import add_scaled
@@ -78,7 +78,7 @@ def prune_part(force, x, v, a):
 
 @jit
 def sort_part(force, x, v, a):
-    sort(force.pairs, x)
+    sort(force.pairs, x, force.chunks)
 
 
 @jit
