@@ -42,8 +42,9 @@ DENSE = ("Rosenbrock", "SciPy")  # families whose Jacobians are dense
 LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the order of the chunks' sum shows
 FAULT = (
     "forces/cluster_sums.py",
-    "    for c in range(chunks.number):\n        if touched",
-    "    for k in range(chunks.number):\n        c = chunks.number - 1 - k if chunks.team else k\n        if touched",
+    "        for c in range(chunks.number):\n            if touched",
+    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.team else k\n"
+    "            if touched",
 )
 
 

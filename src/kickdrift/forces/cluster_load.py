@@ -61,9 +61,9 @@ def copy_positions(pairs, x, begin, end):
     """Copy the positions of these clusters' particles to their places."""
     order, offset, sorted_x = pairs.order, pairs.offset, pairs.x
     for cluster in range(begin, end):
-        first, at = pairs.first[cluster], unsigned(STRIDE * cluster)
-        for lane in range(pairs.filled[cluster]):
-            i, p = unsigned(order[first + lane]), at + unsigned(lane)
+        first, at = unsigned(pairs.first[cluster]), unsigned(STRIDE * cluster)
+        for lane in range(unsigned(pairs.filled[cluster])):
+            i, p = unsigned(order[first + lane]), at + lane
             sorted_x[p] = x[0, i] - offset[p]
             sorted_x[p + LANES] = x[1, i] - offset[p + LANES]
             sorted_x[p + LANES + LANES] = x[2, i] - offset[p + LANES + LANES]
