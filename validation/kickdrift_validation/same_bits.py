@@ -33,6 +33,7 @@ from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
+from kickdrift.jit.team import team_of
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 
@@ -251,6 +252,8 @@ def elsewhere(cases: list[Case], ways: str, path: str | None = None) -> list[Any
 
 def child(ways: str) -> None:
     """Answer `elsewhere`: null for a case that the method refuses; of one that fails, why."""
+    for threads in THREADS:
+        team_of(threads).insist()  # threads are at work at the same time also where cores are busy
     found: list[Any] = []
     for case in (Case(*each) for each in json.load(sys.stdin)):
         try:

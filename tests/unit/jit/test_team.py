@@ -12,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+import kickdrift as kd
+from kickdrift.forces.bound import most_threads
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import driver
 from kickdrift.jit.handle import handle
 from kickdrift.jit.team import team_of
+from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 CHUNKS, TURNS = 37, 200
 
@@ -70,6 +73,7 @@ def test_a_team_without_helpers_does_all_chunks():
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: helpers get none")
 def test_helpers_help():
+    team_of(2).insist()
     team_of(2).start()
     before = team_of(2).helped
     for _ in range(2000):
@@ -77,6 +81,25 @@ def test_helpers_help():
         if team_of(2).helped > before:
             return
     pytest.fail("no chunk was run by a helper")
+
+
+@pytest.mark.parametrize("count", [10**3, 28**3])
+def test_helpers_change_no_bit_of_a_liquid(count):
+    """Chunks of forces, positions, the list and its sort; with many particles those of kicks and drifts as well."""
+    if most_threads() < 2:
+        pytest.skip("NUMBA_NUM_THREADS allows one thread")
+    positions, edges = lattice("sc", count, 0.8442)
+    velocities = maxwell_boltzmann(np.ones(count), 3.0, 1.0, seed=1)
+    force, ends = kd.LennardJones(cutoff=2.5), []
+    team_of(2).insist()
+    before = team_of(2).helped
+    for threads in (1, 2):
+        sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[force]), dt=0.005, threads=threads)
+        sim.run(40)
+        assert sim.integration.flow.forces.list_builds[0] > 1
+        ends.append(sim.state.phase.tobytes())
+    assert ends[0] == ends[1]
+    assert len(os.sched_getaffinity(0)) < 2 or team_of(2).helped > before
 
 
 def test_two_threads_of_python_may_ask_at_once():
