@@ -123,7 +123,7 @@ def unowned(typingctx, array):
 
 @intrinsic
 def address(typingctx, of):
-    """Return a handle as a whole number, since numba's parallel loops take only numbers."""
+    """Return a handle as a whole number, since tasks on threads take only numbers."""
 
     def codegen(context, builder, sig, args):
         return builder.ptrtoint(args[0], context.get_value_type(types.intp))
