@@ -1,9 +1,9 @@
 """Cuts of the tree's largest nodes by all chunks of the work together.
 
 A large node is cut like a small one: in the middle of the longest edge of its box, at the nearest whole number of
-clusters. The particles of the first part are those with (coordinate, place in the node) below a key. Each chunk looks at
-its share of the node: the box, the numbers next to the middle, the count below the key. Then it moves its share to the
-places that the counts of all chunks give. So the order does not depend on the number of threads.
+clusters. The particles of the first part are those with (coordinate, place in the node) below a key. Each chunk looks
+at its share of the node: the box, the numbers next to the middle, the count below the key. Then it moves its share to
+the places that the counts of all chunks give. So the order does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from kickdrift.jit.chunks import chunk_task, each_chunk
-from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.vectors import WIDTH
 
 NEXT = WIDTH + 1  # numbers kept on each side of the middle: the cut is at most a cluster away
@@ -132,10 +132,10 @@ def share_boxes(force, c):
     begin, end = share_of(force, c)
     share, rows = force.shares[c], force.rows
     for k in range(3):
-        share[LOW + k], share[HIGH + k] = math.inf, -math.inf
-    for i in range(begin, end):
-        for k in range(3):
-            share[LOW + k], share[HIGH + k] = min(share[LOW + k], rows[i, k]), max(share[HIGH + k], rows[i, k])
+        low, high = math.inf, -math.inf
+        for i in range(begin, end):
+            low, high = min(low, rows[i, k]), max(high, rows[i, k])
+        share[LOW + k], share[HIGH + k] = low, high
 
 
 @chunk_task
@@ -158,10 +158,10 @@ def share_middles(force, c):
     share[COUNT] = below
 
 
-@jit
-def is_below(force, x, i):
+@inlined
+def is_below(x, i, key, place):
     """Tell whether a particle belongs to the first part."""
-    return x < force.cut[KEY] or (x == force.cut[KEY] and i < force.cut[KEY_PLACE])
+    return x < key or (x == key and i < place)
 
 
 @chunk_task
@@ -169,9 +169,9 @@ def share_counts(force, c):
     """Count the particles of the first part."""
     never_inline()
     begin, end = share_of(force, c)
-    axis, below = int(force.cut[AXIS]), 0
+    rows, axis, key, place, below = force.rows, int(force.cut[AXIS]), force.cut[KEY], int(force.cut[KEY_PLACE]), 0
     for i in range(begin, end):
-        below += is_below(force, force.rows[i, axis], i)
+        below += is_below(rows[i, axis], i, key, place)
     force.shares[c, COUNT] = below
 
 
@@ -181,14 +181,12 @@ def share_moves(force, c):
     never_inline()
     begin, end = share_of(force, c)
     rows, spare, axis = force.rows, force.spare, int(force.cut[AXIS])
+    key, place = force.cut[KEY], int(force.cut[KEY_PLACE])
     one, other = int(force.shares[c, TO_FIRST]), int(force.shares[c, TO_SECOND])
     for i in range(begin, end):
-        if is_below(force, rows[i, axis], i):
-            to = one
-            one += 1
-        else:
-            to = other
-            other += 1
+        below = is_below(rows[i, axis], i, key, place)
+        to = one if below else other
+        one, other = one + below, other + (not below)
         for k in range(4):
             spare[to, k] = rows[i, k]
 
