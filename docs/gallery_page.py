@@ -20,6 +20,7 @@ class Shown(NamedTuple):
 
 LIQUIDS = (
     Shown("docs/assets/two-worlds.png", "A Lennard-Jones liquid, and asteroids after 300 years", "index.md"),
+    Shown("docs/view.png", "A mixture and the planets in a browser", "view.md"),
     Shown("structure_and_diffusion", "Structure and diffusion of a liquid", "notebooks/structure_and_diffusion.md"),
     Shown("heat_baths", "Four heat baths and the exact distribution", "notebooks/heat_baths.md"),
     Shown("own_potential", "A potential of your own", "notebooks/own_potential.md"),
@@ -57,7 +58,6 @@ def gallery(pictures: dict[str, bytes]) -> tuple[str, dict[str, bytes]]:
     parts = ["# Gallery", "Each picture leads to the page or notebook with the lines that draw the picture."]
     thumbnails: dict[str, bytes] = {}
     for title, rows in SECTIONS.items():
-        parts += [f"## {title}", '<div class="grid cards" markdown>']
         lines = []
         for each in rows:
             whole = pictures.get(each.picture)
@@ -68,7 +68,8 @@ def gallery(pictures: dict[str, bytes]) -> tuple[str, dict[str, bytes]]:
             name = f"thumbnails/{Path(each.picture).stem}.png"
             thumbnails[name] = thumbnail(whole)
             lines.append(f"-   [![{each.caption}]({name})]({each.page})\n\n    {each.caption}")
-        parts += ["\n\n".join(lines), "</div>"]
+        if lines:
+            parts += [f"## {title}", '<div class="grid cards" markdown>', "\n\n".join(lines), "</div>"]
     return "\n\n".join(parts) + "\n", thumbnails
 
 

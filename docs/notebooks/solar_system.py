@@ -41,7 +41,7 @@ for k, name in enumerate(names):
     right.plot(table["time"][rows], table["e"][rows], linewidth=0.9, label=name)
 left.set(title="500 years of orbits", xlabel="x (AU)", ylabel="y (AU)", aspect="equal")
 right.set(title="Eccentricities", xlabel="time (years)", ylim=(0, 0.27))
-right.legend(fontsize=7, ncols=2, loc="upper right")
+right.legend(fontsize=7, ncols=2, loc="center", bbox_to_anchor=(0.5, 0.6))
 figure.suptitle(f"Energy kept to {report.energy.max_relative_error:.1e}")
 assert np.isfinite(x).all()
 plt.show()

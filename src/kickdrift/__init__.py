@@ -311,6 +311,7 @@ ABOVE.update(
         "methods figure": _loader("plots.problems", "methods_figure"),
         "live page": _loader("view.server", "live_page"),
         "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
+        "problem lines": _loader("trajectory.overview", "overview_of_problem"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),

@@ -278,12 +278,13 @@ export class Drawing {
       at.fromArray(spheres.places, 3 * i).project(camera);
       const x = ((at.x + 1) / 2) * width, y = ((1 - at.y) / 2) * height;
       const inside = Number.isFinite(x) && Math.abs(at.z) < 1 && x > 0 && x < width && y > 0 && y < height;
-      const left = x + Math.max(9, wide + 2), right = left + 7 * labels[i].textContent.length + 6;
-      const clear = !taken.some(([p, q, w]) => Math.abs(q - y) < 14 && left < w && p < right);
-      const shown = this.shows.names && inside && clear;
+      const gap = Math.max(9, wide + 2), long = (labels[i].long ||= labels[i].offsetWidth || 7 * labels[i].textContent.length);
+      const clear = (left) => !taken.some(([p, q, w]) => Math.abs(q - y) < 14 && left < w && p < left + long);
+      const left = [x + gap, x - gap - long].find(clear); // a name stands at the right of its body, else at the left
+      const shown = this.shows.names && inside && left !== undefined;
       labels[i].style.visibility = shown ? "visible" : "hidden";
       if (!shown) continue;
-      taken.push([left, y, right]);
+      taken.push([left, y, left + long]);
       labels[i].style.transform = `translate(${left.toFixed(1)}px, ${(y - 8).toFixed(1)}px)`;
     }
   }

@@ -267,7 +267,7 @@ class View {
     on.textBaseline = "middle";
     const ends = this.drawing.axes().map((axis, k) => ({axis, k})).sort((a, b) => a.axis[2] - b.axis[2]);
     for (const {axis: [x, y, z], k} of ends) {
-      on.globalAlpha = 0.65 + 0.35 * z;
+      on.globalAlpha = 0.75 + 0.25 * z;
       on.strokeStyle = on.fillStyle = ["#e0605e", "#3fae6b", "#4c8fe8"][k];
       on.lineWidth = 1.8;
       on.beginPath();

@@ -10,6 +10,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.batch import lane_events
 from kickdrift.batch.batch import Batch
+from kickdrift.ensemble.rows import run_columns
 from kickdrift.errors import InputError
 
 MET = kd.CloseApproach(0.5, hill=True, action="stop")
@@ -48,6 +49,7 @@ def test_members_stop_as_alone(events):
             assert together.time[i] == mine["steps"] * DT
             continue
         same += 1
+        assert run_columns(together.report(i))["stopped_by"] == (mine["events"][-1]["kind"] if mine["stopped"] else "")
         for key in ("stopped", "steps", "time", "samples"):
             assert mine[key] == alone[key], key
         assert [row["kind"] for row in mine["events"]] == [row["kind"] for row in alone["events"]]

@@ -13,9 +13,15 @@ import pytest
 
 import kickdrift as kd
 from kickdrift import forces
+from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
+from kickdrift.forces.variations import varied
 from kickdrift_validation import force_gradients
+from kickdrift_validation.example_forces import crystal, example, topology
+from tests.long import shortened
 from tests.systems import liquid
 
 SHIPPED = {name: cls for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")}
@@ -84,3 +90,49 @@ def test_a_truncated_pair_law_is_the_gradient_of_its_energy(name, truncation):
 @pytest.mark.parametrize("name", GRADIENTS)
 def test_a_force_is_the_gradient_of_its_energy(name):
     assert force_gradients.gradient_of(name) < force_gradients.SLOPE
+
+
+UNDIFFERENTIATED = ("gravity-tree", "tides-spin", "ase")
+BY_DIFFERENCES = ("python", "eam", "stillinger-weber", "tersoff")
+
+
+def one_of(name: str) -> kd.System:
+    """A System under one force, which moves."""
+    rng, cls = np.random.default_rng(2), FORCES[name]
+    if issubclass(cls, ManyBodyForce):
+        start = crystal(example(cls))
+        x = start.state.positions
+        names = [start.species[k] for k in start.species_index]
+        return kd.System(
+            x, 0.1 * rng.normal(size=x.shape), start.state.masses, start.box, start.forces, "metal", species=names
+        )
+    if issubclass(cls, PairForce):
+        start = liquid(64)
+        return start.with_forces(cls(cutoff=2.0, truncation="switch"))
+    x = rng.normal(size=(6, 3))
+    masses = [5.0, *rng.uniform(0.1, 0.2, 5)]
+    force = example(cls, G=1.0)
+    return kd.System(x, rng.normal(size=x.shape), masses, forces=[force], units="nbody", topology=topology(force))
+
+
+@pytest.mark.parametrize("name", shortened(SHIPPED, [*UNDIFFERENTIATED, "linear-drag"]))
+def test_a_force_has_its_slope_or_says_that_it_has_none(name):
+    system = one_of(name)
+    n, phase = len(system), system.state.phase
+    h = 1e-6 if name == "eam" else 2e-4  # the curvature of its tables jumps
+    deviations = np.random.default_rng(3).normal(size=(2, 3, n))
+    if name in UNDIFFERENTIATED:
+        with pytest.raises(InputError, match=f"force {name!r}: .*no variational equations"):
+            varied(system, deviations)
+        return
+    made = varied(system, deviations)
+    found = BoundForces(made).measure(0.3, made.state.phase).accelerations[:, n:]
+    assert made.forces[0].differs == (name in BY_DIFFERENCES)
+    plain = BoundForces(system)
+
+    def there(k: int) -> np.ndarray:
+        return plain.measure(0.3, phase + k * h * deviations).accelerations
+
+    wanted = (45 * (there(1) - there(-1)) - 9 * (there(2) - there(-2)) + (there(3) - there(-3))) / (60 * h)
+    assert np.abs(wanted).max() > 0.0 or name in ("uniform-field", "driven-field")
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7 * np.abs(wanted).max() + 1e-12)

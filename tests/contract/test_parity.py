@@ -55,6 +55,9 @@ OPTIONS: dict[str, dict[str, str]] = {
         "--threads": "resume(threads)",
         "--hosts": "resume(hosts)",
         "--flush": "FileOptions(flush)",
+        "--live": "Simulation.run(live)",
+        "--imd": "Simulation.run(imd)",
+        "--imd-wait": "Simulation.run(imd_wait)",
         "--json": "Report.as_json",
         "--overwrite": "Simulation.run(overwrite)",
         "--quiet": "Simulation.run(progress)",
@@ -210,7 +213,7 @@ OF_FILES = {
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "view": {"--output", "--overwrite", "--open", "--quiet"},
-    "new": {"--output"}, "doctor": {"--overwrite"},
+    "new": {"--output", "--schema"}, "doctor": {"--overwrite"},
 }  # fmt: skip
 OLD = {"--precision"}  # hidden: the old name of --store
 

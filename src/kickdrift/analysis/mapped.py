@@ -9,7 +9,7 @@ from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.tangent_run import TangentRun
 from kickdrift.analysis.trace_tangent_run import TraceTangentRun
 from kickdrift.forces.gravity import Gravity
-from kickdrift.integrators.trace import METHODS, Trace
+from kickdrift.integrators.trace import Trace
 from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.model.system import System
 
@@ -24,10 +24,9 @@ def serves(method: Any, system: System, columns: Columns, given: dict[str, Any])
     alone = all(isinstance(force, Gravity) for force in system.forces)
     has_step = given.get("dt") is not None or system.run.dt is not None
     if isinstance(method, Trace):
-        inner = given.get("inner") or system.run.options.get("inner", METHODS[0])
         of_masses = columns.of_masses(len(system))
         light = of_masses is not None and of_masses[system.state.masses == 0.0].any()
-        alone = alone and inner == METHODS[0] and not light
+        alone = alone and not light
     return alone and has_step
 
 

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.columns import Columns
+from kickdrift.analysis.map_pushes import bound_others, pushes_of
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
-from kickdrift.forces.variations import Varied
+from kickdrift.forces.pushes import parameter_of
+from kickdrift.forces.variations import check_mapped
 from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.wisdom_holman import WisdomHolman
@@ -36,11 +37,14 @@ class TangentRun(MapRun):
         self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
-        self._pushes = [] if columns is None else _pushes(system, columns, name)
+        for text in () if columns is None else columns.parameters:
+            if isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
+                raise InputError(f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}")
+        self._pushes = pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         for force in others:
-            Varied(force, system)  # refuses a force without slopes
+            check_mapped(force, system, name)
         self._others = others
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)
@@ -61,7 +65,7 @@ class TangentRun(MapRun):
         phase = system.state.phase[:, :, order]
         with compiling_for(self.sim.integration.purpose):
             made = tangents(phase, slopes[:, :, order], G * masses[order], by_mass[order])
-            self._bound = _bound(self._others, self._pushes, system, self.sim.threads)
+            self._bound = bound_others(self._others, self._pushes, system, self.sim.threads)
         self._rows, self._columns = made.rows, made.columns
         self.steps = 0
 
@@ -70,10 +74,7 @@ class TangentRun(MapRun):
 
         if not (row.size and steps):
             return
-        slopes, pushes = self._bound
-        table = np.array([(each.address, each.work) for each in slopes], np.int64).reshape(-1, 2)
-        rows_of = [(column, each.address, each.work) for column, each in pushes]
-        further = table, np.array(rows_of, np.int64).reshape(-1, 3), self._order
+        further = self._bound.forces, self._bound.table, self._order
         given = self.dt, self.system.state.time, self.steps, steps, *further
         if tangent_steps(rows, len(self.system), row, self._modified, *given):
             names = ", ".join(force.name for force in self._others)
@@ -105,31 +106,6 @@ class TangentRun(MapRun):
             raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
         back = np.argsort(self._order)
         return phase[:, :, back], slopes[:, :, back]
-
-
-def _pushes(system: System, columns: Columns, name: str) -> list[tuple[int, Push]]:
-    """What masses and parameters do in the forces other than gravity, each with its column."""
-    made: list[tuple[int, Push]] = []
-    of_masses = columns.of_masses(len(system))
-    if of_masses is not None:
-        for body, column in np.argwhere(of_masses):
-            made += [(int(column), push) for push in pushes_of_mass(system, int(body), 0, 1.0)]
-    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
-        if isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
-            raise InputError(f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}")
-        made.append((column, push_of_parameter(system, text, 0, 1.0)))
-    return made
-
-
-def _bound(forces: list[Any], pushes: list[tuple[int, Push]], system: System, threads: int) -> tuple[list[Any], Any]:
-    """Machine code of the slopes of these forces, and of these pushes with their columns."""
-    if not forces:
-        return [], []
-    from kickdrift.forces.bound_slopes import BoundSlopes
-    from kickdrift.forces.kernel import BoundForce
-
-    slopes = [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
-    return slopes, [(column, BoundForce(push.bind(system, threads)).ready()) for column, push in pushes]
 
 
 def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats]:

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.columns import Columns
+from kickdrift.analysis.map_pushes import bound_others, pushes_of
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
-from kickdrift.forces.variations import Varied
-from kickdrift.integrators.trace import METHODS
+from kickdrift.forces.variations import check_mapped
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -33,29 +33,16 @@ class TraceTangentRun(MapRun):
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
         for force in others:
-            Varied(force, system)  # refuses a force without slopes
+            check_mapped(force, system, name)
         of_masses = None if columns is None else _of_masses(system, columns, name)
-        if others and of_masses is not None and of_masses.any():
-            raise InputError(
-                f"masses, parameters: the tangent map of {name} takes them under gravity alone; {DEFAULT} has no limit"
-            )
-        self._others = others
+        self._others, self._pushes = others, pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)
-        if sim.options.inner != METHODS[0]:
-            raise InputError(f"inner: the tangent map of {name} takes {METHODS[0]} alone, got {sim.options.inner}")
-        flow: Any = sim.integration.flow
-        if flow.not_separable:
-            raise InputError(
-                f"{name}: its tangent map takes accelerations that depend on positions and time alone, and "
-                f"{flow.not_separable}; {DEFAULT} takes others"
-            )
         assert sim.dt is not None
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         if columns is not None:
             self.start(columns.start(len(system)), of_masses)
 
     def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
-        from kickdrift.forces.bound_slopes import BoundSlopes
         from kickdrift.integrators.trace_tangent import trace_tangents
 
         system, masses = self.system, self.system.state.masses
@@ -67,9 +54,11 @@ class TraceTangentRun(MapRun):
             slot, slots, order = stepper.noting(POINTS)
             G = _constant(system)
             by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
-            self._bound = [BoundSlopes(force.bind(system, self.sim.threads)).ready() for force in self._others]
-            table = np.array([(each.address, each.work) for each in self._bound], np.int64).reshape(-1, 2)
-            self._made = trace_tangents(system.state.phase, slopes, G * masses, by_mass, order, slot, slots, table)
+            self._bound = bound_others(self._others, self._pushes, system, self.sim.threads)
+            self._made = trace_tangents(
+                system.state.phase, slopes, G * masses, by_mass, order, slot, slots,
+                self._bound.forces, self._bound.table, flow.not_separable is not None,
+            )  # fmt: skip
         self._stepper = stepper
         self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
         self.steps = 0
@@ -119,7 +108,9 @@ def _of_masses(system: System, columns: Columns, name: str) -> Floats:
             f"{DEFAULT} does"
         )
     for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
-        if parameter_of(system, text)[1] != "G":
-            raise InputError(f"parameters: the tangent map of {name} takes G of gravity alone; {DEFAULT} takes {text}")
-        made[:, column] = masses / _constant(system)
+        number, key, value = parameter_of(system, text)
+        if isinstance(system.forces[number], Gravity):
+            if key != "G":
+                raise InputError(f"parameters: the tangent map of {name} takes no {text}; {DEFAULT} does")
+            made[:, column] = masses / value
     return made

@@ -126,9 +126,9 @@ def transition_matrix(
     """Derivatives of a motion's end with respect to its start, from the variational equations.
 
     The same method moves particles and deviations, so with fixed steps the matrix is the derivative of the method's own
-    map. Gravity, springs, and laws of fields, bodies and bonds have exact slopes: a law's formula runs on numbers that
-    carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use central
-    differences, and the result names them.
+    map. Gravity, springs, and laws of fields, bodies, bonds and pairs have exact slopes: a law's formula runs on
+    numbers that carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use
+    central differences, and the result names them.
 
     Parameters
     ----------
@@ -137,12 +137,13 @@ def transition_matrix(
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
         gauss-radau15. With fixed steps the run has the nearest whole number of them. ``wisdom-holman`` and ``saba``
         use the tangent map of their Kepler drifts (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468), for gravity
-        and forces with exact slopes. So does ``trace``, for forces of positions and time and the inner method
-        gauss-radau15; its switches between encounters and Kepler drifts have no derivative
+        and forces with exact slopes. So does ``trace``, for forces of velocity too; its switches between encounters and
+        Kepler drifts have no derivative
     bodies : names or numbers of the bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters : parameters of forces to differentiate by, such as ``"j2.radius"`` or ``"gravity.G"``; one number each.
-        Their slopes, and those of masses in other forces than gravity, are central differences of order 4 of the force
+        Slopes by parameters of pair laws are exact. Others, and those of masses in forces without a neighbour list
+        other than gravity, are central differences of order 4 of the force
     elements : orbital elements of bodies at the start, such as ``"b.e"``: ``a`` or ``P``; ``e``, ``inc``, ``Omega``,
         ``omega`` and one of ``M``, ``f``, ``E``; or Pal's ``h``, ``k``, ``ix``, ``iy``, ``lambda`` (Pal 2009,
         doi:10.1111/j.1365-2966.2009.14853.x); and ``mass``. Angles are in degrees, as in system files. The other

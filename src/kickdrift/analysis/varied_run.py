@@ -10,8 +10,9 @@ import numpy as np
 from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence, scale_of
 from kickdrift.errors import RunError
-from kickdrift.forces.pushes import Push, parameter_of, push_of_parameter, pushes_of_mass
+from kickdrift.forces.pushes import PairPush, Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.variations import varied
+from kickdrift.integrators.splitting import Splitting
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -20,11 +21,13 @@ from kickdrift.run.simulation import Simulation
 DEFAULT = "gauss-radau15"  # where the system file has no integrator, or one that moves no deviations
 LARGEST = 2.0**10  # growth of a deviation before it is scaled back: errors count relative to the largest number
 EVERY = 16  # steps between two checks of that growth
+SELDOM = 256  # the same for splitting methods, whose steps are linear in the deviations at any size
 
 
-def _pushes(system: System, columns: Columns, unit: Floats) -> list[Push]:
+def _pushes(system: System, columns: Columns, unit: Floats) -> list[Push | PairPush]:
     """What the masses and parameters do in each force, for columns in these units."""
-    made, of_masses = [], columns.of_masses(len(system))
+    made: list[Push | PairPush] = []
+    of_masses = columns.of_masses(len(system))
     if of_masses is not None:
         for body, column in np.argwhere(of_masses):
             made += pushes_of_mass(system, int(body), int(column), 1.0 / unit[column])
@@ -176,7 +179,8 @@ class VariedRun:
 
         if not self.sim.method.chooses_steps:
             assert self.sim.dt is not None
-            self.advance(cadence(length, self.sim.dt)[0], visit)
+            every = SELDOM if isinstance(self.sim.method, Splitting) else EVERY
+            self.advance(cadence(length, self.sim.dt)[0], visit, every)
             self._end = self.sim.integration.stepper.y
             return *self.split(self._end), self.time
         stepper: Any = self.sim.integration.stepper

@@ -61,4 +61,6 @@ def analyze(
     if plot is not None:
         from kickdrift.plots.runs import checked_target, save_figure
 
-        out(str(save_figure(found.plot(), checked_target(plot, overwrite))))
+        with busy(f"drawing {plot}", quiet):
+            drawn = save_figure(found.plot(), checked_target(plot, overwrite))
+        out(str(drawn))

@@ -98,7 +98,9 @@ def plot(
 
         if kind:
             raise InputError("--kind is for a run's .h5md, and FILE is the run of an ODE")
-        out(str(plot_problem(file, output or file.with_suffix(".png"), column, overwrite=overwrite)))
+        with busy(f"drawing {file}", quiet):
+            drawn = plot_problem(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
+        out(str(drawn))
         return
     of_ensemble = file is not None and file.suffix.lower() in TABLES
     if of_ensemble and kind:
@@ -108,12 +110,16 @@ def plot(
     if stability:
         from kickdrift.plots.stability import plot_stability
 
-        out(str(plot_stability(stability, output or Path("stability.png"), overwrite=overwrite)))
+        with busy(f"drawing {stability}", quiet):
+            drawn = plot_stability(stability, output or Path("stability.png"), overwrite=overwrite)
+        out(str(drawn))
         print_stability(stability)
     elif file and of_ensemble:
         from kickdrift.plots.ensemble import plot_ensemble
 
-        out(str(plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)))
+        with busy(f"drawing {file}", quiet):
+            drawn = plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
+        out(str(drawn))
     elif file:
         from kickdrift.plots.figures import plot_file
 
@@ -247,13 +253,16 @@ def info(
     from kickdrift.trajectory.overview import overview
 
     if all_ or json_file is not None:
-        content = found(file)
+        with busy(f"reading {file}"):
+            content = found(file)
     if all_:
         rows = described(content)
         out(content["file"])
         print_lines(rows, min(WIDTH, max(len(key) for key, _ in rows)))
     else:
-        print_lines(overview(file))
+        with busy(f"reading {file}"):
+            lines = overview(file)
+        print_lines(lines)
     if json_file is not None:
         write_json(json_file, content, overwrite=overwrite)
 

@@ -16,10 +16,12 @@ from kickdrift.display import layout
 from kickdrift.integrators.asked import known_options
 from kickdrift.integrators.option import DT, MIXED
 
-INTEGRATOR, REST = "Integrator", "Options"
+INTEGRATOR, PACE, REST = "Integrator", "Pace", "Options"
 # Options by name; an option of an integrator is in the group INTEGRATOR, and every other option in the last group.
+# The group PACE is for films.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "How long": ("steps", "time", "exact", "length", "fps", "duration"),
+    "How long": ("steps", "time", "exact", "length"),
+    PACE: ("fps", "duration", "every"),
     INTEGRATOR: ("integrator", "accuracy", DT.name, MIXED, "o"),
     "Camera": ("azimuth", "elevation", "turn", "zoom", "colour", "size", "dark"),
     "Start": ("seed", "equilibrate", "vary", "replicas", "measure"),
@@ -120,14 +122,16 @@ def _section(title: str, rows: Iterable[tuple[str, str]], width: int) -> list[st
 
 def _grouped(options: Iterable[Any]) -> dict[str, list[Any]]:
     """The options by group. Groups and their options are in the order of the table, and the rest as declared."""
-    of_methods = known_options()
-    found: dict[str, list[Any]] = {title: [] for title in GROUPS}
+    of_methods, options = known_options(), list(options)
+    films = any(each.name == GROUPS[PACE][0] for each in options)
+    found: dict[str, list[Any]] = {title: [] for title in GROUPS if films or title != PACE}
     for each in options:
-        title = next((title for title, names in GROUPS.items() if each.name in names), REST)
+        title = next((title for title in found if each.name in GROUPS[title]), REST)
         found[INTEGRATOR if title == REST and each.name in of_methods else title].append(each)
-    for title, names in GROUPS.items():
+    for title, members in found.items():
+        names = GROUPS[title]
         if title != INTEGRATOR:
-            found[title].sort(key=lambda each: names.index(each.name) if each.name in names else len(names))
+            members.sort(key=lambda each, names=names: names.index(each.name) if each.name in names else len(names))  # type: ignore[misc]
     return {title: members for title, members in found.items() if members}
 
 

@@ -69,7 +69,8 @@ def compare(
     if plot:
         from kickdrift.plots.compare import plot_comparison
 
-        plot_comparison(found, plot, overwrite=overwrite)
+        with busy(f"drawing {plot}", quiet):
+            plot_comparison(found, plot, overwrite=overwrite)
     if found.recommendation and found.recommendation.choice is None:
         raise typer.Exit(1)
 
@@ -303,7 +304,8 @@ def _certify_forces(
         from kickdrift.plots.forces import force_figure
         from kickdrift.plots.runs import checked_target, save_figure
 
-        save_figure(force_figure(found), checked_target(plot, overwrite))
+        with busy(f"drawing {plot}", quiet):
+            save_figure(force_figure(found), checked_target(plot, overwrite))
     _print_page(found, json_file, overwrite)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from kickdrift.cli.console import print_lines, print_table, say
 from kickdrift.ensemble import summary
-from kickdrift.ensemble.rows import DONE
+from kickdrift.ensemble.rows import DONE, STOPPED_BY
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.text import counted, with_error
 
@@ -35,6 +35,9 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
         lines.append(
             ("verdicts", ", ".join(f"{n:,} {verdict}" for verdict, n in done["verdict"].value_counts().items()))
         )
+    if STOPPED_BY in table and (done[STOPPED_BY] != "").any():
+        ends = done[STOPPED_BY].replace("", "no event").value_counts()
+        lines.append(("ended by", ", ".join(f"{n:,} {kind}" for kind, n in ends.items())))
     if output:
         lines.append(("table", str(output)))
     print_lines(lines)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from kickdrift.cli.amounts import in_units, length, whole
-from kickdrift.cli.console import print_lines, progress_bar, say
+from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
@@ -24,6 +24,7 @@ from kickdrift.cli.options import (
     method_names,
     with_options,
 )
+from kickdrift.cli.watching import ImdOption, ImdWaitOption, LiveOption, check_watching, watched
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
@@ -103,19 +104,9 @@ def run(
         ),
     ] = None,
     hosts: HostsOption = None,
-    imd: Annotated[
-        int | None,
-        typer.Option(metavar="[PORT]", help="Stream the run to MDAnalysis: imd://localhost:PORT (default 8888)."),
-    ] = None,
-    imd_wait: Annotated[
-        bool, typer.Option("--imd-wait", help="With --imd: wait whenever no program reads the stream.")
-    ] = False,
-    live: Annotated[
-        int | None,
-        typer.Option(
-            metavar="[PORT]", help="Show the run in a browser; the terminal says the address (default: a free port)."
-        ),
-    ] = None,
+    imd: ImdOption = None,
+    imd_wait: ImdWaitOption = False,
+    live: LiveOption = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -149,21 +140,13 @@ def run(
     ending = choices[exact or "false"]
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
-    if imd_wait and imd is None:
-        raise InputError("--imd-wait: needs --imd")
-    if live is not None and quiet:
-        raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
-    if live is not None and not isinstance(chosen, System):
-        raise InputError("--live: a Problem has no particles to show")
+    check_watching(chosen, live, imd, imd_wait, quiet)
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending)
     wanted_length()  # or its error, before anything runs
-    if imd is not None and isinstance(chosen, System):
-        announced(imd, imd_wait, quiet)
-    if live:
-        check_port(live, "--live")
     warn_of_version(sim, quiet)
-    with Interruption(output, isinstance(chosen, System)) as stopped, progress_bar(quiet) as bar:
+    stopped = Interruption(output, isinstance(chosen, System))
+    with stopped, watched(sim, live, imd, imd_wait, quiet), progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
             sim.equilibrate(**chosen.equilibration.said(), progress=bar("equilibrating"))
         ahead = wanted_length()
@@ -171,24 +154,8 @@ def run(
         report = sim.run(
             **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
             progress=bar("running"), imd=imd, imd_wait=imd_wait,
-            live=False if live is None else live,
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
-
-
-def announced(port: int, waits: bool, quiet: bool) -> None:
-    """Say where a run streams, once the port is known to be free."""
-    from kickdrift.run.watch.imd import HOST
-
-    check_port(port, "--imd")
-    say(f"streams to imd://{HOST}:{port}{'; waits for a program that reads' if waits else ''}", quiet)
-
-
-def check_port(port: int, option: str) -> None:
-    """Raise InputError before anything runs, if the port is taken or no port."""
-    from kickdrift.run.watch.imd import listening
-
-    listening(port, option).close()
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
@@ -219,6 +186,9 @@ def resume(
     ] = None,
     hosts: HostsOption = None,
     flush: FlushOption = None,
+    imd: ImdOption = None,
+    imd_wait: ImdWaitOption = False,
+    live: LiveOption = None,
     json_file: JsonOption = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
     quiet: QuietOption = False,
@@ -232,7 +202,9 @@ def resume(
     from kickdrift.trajectory.opened import open as opened
 
     with Interruption(file, resumed=True) as stopped:
-        sim = taken_up(file, threads=threads, hosts=hosts)
+        with busy(f"reading {file}", quiet):
+            sim = taken_up(file, threads=threads, hosts=hosts)
+        check_watching(sim.system, live, imd, imd_wait, quiet)
         warn_of_version(sim, quiet)
         with opened(file) as run:
             options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
@@ -243,10 +215,10 @@ def resume(
             say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
             report = sim.report()
         else:
-            with progress_bar(quiet) as bar:
+            with watched(sim, live, imd, imd_wait, quiet), progress_bar(quiet) as bar:
                 say(f"{file}: continues from step {sim.steps_done}", quiet)
                 stopped.begins(sim, sim.plan.end_step, sim.plan.end_time)
-                report = sim.run(progress=bar("running"), file=options)
+                report = sim.run(progress=bar("running"), file=options, imd=imd, imd_wait=imd_wait)
     show(report, sim, file, json_file, quiet, overwrite)
 
 

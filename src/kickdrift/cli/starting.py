@@ -11,18 +11,25 @@ import typer
 from kickdrift.cli.console import print_lines, print_table, say, verbatim
 from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption
 from kickdrift.disk.files import shown_path
-from kickdrift.disk.kinds import SYSTEM
-from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
+from kickdrift.disk.kinds import JSON, SYSTEM
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
 from kickdrift.display.showing import lines_of, tables_of
 from kickdrift.errors import InputError
+
+SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
 def new(
     kind: Annotated[str, typer.Argument(metavar="[KIND]", help="liquid, bath, mixture, planets or ode.")] = "liquid",
     output: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Default: KIND.toml in this folder.")] = None,
+    schema: Annotated[
+        bool,
+        typer.Option("--schema", help="Write the schema beside the file, and name it in the first line for editors."),
+    ] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Write a commented system file to start from. No file is replaced."""
+    from kickdrift.systemfile.json_schema import json_schema_text
     from kickdrift.systemfile.templates import template
 
     text = template(kind)
@@ -32,7 +39,16 @@ def new(
             f"{shown_path(target)}: exists already, and new replaces no file; give another name by --output"
         )
     refuse_outputs({"output": target}, False, output=SYSTEM)
+    beside = target.with_name(SCHEMA)
+    if schema:
+        refuse_outputs({"output": None if os.path.lexists(beside) else beside}, False, output=JSON)
+        text = f"#:schema ./{SCHEMA}\n{text}"
     write_system(target, text, overwrite=False)
+    if schema and os.path.lexists(beside):
+        say(f"{shown_path(beside)} was there already", quiet)
+    elif schema:
+        with written_whole(beside, JSON, overwrite=False) as part:
+            part.write_text(json_schema_text(), encoding="utf-8")
     say(f"wrote {target}; run it with: kickdrift run {target}", quiet)
 
 
@@ -45,9 +61,11 @@ def schema() -> None:
 
 
 def cite(
-    name: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A run's file, a system, a method or a force.")],
+    name: Annotated[
+        str, typer.Argument(metavar="FILE|NAME", help="A run's file, a system, a method, a force or an engine.")
+    ],
 ) -> None:
-    """Print BibTeX entries for what a run used, or for a system, a method or a force."""
+    """Print BibTeX entries for what a run used, or for a system, a method, a force or an engine."""
     from kickdrift.trajectory.citing import cite as cited
 
     verbatim(cited(name) + "\n")

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import out, say
+from kickdrift.cli.console import out, progress_bar, say
 from kickdrift.cli.options import OverwriteOption, QuietOption
 
 
@@ -46,11 +46,14 @@ def view(
     """Write one HTML page that shows a run in a browser, without a network: particles that turn, the box, orbits,
     curves and the report. A system file shows its start."""
     from kickdrift.systemfile.files import is_shipped
-    from kickdrift.view.page import write_page
+    from kickdrift.view.page import write_with_scene
 
     shipped = is_shipped(file) and not os.path.lexists(file)
     target = output or (Path(f"{Path(file).stem}.html") if shipped else Path(file).with_suffix(".html"))
-    page = write_page(file, target, frames=frames, colour=colour, size=size, overwrite=overwrite)
+    with progress_bar(quiet):
+        page, scene = write_with_scene(file, target, frames, colour, size, overwrite)
+    for note in scene["notes"]:
+        say(note, quiet)
     out(str(page))
     if open_ or (open_ is None and has_display()):
         import webbrowser

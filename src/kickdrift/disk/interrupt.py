@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 AGAIN = 0.01  # seconds until a lost interrupt is raised again
+KILLED = 128  # exit status of a program that a signal ends, less the signal's number
 
 
 @contextmanager
@@ -50,6 +51,28 @@ def interruptible() -> Iterator[Callable[[], bool]]:
         yield pressed.is_set
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def tidy() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the program by SystemExit, so that what this context began is removed. A program that
+    has handlers of its own keeps them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(signum: int, frame: Any) -> None:
+        raise SystemExit(KILLED + signum)
+
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ours = [each for each in numbers if signal.getsignal(each) == signal.SIG_DFL]
+    for each in ours:
+        signal.signal(each, end)
+    try:
+        yield
+    finally:
+        for each in ours:
+            signal.signal(each, signal.SIG_DFL)
 
 
 @contextmanager

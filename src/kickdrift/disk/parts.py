@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from kickdrift.disk.interrupt import tidy
+
 PREFIX, SUFFIX = ".kickdrift-", ".part"
 STALE = 3600.0  # seconds without changes after which a folder counts as left by a kill
 
@@ -19,13 +21,14 @@ STALE = 3600.0  # seconds without changes after which a folder counts as left by
 @contextmanager
 def private_place(path: Path) -> Iterator[Path]:
     """Yield a path of the same name in a new private folder beside ``path``, with a name that cannot be guessed. The
-    folder and its content are removed at the end. So are old folders left by a kill."""
+    folder and its content are removed at the end, also after SIGTERM. So are old folders left by a kill."""
     _remove_stale(path.parent)
-    folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # mode 0700
-    try:
-        yield folder / path.name
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with tidy():
+        folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # mode 0700
+        try:
+            yield folder / path.name
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _remove_stale(folder: Path) -> None:

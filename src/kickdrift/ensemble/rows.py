@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"
 MEMBER = "member"
+STOPPED_BY = "stopped_by"
 LAST = ("wall_seconds", "last_step", "last_time", "last_y", "last_positions", "last_velocities")  # columns
 UNKNOWNS = 20  # most unknowns of an ODE with their own columns
 COLUMNS = (MEMBER, "replica", "seed", "status", "error", *LAST)  # columns of every table
@@ -49,6 +50,7 @@ def run_columns(report: Report, measured: Row | None = None) -> Row:
         "temperature": report.temperature,
         "pressure": report.pressure,
         "stopped": report.stopped,
+        STOPPED_BY: stopped_by(report),
         "warnings": "; ".join(report.warnings),
     }
     if report.y is not None and len(report.y) <= UNKNOWNS:
@@ -57,6 +59,12 @@ def run_columns(report: Report, measured: Row | None = None) -> Row:
         if name in columns or name in COLUMNS:
             raise InputError(f"measure: {name}: every run has a column of this name; choose another")
     return columns | (measured or {}) | {"wall_seconds": report.wall_seconds}
+
+
+def stopped_by(report: Report) -> str:
+    """Kind of the event that ended the run, such as "collision"; "" for a run that no event ended."""
+    ended = [str(event["kind"]) for event in report.events if event["done"] == "stopped"]
+    return ended[-1] if report.stopped and ended else ""
 
 
 def megno_columns(found: ChaosReport) -> Row:

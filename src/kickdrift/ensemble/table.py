@@ -16,7 +16,7 @@ from kickdrift.disk import kinds
 from kickdrift.disk.files import descriptor, opened, refuse_unfit
 from kickdrift.disk.outputs import checked_target, reason, written_whole
 from kickdrift.ensemble.lock import Lock
-from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER
+from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY
 from kickdrift.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = kinds.TABLE.suffixes
 PROVENANCE = "kickdrift"  # its name in a file, and in a table's ``attrs``
-TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", "warnings")  # empty text if missing
+# Columns of texts, empty if missing.
+TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", STOPPED_BY, "warnings")
 SCALARS = (bool, int, float, str, list, type(None))  # types of a cell
 STATUSES = (DONE, FAILED, LOST)
 WHOLE = 2**63  # larger numbers are floats

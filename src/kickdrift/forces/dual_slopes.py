@@ -10,7 +10,7 @@ from kickdrift.forces.body_kernel import BodyWork
 from kickdrift.forces.bonded_kernel import AngleKernel, BondKernel, DihedralKernel
 from kickdrift.forces.field_kernel import FieldWork, clocked, parameters_of
 from kickdrift.forces.kernel import OK, run_body
-from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
+from kickdrift.jit import dual_arrays as dual_arrays  # what duals, alone and in arrays, take part in
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.dual_operators import dual_vector, vector_at
 from kickdrift.jit.handle import Handle

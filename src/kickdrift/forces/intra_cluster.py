@@ -9,13 +9,11 @@ from numba import types
 
 from kickdrift.forces.along_axes import add_along
 from kickdrift.forces.clusters import load_vector
-from kickdrift.forces.law_lanes import pair_terms
-from kickdrift.forces.truncation import truncated
+from kickdrift.forces.law_lanes import pair_terms, parameters_of, truncated_terms
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import lanes_like, rotated, splat
+from kickdrift.jit.lanes import rotated, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import named_lanes
 from kickdrift.jit.vectors import WIDTH
 
 
@@ -76,7 +74,6 @@ def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
 def _terms_within(laws, at, places, r2):
     if isinstance(laws[3], types.NoneType):
         return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
-    law = laws[0].instance_class.compiled_law
 
     def many_species(laws, at, places, r2):
         like, like_at_cutoff, truncation, tables = laws
@@ -88,8 +85,7 @@ def _terms_within(laws, at, places, r2):
                 own[k, 0, lane] = tables.law[k, row, other]
             for k in range(2):
                 own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
-        energy, force_over_r = law(named_lanes(like, own, 0, 0, r2), r2)
-        at_cutoff = named_lanes(like_at_cutoff, own_at_cutoff, 0, 0, r2)
-        return truncated(truncation, at_cutoff, r2, lanes_like(energy, r2), lanes_like(force_over_r, r2))
+        at_cutoff = parameters_of(like_at_cutoff, own_at_cutoff, 0, 0, 0, r2)
+        return truncated_terms(parameters_of(like, own, 0, 0, 0, r2), at_cutoff, truncation, r2)
 
     return many_species

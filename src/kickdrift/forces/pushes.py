@@ -15,6 +15,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.checks import is_number
 from kickdrift.model.state import State
 
@@ -52,6 +54,30 @@ class Push:
         return bind(bound, len(self._copies[0][1]), self._column, self._size)
 
 
+class PairPush(ListedForce):
+    """Slope of a pair law by its parameter ``key``, added to the accelerations of one column of deviations. ``size`` is
+    the change of the parameter that the column stands for."""
+
+    may_overlap: ClassVar[bool] = True
+    differs: ClassVar[bool] = False
+
+    def __init__(self, force: PairForce, key: str, system: System, column: int, size: float) -> None:
+        if key not in force.Parameters._fields:
+            known = ", ".join(force.Parameters._fields)
+            raise InputError(f"parameters: {force.name}.{key}: has no derivative; expected {known}")
+        self.name, self._given = force.name, (force, key, system)  # type: ignore[misc]
+        self._column, self._size = column, size
+
+    def check(self, system: System) -> None:
+        """Accept every System, since it has already been checked."""
+
+    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+        """Return the bound force, a `pair_pushes.PairPushKernel`."""
+        from kickdrift.forces.pair_pushes import bind
+
+        return bind(*self._given, threads, self._column, self._size)
+
+
 def parameter_of(system: System, text: str) -> tuple[int, str, float]:
     """Number of the force, key and value of a parameter such as "j2.radius"."""
     name, _, key = text.partition(".") if isinstance(text, str) else ("", "", "")
@@ -68,16 +94,20 @@ def parameter_of(system: System, text: str) -> tuple[int, str, float]:
     return found[0], key, float(value)
 
 
-def push_of_parameter(system: System, text: str, column: int, unit: float) -> Push:
+def push_of_parameter(system: System, text: str, column: int, unit: float) -> Push | PairPush:
     """The push of a parameter; the column stands for a change by ``unit``."""
     number, key, value = parameter_of(system, text)
+    if isinstance(system.forces[number], PairForce):
+        return PairPush(system.forces[number], key, system, column, unit)
+    if isinstance(system.forces[number], ListedForce):
+        raise InputError(f"parameters: {text}: many-body forces have no derivatives by parameters")
     force, step = system.forces[number], STEP * (abs(value) or 1.0)
     copies = [(replace(force, **{key: value + k * step}), system) for k in PLACES]
     return Push(force, copies, column, unit / step)
 
 
 def pushes_of_mass(system: System, body: int, column: int, unit: float) -> list[Push]:
-    """The pushes of a body's mass in all forces but gravity."""
+    """The pushes of a body's mass in all forces but gravity and forces on a list, which have it by themselves."""
     masses = system.state.masses
     step = STEP * float(masses[body] or masses.max())
 
@@ -88,5 +118,5 @@ def pushes_of_mass(system: System, body: int, column: int, unit: float) -> list[
         return other
 
     systems = [moved(k) for k in PLACES]
-    others = [force for force in system.forces if not isinstance(force, Gravity)]
+    others = [force for force in system.forces if not isinstance(force, Gravity | ListedForce)]
     return [Push(force, [(force, each) for each in systems], column, unit / step) for force in others]

@@ -7,7 +7,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.dual import of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.masks import select
 from kickdrift.jit.vectors import Lanes
@@ -78,6 +82,8 @@ def positive(u: Any) -> Any:
 def _positive(u):
     if isinstance(u, Lanes):
         return lambda u: select(u > 0.0, u, 0.0)
+    if of_lanes(u):
+        return lambda u: np.where(u > 0.0, u, 0.0)
     return lambda u: max(u, 0.0)
 
 

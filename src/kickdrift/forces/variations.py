@@ -20,13 +20,16 @@ from kickdrift.errors import InputError
 from kickdrift.forces.external_calculator import CalculatorForce
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.forces.tides_spin import TidesSpin
 from kickdrift.forces.tree import GravityTree
 
 if TYPE_CHECKING:
-    from kickdrift.forces.pushes import Push
+    from kickdrift.forces.pushes import PairPush, Push
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
+
+SERIAL = 64  # from more bodies on, a single deviation takes its slopes on all threads
 
 
 class Varied:
@@ -34,9 +37,9 @@ class Varied:
 
     Gravity has its variation in closed form. Laws of fields, bodies and bonds have exact slopes by duals. Other
     forces, and laws whose code takes no duals, use central differences along the deviation, with a relative error of
-    some 1e-10; after the first evaluation ``differs`` tells which. Pair forces on a neighbour list and gravity by a
-    tree are refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity alone. ``first``
-    is the number of deviations of order 1 among the k; gravity alone has those of order 2.
+    some 1e-10; after the first evaluation ``differs`` tells which. Forces on a neighbour list are `VariedPairs`.
+    Gravity by a tree is refused. ``masses`` (n, k) are the slopes of the masses along the deviations, for gravity and
+    forces on a list. ``first`` is the number of deviations of order 1 among the k; gravity alone has those of order 2.
     """
 
     may_overlap: ClassVar[bool] = True  # a deviation is not a position
@@ -44,8 +47,8 @@ class Varied:
     def __init__(
         self, force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
     ) -> None:
-        if isinstance(force, (ListedForce, GravityTree)):  # their lists and trees make the sums jump
-            raise InputError(f"force {force.name!r}: has no variational equations; gravity and fields have them")
+        if isinstance(force, GravityTree):  # its tree makes the sums jump
+            raise InputError(f"force {force.name!r}: has no variational equations; 'gravity' has them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         if isinstance(force, TidesSpin):
@@ -74,11 +77,58 @@ class Varied:
         """Return the parts: a NamedTuple with a compiled body."""
         from kickdrift.forces import gravity_directions, variations_kernel
 
-        if isinstance(self.force, Gravity) and (self._along > 1 or self._masses is not None):
-            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._first)
+        alone = self._along == 1 and self._masses is None and len(self.system) > SERIAL
+        if isinstance(self.force, Gravity) and not alone:
+            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._along, self._first)
         parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
         self._found = getattr(parts, "found", None)
         return parts
+
+
+class VariedPairs(Varied, ListedForce):
+    """A force on a neighbour list, for the particles of a System and their deviations, on one list.
+
+    Pair laws have exact slopes by duals, truncations included. Many-body forces use central differences."""
+
+    @property
+    def differs(self) -> bool:
+        """See Varied."""
+        return not isinstance(self.force, PairForce)
+
+    def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
+        """Return the bound force, a `beside_pairs.BesidePairs`."""
+        from kickdrift.forces import beside_pairs, list_differences, pair_slopes
+
+        if mixed:
+            raise InputError("precision: variational equations need double")
+        own = self.force.bind(self.system, threads)
+        by_masses = beside_pairs.slopes_by_masses(self.system.state.masses, self._masses)
+        if self.differs:
+            return list_differences.bind(own, by_masses)
+        return pair_slopes.bind(own, by_masses, self._along)
+
+
+def varied_force(
+    force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
+) -> Varied:
+    """The force of a System, for its particles and deviations. Raises InputError for a force without variational
+    equations."""
+    return (VariedPairs if isinstance(force, ListedForce) else Varied)(force, system, masses, along, first)
+
+
+def check_mapped(force: Any, system: System, name: str) -> None:
+    """Refuse a force that the tangent map of a method does not take."""
+    if isinstance(force, ListedForce):
+        raise InputError(
+            f"force {force.name!r}: the tangent map of {name} takes no forces on a list of neighbours; "
+            "velocity-verlet and gauss-radau15 do"
+        )
+    Varied(force, system)  # refuses a force without slopes
+
+
+def particles_in(system: Any) -> int:
+    """Number of particles of a System, without deviations."""
+    return next((len(force.system) for force in system.forces if isinstance(force, Varied)), len(system))
 
 
 def unvaried(force: Any) -> Any:
@@ -90,7 +140,7 @@ def varied(
     system: System,
     deviations: Floats,
     masses: Floats | None = None,
-    pushes: Iterable[Push] = (),
+    pushes: Iterable[Push | PairPush] = (),
     first: int | None = None,
 ) -> System:
     """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle
@@ -109,7 +159,7 @@ def varied(
     more = [f"the deviation of {name}" if along == 1 else f"deviation {k} of {name}" for name in names for k in each]
     made = System(
         x.T, v.T, np.concatenate([own, np.zeros(deviations.shape[2])]), system.box,
-        [*(Varied(force, system, masses, along, first) for force in system.forces), *pushes], system.units,
+        [*(varied_force(force, system, masses, along, first) for force in system.forces), *pushes], system.units,
         name=system.name, run=system.run, names=[*names, *more],
     )  # fmt: skip
     return made.at(made.state.phase, system.state.time)

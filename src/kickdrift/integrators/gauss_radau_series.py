@@ -25,7 +25,7 @@ NOW, LAST, GUESS_LAST, GUESS, SCALE, ENDS = 6, 14, 22, 30, 38, 39
 AT_NODE, AHEAD, BASE = (ENDS + TERMS + k for k in range(3))
 ROWS = BASE + 1
 NODES = TERMS - 1
-BLOCK = 2 * WIDTH  # a row of the workspace is a multiple of this
+BLOCK = 2 * WIDTH  # numbers that ``prepare`` takes at a time; the last WIDTH alone, in a row that is no multiple
 LOW = 4  # terms whose weights include their rounding errors
 
 
@@ -113,7 +113,14 @@ def prepare(work, width, tables, row, h, positions):
     factor = splat(tables.nodes[row + 1]) * splat(h)
     rest = multiply_add(splat(tables.nodes[row + 1]), splat(h), -factor)  # rounding error of s h
     if positions:
-        for i in range(0, width, BLOCK):
+        if width % BLOCK:
+            i = width - WIDTH
+            place = weighted(work, width, i, 0, tables.positions, tables.positions_low, row)
+            place = multiply_add(factor, place, load(work, V * width + i))
+            lost = multiply_add(rest, place, load(work, LOST_X * width + i))
+            store(work, BASE * width + i, multiply_add(factor, place, lost))
+            store(work, AHEAD * width + i, weighted(work, width, i, 1, tables.values, tables.values_low, row))
+        for i in range(0, width - WIDTH, BLOCK):
             j = i + WIDTH
             value_i, value_j, place_i, place_j = two_weighted(work, width, i, tables, row)
             place_i = multiply_add(factor, place_i, load(work, V * width + i))

@@ -33,15 +33,16 @@ UNSEEN = 1e-15  # fraction of a velocity: smaller changes in a step do not affec
 
 
 @inlined
-def verdict(count, missed, residual):
+def verdict(count, missed, residual, converged=CONVERGED):
     """Return OK if a step's iteration has converged, BLOWN_UP if it diverges, and AGAIN if it goes on.
 
-    ``missed`` is the residual of iteration number ``count``, and ``residual`` that of the iteration before.
+    ``missed`` is the residual of iteration number ``count``, and ``residual`` that of the iteration before. The
+    iteration has converged if another one would leave at most ``converged``.
     """
     if missed == 0.0:
         return OK
     if count > 0:
-        if missed * missed / residual <= CONVERGED:
+        if missed * missed / residual <= converged:
             return OK
         if missed >= residual:
             if missed <= ROUNDED:

@@ -28,8 +28,8 @@ TRIES = 12  # attempts in lanes, before single numbers take over
 TRIES_ONE = 200  # attempts for the bracketed root: bisection alone needs some 60
 
 # 1 / 2!, 1 / 4!, … and 1 / 3!, 1 / 5!, …
-_C2 = tuple(1.0 / math.factorial(2 * k + 2) for k in range(8))
-_C3 = tuple(1.0 / math.factorial(2 * k + 3) for k in range(8))
+C2 = tuple(1.0 / math.factorial(2 * k + 2) for k in range(8))
+C3 = tuple(1.0 / math.factorial(2 * k + 3) for k in range(8))
 
 
 class Universal(NamedTuple):
@@ -44,7 +44,7 @@ class Universal(NamedTuple):
 @inlined
 def small_g(beta, x, z):
     """G0 to G3 at x for small z = beta x^2."""
-    a, b = _C2, _C3
+    a, b = C2, C3
     c2 = a[0] - z * (a[1] - z * (a[2] - z * (a[3] - z * (a[4] - z * (a[5] - z * (a[6] - z * a[7]))))))
     c3 = b[0] - z * (b[1] - z * (b[2] - z * (b[3] - z * (b[4] - z * (b[5] - z * (b[6] - z * b[7]))))))
     x2 = x * x

@@ -12,6 +12,7 @@ from kickdrift.forces.evaluate import SLOTS
 from kickdrift.forces.external_host import Host
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.variations import particles_in
 from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
@@ -66,7 +67,8 @@ class ParticleFlow(ParticleStates):
     @unwarned
     def tune(self, y: Floats, between: float) -> None:
         """Adapt pair lists to the particles' speed at y, with this time between two evaluations of the forces."""
-        self.forces.tune(float(np.sqrt((y[1] ** 2).sum(axis=0).max())) * between)
+        speeds = np.sqrt((y[1, :, : particles_in(self.subject)] ** 2).sum(axis=0))
+        self.forces.tune(float(speeds.max()) * between)
 
     # --- samples ---
 

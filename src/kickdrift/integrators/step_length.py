@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -34,6 +35,7 @@ TOO_LONG = "is too long for a stable run"
 LEAPFROG = 2.0  # omega dt of leapfrog, also on whole numbers
 
 
+@cache
 def longest_step(method: Method) -> float | None:
     """Largest omega dt of a stable oscillation, for fixed-step methods with known coefficients; else None.
 

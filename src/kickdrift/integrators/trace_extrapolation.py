@@ -11,7 +11,7 @@ import math
 
 from kickdrift.forces.kernel import BLOWN_UP, OK, RAISED
 from kickdrift.integrators.trace_meeting import SHORTEST, attract, note_path
-from kickdrift.integrators.trace_state import NUMBER
+from kickdrift.integrators.trace_state import NUMBER, TABLE_ROW
 from kickdrift.jit.compile import jit
 
 COLUMNS = 9  # of the table of extrapolation
@@ -117,6 +117,7 @@ def follow_by_extrapolation(hybrid, others, h):
         if k < 0:
             return RAISED
         done = h if parts <= 1 else done + step
+        meeting.size[TABLE_ROW] = k
         note_path(hybrid, done)
         step *= 1.6 if k < AIM - 1 else (1.2 if k < AIM else (0.9 if k == AIM else 0.7))
     return OK

@@ -19,7 +19,6 @@ from kickdrift.integrators.gauss_radau_series import (
     AHEAD,
     AT_NODE,
     BASE,
-    BLOCK,
     ENDS,
     GUESS,
     GUESS_LAST,
@@ -40,14 +39,16 @@ from kickdrift.integrators.gauss_radau_series import (
 )
 from kickdrift.integrators.gauss_radau_step import AGAIN, MOST, TERMS, next_step, verdict
 from kickdrift.integrators.trace_others import INSIDE, add_inside
-from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS
+from kickdrift.integrators.trace_state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS, TABLE_ROW
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes import lane_max, plus, splat
 from kickdrift.jit.masks import mask_bits
 from kickdrift.jit.memory import load, store
+from kickdrift.jit.vector3 import dot, numbers3, store3, vector3
 from kickdrift.jit.vectors import WIDTH
 
-EPSILON = 1e-8  # of the length of steps; their error is that of rounding up to here
+EPSILON = 1e-6  # of the length of steps; up to here they lose less than 1e-12 of the energy
+SETTLED = 1e-13  # expected residual of another iteration; places then miss less than rounding
 ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
 SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
 SHORTEST = 1e-13  # of the time h
@@ -65,7 +66,7 @@ def attract(hybrid, others, s, x, a):
         inverse2 = 1.0 / (px * px + py * py + pz * pz)
         cube = inverse2 * math.sqrt(inverse2)
         w, pull = -gm_0 * cube, gm[i] * cube
-        a[i], a[n + i], a[2 * n + i] = w * px, w * py, w * pz
+        ax, ay, az = w * px, w * py, w * pz
         pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
         for j in range(i):
             if everyone or near[slots[j], slots[i]]:
@@ -73,12 +74,11 @@ def attract(hybrid, others, s, x, a):
                 inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
                 cube = inverse2 * math.sqrt(inverse2)
                 w, back = gm[j] * cube, gm[i] * cube
-                a[i] += w * dx
-                a[n + i] += w * dy
-                a[2 * n + i] += w * dz
+                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
                 a[j] -= back * dx
                 a[n + j] -= back * dy
                 a[2 * n + j] -= back * dz
+        a[i], a[n + i], a[2 * n + i] = ax, ay, az
     for i in range(n):
         if jumps[i]:
             a[i] -= pull_x
@@ -98,7 +98,8 @@ def note_path(hybrid, t):
         return
     for i in range(n):
         row, slot = first + i, meeting.slots[i]
-        path[row, 0], path[row, 1], path[row, 8] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot, n
+        path[row, 0], path[row, 1] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot
+        path[row, 8], path[row, 9] = n, meeting.size[TABLE_ROW]
         for k in range(3):
             path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
     counts[POINTS] = first + n
@@ -157,11 +158,45 @@ def iterate(hybrid, others, width, done, h):
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
         missed = lane_max(worst)
-        status = verdict(count, missed, residual)
+        status = verdict(count, missed, residual, SETTLED)
         if status != AGAIN:
             return status
         residual = missed
     return BLOWN_UP
+
+
+@inlined
+def slopes(d, u, b, h):
+    """Return h times the first and h^2 / 2 times the second time derivative of d / r^3, with u = d' and b = d''."""
+    inverse2 = 1.0 / dot(d, d)
+    cube, alpha = inverse2 * math.sqrt(inverse2), dot(d, u) * inverse2
+    beta = (dot(u, u) + dot(d, b)) * inverse2 + alpha * alpha
+    first = cube * u - (3.0 * alpha * cube) * d
+    return h * first, (0.5 * h * h) * (cube * b - (6.0 * alpha) * first - (3.0 * beta * cube) * d)
+
+
+@jit
+def guess(hybrid, width, n, h):
+    """Begin the first step's polynomial with its c_1 and c_2: the first two time derivatives of the attraction."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, x, v, a, work = meeting.slots, meeting.gm, meeting.x, meeting.v, meeting.a, meeting.work
+    one, two = (NOW + 1) * width, (NOW + 2) * width
+    pull, bend = vector3(0.0, 0.0, 0.0), vector3(0.0, 0.0, 0.0)
+    for i in range(n):
+        first, second = slopes(numbers3(x, i, n), numbers3(v, i, n), numbers3(a, i, n), h)
+        pull, bend = pull + gm[i] * first, bend + gm[i] * second
+        first, second = -gm_0 * first, -gm_0 * second
+        for j in range(n):
+            if j != i and (meeting.size[ALL] or near[slots[j], slots[i]]):
+                d, u = numbers3(x, j, n) - numbers3(x, i, n), numbers3(v, j, n) - numbers3(v, i, n)
+                more, still = slopes(d, u, numbers3(a, j, n) - numbers3(a, i, n), h)
+                first, second = first + gm[j] * more, second + gm[j] * still
+        store3(work, one + i, n, first)
+        store3(work, two + i, n, second)
+    for i in range(n):
+        if meeting.jumps[i]:
+            store3(work, one + i, n, numbers3(work, one + i, n) - pull)
+            store3(work, two + i, n, numbers3(work, two + i, n) - bend)
 
 
 @jit
@@ -169,7 +204,7 @@ def follow(hybrid, others, h):
     """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, n = meeting.work, meeting.size[NUMBER]
-    width = BLOCK * ((3 * n + BLOCK - 1) // BLOCK)
+    width = WIDTH * ((3 * n + WIDTH - 1) // WIDTH)
     for i in range(ROWS * width):
         work[i] = 0.0
     for i in range(3 * n, width):
@@ -192,6 +227,8 @@ def follow(hybrid, others, h):
             store(work, NOW * width + i, load(meeting.a, i))
         ratio = step / last if last > 0.0 else 0.0
         predict(work, width, ratio, before, tables.shifts)
+        if last == 0.0:
+            guess(hybrid, width, n, step)
         set_scale(work, width, step, True)
         status = iterate(hybrid, others, width, done, step)
         if status == RAISED:

@@ -37,7 +37,7 @@ def hybrid_of(
         meeting=Meeting(
             slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
             acts=np.zeros(room, np.uint8),
-            size=np.zeros(4, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
+            size=np.zeros(5, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
             work=aligned((ROWS * width,)),
         ),
         tables=tables(), groups=groups, present=np.array([KICKS in groups, INSIDE in groups], np.uint8),

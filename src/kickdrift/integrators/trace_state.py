@@ -22,11 +22,11 @@ COUNTS = 7
 NONE, PARTIAL, FULL = range(3)
 GAUSS_RADAU, BULIRSCH_STOER = range(2)
 # Entries of ``size``: number of bodies; 1 if all pairs attract each other here; evaluations in this step; first body
-# whose path is noted.
-NUMBER, ALL, FOUND, FIRST_NOTED = range(4)
+# whose path is noted; last row of the table of extrapolation in the latest step, see ``trace_extrapolation``.
+NUMBER, ALL, FOUND, FIRST_NOTED, TABLE_ROW = range(5)
 # Columns of ``path``: time since the step's start; slot, or -1 - slot of a copy; position from the central body;
-# velocity; number of the bodies that meet, whose rows follow one another.
-PATH_COLUMNS = 9
+# velocity; number of the bodies that meet, whose rows follow one another; TABLE_ROW.
+PATH_COLUMNS = 10
 PATH_ROWS = 4096  # of most runs; further points are not noted
 
 
@@ -37,7 +37,7 @@ class Meeting(NamedTuple):
     gm: NDArray[np.float64]  # (room,)
     jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body, which moves
     acts: NDArray[np.uint8]  # (room,) 1: the body feels the other forces here
-    size: NDArray[np.int64]  # (4,) see NUMBER to FIRST_NOTED
+    size: NDArray[np.int64]  # (5,) see NUMBER to TABLE_ROW
     x: NDArray[np.float64]  # (width,) positions from the central body, three rows of as many as there are bodies
     v: NDArray[np.float64]  # (width,)
     a: NDArray[np.float64]  # (width,)

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.trace_state import POINTS
+from kickdrift.integrators.trace_tangent_attraction import DualMeeting, dual_meeting
 from kickdrift.integrators.trace_tangent_kicks import jump_duals, kick_duals, shift_duals
 from kickdrift.integrators.trace_tangent_meeting import (
-    DualMeeting,
-    dual_meeting,
     enter_meeting,
     heavy_passes,
     meet_again,
@@ -50,6 +49,9 @@ class TraceTangents(NamedTuple):
     massive: int  # number of massive bodies, with the central one
     order: NDArray[np.int64]  # (n,) row of each body in the system
     others: NDArray[np.int64]  # (other forces, 2) addresses of their slopes and of their parts
+    pushes: NDArray[np.int64]  # (p, 3) what masses and parameters do in other forces, see ``tangent_pushes``
+    block: NDArray[np.int64]  # (1,) number of the block that moves now
+    moving: bool  # other forces depend on velocity
     meeting: DualMeeting
 
 
@@ -62,6 +64,8 @@ def trace_tangents(
     slot: NDArray[np.int64],
     slots: int,
     others: NDArray[np.int64],
+    pushes: NDArray[np.int64],
+    moving: bool,
 ) -> TraceTangents:
     """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns), in the
     system's order, to democratic heliocentric coordinates."""
@@ -72,7 +76,7 @@ def trace_tangents(
     massive = int(np.count_nonzero(gm > 0.0))
     made = TraceTangents(
         np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), slot, number, np.zeros(n, np.uint8), massive,
-        order, others, dual_meeting(massive + 1),
+        order, others, pushes, np.zeros(1, np.int64), moving, dual_meeting(massive + 1),
     )  # fmt: skip
     enter_democratic(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
     return made
@@ -179,6 +183,7 @@ def tangent_step(hybrid, own, t, h):
             own.met[own.number[int(hybrid.path[row, 1])]] = 1
     heavy = heavy_passes(hybrid)
     for block in range(blocks.shape[0]):
+        own.block[0] = block
         status = until_drift(hybrid, own, blocks[block], t, h, heavy)
         if status != OK:
             return status
@@ -186,7 +191,7 @@ def tangent_step(hybrid, own, t, h):
     first = blocks[0]
     fill_kepler(dual_rows(first[X], n), dual_rows(first[V], n), dual_rows(first[MASSES], n), h, changes, slopes)
     for block in range(blocks.shape[0]):
-        rows = blocks[block]
+        rows, own.block[0] = blocks[block], block
         drift_duals(dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n), h, changes, slopes)
         status = from_drift(hybrid, own, rows, t, h, heavy)
         if status != OK:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kickdrift.integrators.trace_state import FULL
-from kickdrift.integrators.trace_tangent_meeting import pull_of
+from kickdrift.integrators.trace_tangent_attraction import pull_of
 from kickdrift.integrators.trace_tangent_rows import AFTER_X, MASSES, V, X
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.dual import dual_rows

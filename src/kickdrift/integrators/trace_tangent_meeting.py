@@ -6,11 +6,7 @@ method is linear in the accelerations.
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.gauss_radau_series import (
@@ -31,80 +27,25 @@ from kickdrift.integrators.gauss_radau_series import (
     X,
     correct,
     finish,
+    place_velocities,
     predict,
     prepare,
 )
 from kickdrift.integrators.gauss_radau_step import CONVERGED, MOST, PATIENCE, TERMS
-from kickdrift.integrators.trace_state import FULL
-from kickdrift.integrators.trace_tangent_others import add_inside_duals
+from kickdrift.integrators.trace_state import FULL, GAUSS_RADAU
+from kickdrift.integrators.trace_tangent_attraction import attract_duals
+from kickdrift.integrators.trace_tangent_extrapolation import replay_extrapolation
 from kickdrift.integrators.trace_tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import is_finite, jit, never_inline
-from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
+from kickdrift.jit.dual import SLOT, as_dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes import lane_max, plus, splat
-from kickdrift.jit.memory import aligned, load, store
-from kickdrift.jit.vector3 import dot
+from kickdrift.jit.memory import load, store
 from kickdrift.jit.vectors import WIDTH
 
 STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
 LEAST = 2  # iterations before the first that may be the last: by then the scale of residuals is known
-
-
-class DualMeeting(NamedTuple):
-    """Room for bodies that meet, with derivatives along eight columns."""
-
-    members: NDArray[np.int64]  # (room,) number of each body
-    slots: NDArray[np.int64]  # (room,)
-    jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body
-    x: NDArray[np.float64]  # (width,) duals, three rows of as many as there are bodies
-    v: NDArray[np.float64]
-    a: NDArray[np.float64]
-    work: NDArray[np.float64]  # (ROWS width,) as in ``gauss_radau_series``
-
-
-def dual_meeting(room: int) -> DualMeeting:
-    """Room for so many bodies."""
-    width = BLOCK * -(-3 * room * SLOT // BLOCK)
-    x, v, a = (aligned((width,)) for _ in range(3))
-    whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(*whole, x, v, a, aligned((ROWS * width,)))
-
-
-@jit
-def pull_of(d):
-    """Return d / r^3 for a dual separation d."""
-    square = 1.0 / dot(d.value, d.value)
-    cube = square * math.sqrt(square)
-    return dual(cube * d.value, cube * (d.slope - (3.0 * square * dot(d.slope, d.value)) * d.value))
-
-
-@jit
-def attract_duals(hybrid, own, rows, n, everyone, s):
-    """a <- the accelerations of ``trace_meeting.attract`` at x, a time s after the step's start. Return a status."""
-    never_inline()
-    meeting, masses = own.meeting, dual_rows(rows[MASSES], own.slot.size)
-    x, a, used = dual_rows(meeting.x, n), dual_rows(meeting.a, n), hybrid.used
-    members, slots = meeting.members, meeting.slots
-    total = dual_vector((0.0, 0.0, 0.0))
-    for i in range(n):
-        pull = pull_of(vector_at(x, i))
-        total = total + masses[0, members[i]] * pull
-        put_vector(a, i, -(masses[0, 0] * pull))
-    for i in range(n):
-        felt = vector_at(a, i)
-        for j in range(i):
-            if everyone or used[slots[j], slots[i]]:
-                pull = pull_of(vector_at(x, j) - vector_at(x, i))
-                felt = felt + masses[0, members[j]] * pull
-                put_vector(a, j, vector_at(a, j) - masses[0, members[i]] * pull)
-        put_vector(a, i, felt)
-    for i in range(n):
-        if meeting.jumps[i]:
-            put_vector(a, i, vector_at(a, i) - total)
-    if own.others.shape[0] == 0:
-        return OK
-    return add_inside_duals(own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1])
 
 
 @jit
@@ -141,6 +82,8 @@ def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
         worst = splat(0.0)
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
+            if own.moving:
+                place_velocities(work, width, meeting.v, 0, tables, row, h)
             status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
             if status != OK:
                 return status
@@ -178,6 +121,8 @@ def replay(hybrid, own, rows, n, everyone, first, points):
         step = path[at, 0] - done
         for i in range(0, width, WIDTH):
             store(meeting.x, i, load(work, X * width + i))
+            if own.moving:
+                store(meeting.v, i, load(work, V * width + i))
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status
@@ -246,7 +191,10 @@ def meet_again(hybrid, own, rows, n, first, points):
         if meeting.jumps[i]:
             put_vector(v, i, vector_at(v, i) + move)
     everyone = hybrid.way == FULL and heavy_passes(hybrid)
-    status = replay(hybrid, own, rows, n, everyone, first, points)
+    if hybrid.inner == GAUSS_RADAU:
+        status = replay(hybrid, own, rows, n, everyone, first, points)
+    else:
+        status = replay_extrapolation(hybrid, own, rows, n, everyone, first, points)
     if status != OK:
         return status
     mass = as_dual(1.0)

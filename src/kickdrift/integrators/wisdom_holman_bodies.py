@@ -25,7 +25,7 @@ ROWS = 7
 # the acceleration by the central one per G m_0; the terms of both for the sums; the last three are increments solved
 # one by one.
 PLACE, OFFSET, MUTUAL, STAR, WAY = 0, 3, 6, 9, 12
-WORK = 18
+WORK = 22  # also room for the constants of ``wisdom_holman_eight``
 # Rows of ``first``: times when a body was first unbound and first near another, and which other (a slot).
 UNBOUND, NEAR, WHICH = range(3)
 

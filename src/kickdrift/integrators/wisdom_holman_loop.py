@@ -9,6 +9,7 @@ from __future__ import annotations
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman_drift import drift
+from kickdrift.integrators.wisdom_holman_eight import steps_of_eight, takes
 from kickdrift.integrators.wisdom_holman_kernels import kick
 from kickdrift.integrators.wisdom_holman_kicks import jump
 from kickdrift.jit.compile import driver
@@ -25,7 +26,12 @@ def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
     stages, cursor = unowned(stages), unowned(cursor)
     drifts, kicks, passed = stages[0], stages[1], stages[2]
     with_jump, others_act = not bodies.jacobi, others.table.shape[0] > 0
+    in_registers = takes(bound.kernel, bound, others)
     while cursor[STEP] < steps:
+        if in_registers and not cursor[FRESH]:
+            steps_of_eight(bound, stages, dt, steps, cursor)
+            if cursor[STEP] == steps:
+                break
         for stage in range(cursor[STAGE], kicks.size):
             t = start + (first + cursor[STEP] + passed[stage]) * dt
             h = kicks[stage] * dt

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from kickdrift.forces.bound_slopes import call_slopes
-from kickdrift.forces.kernel import FORCES, OK, call_force
+from kickdrift.forces.kernel import OK
+from kickdrift.integrators.tangent_pushes import add_pushes
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.dual import SLOT, as_dual, dual, dual_rows
+from kickdrift.jit.dual import as_dual, dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.vector3 import dot
-from kickdrift.jit.vectors import WIDTH
 
 # Rows of a block: Jacobi positions and velocities, accelerations, inertial positions, masses; a place aside for
 # kernels; positions, velocities and accelerations in the system's order for other forces.
@@ -112,34 +110,10 @@ def add_others(rows, n, t, others, pushes, order, block):
         status = call_slopes(others[k, 0], others[k, 1], n, t, rows[OWN_X], rows[OWN_V], rows[OWN_A])
         if status != OK:
             return abs(status)
-    status = add_pushes(rows[OWN_A], own_x, n, t, pushes, block) if pushes.shape[0] > 0 else OK
+    status = add_pushes(rows[OWN_A], own_x, own_v, n, t, pushes, block) if pushes.shape[0] > 0 else OK
     for i in range(n):
         put_vector(a, i, vector_at(a, i) + vector_at(own_a, order[i]))
     return status
-
-
-@jit
-def add_pushes(numbers, own_x, n, t, pushes, block):
-    """Add to the slopes of a block what masses and parameters do in other forces. Return a status.
-
-    ``pushes`` (k, 3) are the column, and the addresses of a `pushes_kernel.PushKernel` and its parts. ``numbers`` hold
-    the duals of the accelerations."""
-    never_inline()
-    x, v, a = np.zeros((3, 2 * n)), np.zeros((3, 2 * n)), np.empty((3, 2 * n))
-    for i in range(n):
-        place = vector_at(own_x, i).value
-        x[0, i], x[1, i], x[2, i] = place.x, place.y, place.z
-    for row in range(pushes.shape[0]):
-        if pushes[row, 0] // WIDTH != block:
-            continue
-        a[:, :] = 0.0
-        status = call_force(pushes[row, 1], pushes[row, 2], FORCES, t, x, v, a, None)
-        if status != OK:
-            return status
-        for k in range(3):
-            for i in range(n):
-                numbers[(k * n + i) * SLOT + 1 + pushes[row, 0] % WIDTH] += a[k, n + i]
-    return OK
 
 
 @jit

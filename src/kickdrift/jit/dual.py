@@ -1,9 +1,9 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
-A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. `dual_operators` and
-`dual_functions` teach numba the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
-doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is computed once
-for eight directions.
+A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
+lanes of numbers, and one slope for each. `dual_operators` and `dual_functions` teach numba the arithmetic of forward
+differentiation (Griewank & Walther 2008, Evaluating Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of
+numbers then gives its exact slopes. The value is computed once for eight directions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models
 
 from kickdrift.jit.numba_private import AttributeTemplate, Conversion, cgutils, impl_ret_borrowed, infer_getattr
 from kickdrift.jit.vector3_operators import AXES, Vector3, components
-from kickdrift.jit.vectors import WIDTH, constant, lanes_type
+from kickdrift.jit.vectors import WIDTH, Lanes, as_lanes, constant, lanes_type
 
 PARTS = ("value", "slope")
 SLOT = 1 + WIDTH  # numbers of float64 in memory for one dual: the value and eight slopes
@@ -40,6 +40,11 @@ class Dual(types.Type):
 
 DUAL = Dual(types.float64, lanes_type)
 DUAL3 = Dual(Vector3(types.float64), Vector3(lanes_type))
+
+
+def of_lanes(kind: types.Type) -> bool:
+    """Tell whether this is the type of a dual of lanes."""
+    return isinstance(kind, Dual) and isinstance(kind.value, Lanes)
 
 
 @register_model(Dual)
@@ -77,15 +82,37 @@ def made(builder: ir.IRBuilder, value: ir.Value, slope: ir.Value) -> ir.Value:
 
 @intrinsic
 def dual(typingctx, value, slope):
-    """Dual of a number and eight slopes, or of a vector of three and its slopes."""
-    kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
-    if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
-        return None
+    """Dual of a number and eight slopes, of a vector of three and its slopes, or of lanes and a slope for each."""
+    kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) else None
+    if kind is None:
+        kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
+        if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
+            return None
 
     def codegen(context, builder, sig, args):
         return made(builder, *args)
 
     return kind(kind.value, slope), codegen
+
+
+@intrinsic
+def dual_fields(typingctx, values, slopes, like):
+    """NamedTuple of the class of ``values``, with duals of as many lanes as ``like`` has as fields. The fields of both
+    NamedTuples are numbers or lanes."""
+    kind = Dual(like, like)
+    result = types.NamedTuple([kind] * len(values), values.instance_class)
+
+    def codegen(context, builder, sig, args):
+        fields = []
+        for k in range(len(values)):
+            both = [
+                as_lanes(builder, builder.extract_value(part, k), of[k], like.vector)
+                for part, of in zip(args, sig.args[:2], strict=False)
+            ]
+            fields.append(made(builder, *both))
+        return context.make_tuple(builder, sig.return_type, fields)
+
+    return result(values, slopes, like), codegen
 
 
 @lower_cast(types.Number, Dual)

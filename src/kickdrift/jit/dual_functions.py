@@ -11,13 +11,26 @@ from numba import types
 
 from kickdrift.jit import dual_operators as dual_operators  # operators of the duals that these functions return
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, as_dual, dual
+from kickdrift.jit.dual import DUAL, as_dual, dual, of_lanes
 from kickdrift.jit.inner import overload
+from kickdrift.jit.vectors import Lanes
 
 _TWO_OVER_ROOT_PI = 2.0 / math.sqrt(math.pi)
 
+
+def sign_of(x: Any) -> Any:
+    """1 or -1, with the sign of a number or of lanes."""
+
+
+@overload(sign_of)
+def _sign_of(x):
+    if isinstance(x, Lanes):
+        return lambda x: np.where(x < 0.0, -1.0, 0.0 * x + 1.0)
+    return lambda x: math.copysign(1.0, x)
+
+
 # The name in ``math``, the name in NumPy, and the slope from the argument x and the value y.
-_SLOPES: tuple[tuple[str, str, Callable[[float, float], float]], ...] = (
+SLOPES: tuple[tuple[str, str, Callable[[float, float], float]], ...] = (
     ("sqrt", "sqrt", lambda x, y: 0.5 / y),
     ("exp", "exp", lambda x, y: y),
     ("expm1", "expm1", lambda x, y: y + 1.0),
@@ -39,7 +52,7 @@ _SLOPES: tuple[tuple[str, str, Callable[[float, float], float]], ...] = (
     ("atanh", "arctanh", lambda x, y: 1.0 / ((1.0 - x) * (1.0 + x))),
     ("erf", "", lambda x, y: _TWO_OVER_ROOT_PI * math.exp(-x * x)),
     ("erfc", "", lambda x, y: -_TWO_OVER_ROOT_PI * math.exp(-x * x)),
-    ("fabs", "abs", lambda x, y: math.copysign(1.0, x)),
+    ("fabs", "abs", lambda x, y: sign_of(x)),
 )
 
 
@@ -51,13 +64,13 @@ def _teach(function: Callable[..., Any], others: tuple[Any, ...], rule: Callable
         return dual(value, slope(x.value, value) * x.slope)
 
     def code(x):
-        return known if x == DUAL else None
+        return known if x == DUAL or of_lanes(x) else None
 
     for each in (function, *others):
         overload(each)(code)
 
 
-for _name, _of_numpy, _rule in _SLOPES:
+for _name, _of_numpy, _rule in SLOPES:
     _more = (getattr(np, _of_numpy),) if _of_numpy else ()
     _teach(getattr(math, _name), (*_more, abs) if _name == "fabs" else _more, _rule)
 
@@ -89,11 +102,26 @@ def _smaller(a, b):
     return b if b.value < a.value else a
 
 
-def _teach_pair(functions: tuple[Callable[..., Any], ...], rule: Any) -> None:
+@as_written
+def _larger_lanes(a, b):
+    return np.where(b > a, b, a)
+
+
+@as_written
+def _smaller_lanes(a, b):
+    return np.where(b < a, b, a)
+
+
+def _teach_pair(functions: tuple[Callable[..., Any], ...], rule: Any, rule_of_lanes: Any = None) -> None:
     def known(a, b):
         return rule(as_dual(a), as_dual(b))
 
+    def known_of_lanes(a, b):
+        return rule_of_lanes(a, b)
+
     def code(a, b):
+        if rule_of_lanes and (of_lanes(a) or of_lanes(b)):
+            return known_of_lanes
         return known if _duals(a, b) else None
 
     for each in functions:
@@ -102,8 +130,8 @@ def _teach_pair(functions: tuple[Callable[..., Any], ...], rule: Any) -> None:
 
 _teach_pair((math.atan2, np.arctan2), _angle)
 _teach_pair((math.hypot, np.hypot), _length)
-_teach_pair((max, np.maximum), _larger)
-_teach_pair((min, np.minimum), _smaller)
+_teach_pair((max, np.maximum), _larger, _larger_lanes)
+_teach_pair((min, np.minimum), _smaller, _smaller_lanes)
 
 
 @overload(math.copysign)

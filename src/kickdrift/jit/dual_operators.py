@@ -15,13 +15,14 @@ from numba import types
 
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_duals
+from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_duals, of_lanes
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import splat
+from kickdrift.jit.lanes import lanes_like, splat
 from kickdrift.jit.vector3 import thrice, vector3
 from kickdrift.jit.vector3_operators import Vector3
+from kickdrift.jit.vectors import Lanes, Mask
 
-_PLAIN = (types.Number, types.Boolean, Vector3)
+_PLAIN = (types.Number, types.Boolean, Vector3, Lanes)
 
 
 def _chosen(a: Any, b: Any, both: Any, first: Any, second: Any) -> Any:
@@ -133,7 +134,22 @@ def _whole_power(a, b):
     return dual(before * a.value, (b * before) * a.slope)
 
 
+def _whole_power_of_lanes(exponent: int) -> Any:
+    before = exponent - 1
+    if before == 0:
+        return lambda a, b: a
+
+    def power(a, b):
+        part = a.value**before
+        return dual(part * a.value, (float(exponent) * part) * a.slope)
+
+    return power
+
+
 def _power(a, b):
+    if of_lanes(a):
+        known = isinstance(b, types.IntegerLiteral) and b.literal_value >= 1
+        return _whole_power_of_lanes(b.literal_value) if known else None
     if a == DUAL and isinstance(b, types.Integer):
         return _whole_power
     return _chosen(a, b, _power_of_power, _power_of_number, _number_to_power)
@@ -171,7 +187,29 @@ def _component(vector, k):
 def _where(condition, x, y):
     if isinstance(condition, types.Boolean) and DUAL in (x, y):
         return lambda condition, x, y: as_dual(x) if condition else as_dual(y)
+    if isinstance(condition, Mask) and (of_lanes(x) or of_lanes(y)):
+        if not of_lanes(y):
+            return lambda condition, x, y: dual(np.where(condition, x.value, y), np.where(condition, x.slope, 0.0))
+        if not of_lanes(x):
+            return lambda condition, x, y: dual(np.where(condition, x, y.value), np.where(condition, 0.0, y.slope))
+        return lambda condition, x, y: dual(
+            np.where(condition, x.value, y.value), np.where(condition, x.slope, y.slope)
+        )
     return None
+
+
+def dual_like(value: Any, like: Any) -> Any:
+    """A dual of lanes unchanged; lanes, or a number in as many lanes as ``like`` has, as a dual without slopes.
+    ``like`` is lanes or a dual of lanes."""
+
+
+@overload(dual_like)
+def _dual_like(value, like):
+    if of_lanes(value):
+        return lambda value, like: value
+    if isinstance(like, Lanes):
+        return lambda value, like: dual(lanes_like(value, like), lanes_like(0.0, like))
+    return lambda value, like: dual(lanes_like(value, like.value), lanes_like(0.0, like.value))
 
 
 def dual_vector(push: Any) -> Any:

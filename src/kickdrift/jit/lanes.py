@@ -125,6 +125,20 @@ def inverse_sqrt(typingctx, value):
     return lanes_type(lanes_type), codegen
 
 
+@intrinsic
+def inverse_sqrt_estimate(typingctx, value):
+    """1 / sqrt(x) to 14 bits or better, for a correction by the caller."""
+
+    def codegen(context, builder, sig, args):
+        if "avx512f" in features():
+            return estimate(builder, "rsqrt14", args[0])
+        kind = ir.FunctionType(F64X8, [F64X8])
+        root = builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.sqrt.v8f64"), [args[0]])
+        return builder.fdiv(constant(1.0), root, flags=flags_of(context))
+
+    return lanes_type(lanes_type), codegen
+
+
 @intrinsic(prefer_literal=True)
 def rotated(typingctx, value, places):
     """Rotate lanes: lane k of the result is lane (k + places) mod 8. ``places`` is a literal number."""

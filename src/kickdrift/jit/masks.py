@@ -58,6 +58,16 @@ def any_lane(typingctx, mask):
 
 
 @intrinsic
+def all_lanes(typingctx, mask):
+    """Tell whether all lanes of the mask are set."""
+
+    def codegen(context, builder, sig, args):
+        return builder.icmp_unsigned("==", builder.bitcast(args[0], ir.IntType(8)), ir.IntType(8)(255))
+
+    return types.boolean(mask_type), codegen
+
+
+@intrinsic
 def lowest_bit(typingctx, bits):
     """Index of the lowest set bit. At least one bit must be set."""
 

@@ -237,6 +237,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("nthreads n-threads num-threads ncores cores cpus nproc n-jobs njobs omp", "{word} is 'threads' here"),
         ("device platform gpu gpus cuda", PROCESSORS),
         ("outfile out filename trajectory traj dumpfile", "{word} is 'output' here"),
+        ("live imd imd-wait", "{word} follows one run: kickdrift run and kickdrift resume take it"),
         (
             "steps until time every output",
             "{word} belongs to Simulation.run, as in sim.run(2000, every=20, output=\"run.h5md\")",

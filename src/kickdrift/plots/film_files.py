@@ -53,10 +53,11 @@ def _write_gif(path: Path, pictures: Iterator[Floats], fps: float) -> None:
 
     found = images()
     first = next(found)
-    first.save(
-        path, format="GIF", save_all=True, append_images=found, duration=max(round(100 / fps), 2) * 10, loop=0,
-        comment=MARK.encode(),
-    )  # fmt: skip
+    with path.open("wb") as file:  # Pillow would leave the file open where a signal ends the program
+        first.save(
+            file, format="GIF", save_all=True, append_images=found, duration=max(round(100 / fps), 2) * 10, loop=0,
+            comment=MARK.encode(),
+        )  # fmt: skip
 
 
 def _write_by_ffmpeg(path: Path, pictures: Iterator[Floats], size: tuple[int, int], fps: float) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from kickdrift.analysis.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits import invariable_axes
+from kickdrift.model.ellipses import axes_of
+from kickdrift.model.orbits import Paths, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -28,6 +29,8 @@ MOST = 20_000  # most spheres; of more particles, evenly chosen ones are shown
 COLOURINGS = ("species", "speed", "body")
 LOOKS = 12  # frames by which speeds and distances of a whole run are judged
 TRAIL = 0.25  # length of a trail, as a share of the film
+AROUND = np.linspace(0.0, 2 * math.pi, 181)[:, None]  # eccentric anomalies at which an ellipse is drawn
+WIDEST = 4.0  # orbits that reach further than this times the bodies' distances leave the picture
 
 
 def has_trails(run: reader.Run) -> bool:
@@ -165,7 +168,8 @@ class Bodies(Filmed):
         self.colours = fixed
         if fixed is not None and found.central is not None and self.colouring == "body":
             fixed[found.central] = (0.98, 0.78, 0.25)
-        reach = 1.08 * float(np.nanmax(np.linalg.norm(self.x, axis=2))) or 1.0
+        self.ellipses = _ellipses(found, rows, axes)
+        reach = 1.08 * _far(self.x[rows], self.ellipses) or 1.0
         self.radii = np.full(bodies, 0.012 * reach / camera.zoom)
         if found.central is not None:
             self.radii[found.central] *= 1.8
@@ -183,4 +187,25 @@ class Bodies(Filmed):
             colours = self.by_speed(np.nan_to_num(self.v[row]), self.fastest) if self.colours is None else self.colours
             trails = [past[:, i] for i in range(past.shape[1])]
             share = k / max(len(self.rows) - 1, 1)
-            yield self.scene.picture(share, self.x[row], self.radii, colours, self.time_text(row), None, trails)
+            x = self.x[row]
+            middle, long, short = self.ellipses[k].swapaxes(0, 1)[:, :, None]
+            orbits = [*(x[:, None] + middle + long * np.cos(AROUND) + short * np.sin(AROUND))]
+            yield self.scene.picture(share, x, self.radii, colours, self.time_text(row), None, trails, orbits)
+
+
+def _ellipses(found: Paths, rows: list[int], axes: Floats) -> Floats:
+    """Centre and two semi-axes (rows, n, 3, 3) of the bodies' ellipses at these rows; the centre is relative to the
+    body. nan without an ellipse."""
+    if found.central is None:
+        return np.full((len(rows), found.positions.shape[1], 3, 3), np.nan)
+    here = {name: getattr(found, name)[rows] for name in ("times", "positions", "velocities", "held")}
+    return axes_of(found._replace(**here), central_rests=True).reshape(len(rows), -1, 3, 3) @ axes.T
+
+
+def _far(x: Floats, ellipses: Floats) -> float:
+    """Distance that the picture shows: of the bodies (rows, n, 3), and of their orbits unless these reach much
+    further."""
+    far = float(np.nanmax(np.linalg.norm(x, axis=2)))
+    apocentres = np.linalg.norm(x + ellipses[:, :, 0], axis=2) + np.linalg.norm(ellipses[:, :, 1], axis=2)
+    known = apocentres[np.isfinite(apocentres)]
+    return max(far, min(float(known.max(initial=0.0)), WIDEST * far))

@@ -60,7 +60,9 @@ class Scene:
         self._edges = LineCollection([], colors=ink, linewidths=0.8, alpha=0.45, zorder=1)
         self._trails = LineCollection([], colors=list(trails) or ink, linewidths=1.3, alpha=0.7, zorder=2)
         axes.add_collection(self._edges if boxed else LineCollection([]), autolim=False)
+        self._orbits = LineCollection([], colors=list(trails) or ink, linewidths=0.8, alpha=0.4, zorder=1.5)
         axes.add_collection(self._trails, autolim=False)
+        axes.add_collection(self._orbits, autolim=False)
         self._spheres = axes.scatter(np.zeros(1), np.zeros(1), s=1.0, linewidths=0, zorder=3)
         self._names = [
             axes.text(0, 0, name, color=ink, fontsize=9, zorder=4, parse_math=False, clip_on=True) for name in names
@@ -71,7 +73,7 @@ class Scene:
 
     def picture(
         self, share: float, x: Floats, radii: Floats, colours: Floats, time: str, matrix: Floats | None = None,
-        trails: Sequence[Floats] = (),
+        trails: Sequence[Floats] = (), orbits: Sequence[Floats] = (),
     ) -> Floats:  # fmt: skip
         """Picture (height, width, 4) after this share of the film.
 
@@ -83,6 +85,7 @@ class Scene:
         time : text in the corner
         matrix : (3, 3) edges of the box as rows
         trails : points (k, 3) of each trail
+        orbits : points (k, 3) of each body's orbit
         """
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -92,6 +95,7 @@ class Scene:
             corners = view((CORNERS - 0.5) @ matrix, axes, self.reach, zoom).xy
             self._edges.set_segments([corners[[a, b]] for a, b in EDGES])
         self._trails.set_segments([view(line, axes, self.reach, zoom).xy for line in trails])
+        self._orbits.set_segments([view(line, axes, self.reach, zoom).xy for line in orbits])
         self._time.set_text(time)
         canvas = self.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)

@@ -341,12 +341,12 @@ class Integration:
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:
             return limited and not self.events and steps > 0 and (self._beyond(until) or np.isinf(until))
-        self.pace(perf_counter() - began)
+        self.pace(stepper.steps_done - before, perf_counter() - began)
         return False
 
-    def pace(self, elapsed: float) -> None:
-        """Set ``chunk`` so that one call of compiled code takes about CHUNK_SECONDS."""
-        self.chunk = max(1, min(int(self.chunk * min(CHUNK_SECONDS / max(elapsed, 1e-9), 8.0)), 10**6))
+    def pace(self, steps: int, elapsed: float) -> None:
+        """Set ``chunk`` so that one call of compiled code takes about CHUNK_SECONDS, as ``steps`` took ``elapsed``."""
+        self.chunk = max(1, min(int(steps * CHUNK_SECONDS / max(elapsed, 1e-9)), 8 * self.chunk, 10**6))
 
     def look_ahead(self, time: float, counted: bool = False) -> None:
         """Set the current time inside the next step, but do not take that step: it leads beyond the end.

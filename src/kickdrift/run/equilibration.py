@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.looks.observers import Energies
     from kickdrift.run.advance import Integration
+    from kickdrift.run.followers import Follower
 
 Progress = Callable[[int, int], Any]
 STAIRS = 200  # parts of constant temperature in the ramp of a heat bath
@@ -37,6 +38,7 @@ class Heated(Protocol):
     integrator: str
     dt: float | None
     integration: Integration
+    followers: list[Follower]
 
     @property
     def system(self) -> Any: ...
@@ -156,7 +158,7 @@ def _with_own_method(
 def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress | None) -> None:
     """Equilibrate in another Simulation, and go on from its state. A total momentum that a heat bath has left goes,
     where the run would conserve it: the run counts its degrees of freedom without that momentum."""
-    made.state = sim.state
+    made.state, made.followers = sim.state, sim.followers
     made.equilibrate(asked.temperature, asked.time, asked.interval, progress, to=asked.to, steps=asked.steps)
     state = made.state
     if made.method.drags and not sim.method.drags and not sim.system.acting("external"):
@@ -178,8 +180,7 @@ def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progres
         sim.advance(min(interval, count - sim.steps_done))
         if ramp.flat and 2 * sim.steps_done >= count:
             potentials.append(sim.energy().potential)
-        if progress:
-            progress(sim.steps_done, count)
+        _tell(sim, progress, sim.steps_done, count)
     wanted = per_degree * ramp.end
     more = float(np.mean(potentials)) - potentials[-1] if potentials else 0.0
     _rescale(sim, masses, max(wanted + more, 0.5 * wanted))
@@ -206,12 +207,19 @@ def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
             _heat_to(run, ramp.at(0.5 * (first + last)))
             ahead = last - first
         sim.advance(min(ahead, -sim.steps_done))
-        if progress:
-            progress(count + sim.steps_done, count)
+        _tell(sim, progress, count + sim.steps_done, count)
     if not ramp.flat:
         _heat_to(run, ramp.end)
     _restart(sim)
     run.record.compile_seconds = compile_seconds
+
+
+def _tell(sim: Heated, progress: Progress | None, done: int, of: int) -> None:
+    """Show how far the equilibration is."""
+    for each in sim.followers:
+        each.settle(sim, done, of)
+    if progress:
+        progress(done, of)
 
 
 def _heat_to(run: Integration, temperature: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 from kickdrift.display.showing import above
@@ -16,6 +16,9 @@ Told = Callable[[int, int], Any]
 class Follower(Protocol):
     """What follows a run. ``follow`` is called now and then with the amount done and the total, as ``progress`` is."""
 
+    def settle(self, sim: Any, done: int, of: int) -> None:
+        """Show the equilibration before a run, after so many of its steps; ``sim`` takes these steps."""
+
     def begin(self) -> None:
         """Begin with a run."""
 
@@ -27,16 +30,28 @@ class Follower(Protocol):
 
 
 @contextmanager
-def followed(sim: Any, told: Told | None, live: bool | int) -> Iterator[Told | None]:
-    """Yield what the run tells its progress: ``told``, the Simulation's followers, and a live page if asked for.
+def watched_live(sim: Any, live: bool | int) -> Iterator[None]:
+    """Serve a page that follows all that the Simulation does in this context.
 
     ``live`` is False, True, or the port of the page."""
     if not isinstance(live, int) or (live is not False and live < 0):
         raise InputError(f"live: expected True, False or the number of a port, got {shown(live)}")
-    with ExitStack() as stack:
+    if live is False:
+        yield
+        return
+    with above("live page")(sim, 0 if live is True else live) as follower:
+        sim.followers.append(follower)
+        try:
+            yield
+        finally:
+            sim.followers.remove(follower)
+
+
+@contextmanager
+def followed(sim: Any, told: Told | None, live: bool | int) -> Iterator[Told | None]:
+    """Yield what the run tells its progress: ``told``, the Simulation's followers, and a live page if asked for."""
+    with watched_live(sim, live):
         followers = list(sim.followers)
-        if live is not False:
-            followers.append(stack.enter_context(above("live page")(sim, 0 if live is True else live)))
         if not followers:
             yield told
             return

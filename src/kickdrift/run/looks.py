@@ -144,7 +144,7 @@ class Sampler:
             run.fail(inside_step=not refused, stopped=status == STOPPED and not refused)
         run.at = plan.present(stepper.time, np.inf) if run.method.chooses_steps else None
         elapsed = perf_counter() - began
-        run.pace(elapsed)
+        run.pace(stepper.steps_done - before, elapsed)
         apart = run.record.spent.get(LOOKS, 0.0) - looks_before  # of looks between calls of compiled code
         run.record.spend(BOTH if self._looking() else STEPPING, elapsed - apart)
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.statistics.regression import least_squares, regression
-from kickdrift.statistics.spectral_lines import folded, spectral_lines
+from kickdrift.statistics.regression import mean_regression, trend_regression
+from kickdrift.statistics.spectral_lines import Fits, folded, spectral_lines
 from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend, walk_trend
 
 Array = NDArray[np.float64]
@@ -168,26 +168,22 @@ def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) ->
 def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     """Drift per sample of ``y``, whose largest modulus is 1. ``own_rounding`` is the rounding of the input numbers."""
     count = len(y)
-    trend = np.column_stack((np.ones(count), np.arange(count) - 0.5 * (count - 1)))
-    straight = float(trend[:, 1] @ y / (trend[:, 1] @ trend[:, 1]))
+    waves, slow = Fits(y).line(), False
+    straight = waves.slope
     tiny = float(np.ptp(y)) <= ROUNDINGS * rounding
     if count < MIN_SAMPLES:
         return _unfitted(straight, Trend(0.0, float("inf"), 1.0), "round-off" if tiny else "not resolvable", count)
     by_walk = walk_trend(y)
     if tiny:
         return _unfitted(straight, by_walk, "round-off", count)
-    waves, slow = np.empty((count, 0)), False
     floor = 4.0 * own_rounding
     one_way = goes_one_way(y)
     bent = one_way and is_bent(y)
     if not bent:
         blurred = max(floor, 2.0 * EPSILON * count)  # a wave is only as exact as its phase
-        waves, slow = spectral_lines(y, trend, blurred)
-        floor = blurred if waves.size else floor
-    lines = waves.shape[1] // 2
-    design = np.column_stack((trend, waves))
-    coefficients, rest, _ = least_squares(design, y)
-    line = float(coefficients[1])
+        waves, slow = spectral_lines(y, blurred)
+        floor = blurred if len(waves) else floor
+    lines, rest, line = len(waves), waves.rest, waves.slope
     if np.abs(rest).max() <= floor:
         drifts = abs(line) * count > max(2.0 * floor, ROUNDINGS * rounding)
         return Drift(
@@ -199,13 +195,13 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
 
     from scipy.special import stdtr, stdtrit  # Student's t and its inverse; scipy.stats takes a second to import
 
-    fit = regression(y, design, 2, rest)
+    fit = trend_regression(y, waves)
     verdict: Verdict = "bounded"
     time, effective = 0.5 * fit.inefficiency, count / fit.inefficiency
-    flat = y - waves @ coefficients[2:]
+    flat = rest + waves.constant + line * (np.arange(count) - 0.5 * (count - 1))
     if fit.unit_root_t > UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
         time, effective, verdict = float("inf"), 1.0, "random walk"
-        fit = regression(np.diff(flat), np.ones((count - 1, 1)), 1)
+        fit = mean_regression(np.diff(flat))
         if fit.unit_root_t >= UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count:
             drifts = one_way or by_walk.p_value < SIGNIFICANCE
             found = _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
@@ -216,7 +212,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
         verdict = "secular drift"
     elif p_value < SIGNIFICANCE:
         mixed = mixed_trend(flat)
-        unseen = folded(waves, coefficients[2:])
+        unseen = folded(waves)
         if mixed.p_value >= SIGNIFICANCE:
             p_value, half_width = mixed.p_value, max(half_width, mixed.half_width / count)
             verdict = "random walk" if mixed.walk > 0.5 else verdict

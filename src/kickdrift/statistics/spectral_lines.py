@@ -3,100 +3,135 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.model.state import Floats
-from kickdrift.statistics.regression import inverse_of, least_squares, normal_equations, products
 
 MAX_LINES = 40
 MIN_CYCLES = 3.0  # a slower wave cannot be distinguished from a trend
 LINE_SIGNIFICANCE = 1e-4
+BESIDE = 1e-3  # power of a peak beside the highest that may be a side lobe
 
 
-def spectral_lines(y: Floats, trend: Floats, floor: float) -> tuple[Floats, bool]:
-    """Cosine and sine columns (n, 2 L) of the significant spectral lines of ``y``, and whether a slow wave remains.
+@dataclass
+class Waves:
+    """A straight line and sine waves, fitted to an evenly spaced series of n numbers by least squares.
+
+    ``frequencies`` (L,) are radians per sample. ``constant``, ``slope``, and the amplitudes ``cosines`` and ``sines``
+    (L,) belong to the places -(n - 1) / 2 … (n - 1) / 2. ``rest`` (n,) are the residuals, and ``variance`` that of the
+    slope for residuals of variance 1.
+    """
+
+    frequencies: Floats
+    constant: float
+    slope: float
+    cosines: Floats
+    sines: Floats
+    rest: Floats
+    variance: float
+
+    def __len__(self) -> int:
+        return len(self.frequencies)
+
+
+class Fits:
+    """Fits of Waves to a series ``y`` (n,)."""
+
+    def __init__(self, y: Floats) -> None:
+        self._y = np.ascontiguousarray(y)
+        self._places = np.arange(len(y)) - 0.5 * (len(y) - 1)
+        self._room: Any = None
+
+    def line(self) -> Waves:
+        """Fit of the straight line alone."""
+        squares = float(self._places @ self._places)
+        constant, slope = float(self._y.mean()), float(self._places @ self._y) / squares
+        rest = self._y - constant - slope * self._places
+        none = np.empty(0)
+        return Waves(none, constant, slope, none, none, rest, 1.0 / squares)
+
+    def waves(self, frequencies: Floats, steps: int = 0) -> Waves:
+        """Fit with waves of these frequencies, after so many Gauss-Newton steps of the frequencies."""
+        from kickdrift.statistics.wave_kernel import fit_waves, room_for  # compiled only for a series with waves
+
+        if self._room is None:
+            self._room = room_for(len(self._y), MAX_LINES)
+        own, found, rest = frequencies.copy(), np.empty(2 + 2 * len(frequencies)), np.empty(len(self._y))
+        variance = fit_waves(self._y, own, steps, found, rest, self._room)
+        return Waves(own, float(found[0]), float(found[1]), found[2::2], found[3::2], rest, variance)
+
+
+def spectral_lines(y: Floats, floor: float) -> tuple[Waves, bool]:
+    """Straight line and significant spectral lines of ``y``, and whether a slow wave remains.
 
     Each pass whitens a red residual to first order, so that its slow end is no line. Then it tapers the residual, so
     that a slow wave does not leak into one. Then all frequencies move together by Gauss-Newton. Waves of under
     ``MIN_CYCLES`` cycles stay in the series, because trend and wave would share its change arbitrarily. ``floor`` is
     the level of rounding.
     """
-    n, index = len(y), trend[:, 1]
-    waves = np.empty((n, 0))
-    frequencies = np.empty(0)
+    n = len(y)
+    most = min(MAX_LINES, n // 20)
+    fits = Fits(y)
+    waves = fits.line()
+    bins = (n - 1) / (2.0 * np.pi)
     for _ in range(MAX_LINES):
-        rest = least_squares(np.column_stack((trend, waves)), y)[1]
-        if np.abs(rest).max() <= floor:
+        rest = waves.rest
+        if max(rest.max(), -rest.min()) <= floor:
             break
         redness = max(float(rest[1:] @ rest[:-1]) / float(rest @ rest), 0.0)
-        white = rest[1:] - redness * rest[:-1]
-        power = np.abs(np.fft.rfft(white * np.hanning(n - 1))) ** 2
-        power[0] = 0.0
-        bins = (n - 1) / (2.0 * np.pi)
-        for known in frequencies * bins:  # a residue within a resolution element of a line is no other line
-            power[max(int(known), 0) : int(known) + 2] = 0.0
-        slow, first = False, power.max()
-        found: list[float] = []
-        while len(frequencies) + len(found) < min(MAX_LINES, n // 20):
-            peak, m = int(np.argmax(power)), int(np.count_nonzero(power))
-            # Side lobes of the taper (-31 dB) beside an unrefined line are no lines.
-            if power[peak] <= 1e-3 * first or m * (1.0 - power[peak] / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
-                break
-            slow = slow or peak < MIN_CYCLES
-            if peak >= MIN_CYCLES:
-                found.append(peak / bins)
-            power[max(peak - 2, 0) : peak + 3] = 0.0
-        if not found:
+        peaks, slow = _peaks(rest[1:] - redness * rest[:-1], waves.frequencies * bins, most)
+        if not len(peaks):
             return waves, slow
-        frequencies = np.append(frequencies, found)
-        for _ in range(4):
-            frequencies = frequencies + np.clip(_correction(y, trend, frequencies), -1.0 / n, 1.0 / n)
-        waves = _waves(index, frequencies)
+        waves = fits.waves(np.append(waves.frequencies, peaks / bins), 4)
+        signs = np.abs(waves.frequencies - np.pi) < 1.0 / n
+        if signs.any():  # towards alternating signs, a double root, Gauss-Newton only halves the distance
+            there = fits.waves(np.where(signs, np.pi, waves.frequencies))
+            waves = there if there.rest @ there.rest < waves.rest @ waves.rest else waves
     return waves, False
 
 
-def _correction(y: Floats, trend: Floats, frequencies: Floats) -> Floats:
-    """One Gauss-Newton step of all frequencies, with trend and amplitudes fitted at the same time.
+def _peaks(white: Floats, known: Floats, most: int) -> tuple[NDArray[np.int64], bool]:
+    """Places of new lines in the spectrum of a series, and whether there is a slow wave. ``known`` are the places of
+    the known lines, and ``most`` is the largest number of lines."""
+    spectrum = np.fft.rfft(white * _taper(len(white)))
+    power = spectrum.real**2 + spectrum.imag**2
+    power[0] = 0.0
+    for place in known.astype(int).tolist():  # a residue within a resolution element of a line is no other line
+        power[max(place, 0) : place + 2] = 0.0
+    # Side lobes of the taper (-31 dB) beside an unrefined line are no lines.
+    most, first, m = most - len(known), power.max(), int(np.count_nonzero(power))
+    if most <= 0 or m * (1.0 - first / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
+        return np.empty(0, np.int64), False
+    from kickdrift.statistics.wave_kernel import separate_peaks  # compiled only for a series with waves
 
-    Trend and amplitudes are eliminated from the normal equations first: their inverse is known, and the rest is small.
-    """
-    index = trend[:, 1]
-    waves = _waves(index, frequencies)
-    fixed = np.column_stack((trend, waves))
-    amplitudes, inverse, norms = normal_equations(fixed, y)
-    a, b = (amplitudes / norms)[2::2], (amplitudes / norms)[3::2]
-    slopes = index[:, None] * (b * waves[:, 0::2] - a * waves[:, 1::2])
-    scales = np.sqrt(np.einsum("ij,ij->j", slopes, slopes)) + 1e-300
-    slopes /= scales
-    across = products(fixed, slopes) / norms[:, None]
-    known = np.hstack([inverse @ half for half in np.array_split(across, 2, axis=1)])
-    left = inverse_of(products(slopes, slopes) - across.T @ known)
-    return np.asarray(left @ (slopes.T @ y - across.T @ amplitudes) / scales)
+    found = np.empty(most, np.int64)
+    count, slow = separate_peaks(power, most, MIN_CYCLES, BESIDE, LINE_SIGNIFICANCE, found)
+    return found[:count], bool(slow)
 
 
-def folded(waves: Floats, amplitudes: Floats) -> float:
+@lru_cache(maxsize=8)
+def _taper(n: int) -> Floats:
+    return np.hanning(n)
+
+
+def folded(waves: Waves) -> float:
     """Largest amplitude of a wave that sampling may have folded to the frequency zero.
 
     If the samples are almost in step with a wave, its harmonics fold to pairs of close lines. One harmonic then folds
     to a wave too slow to be distinguished from a trend. It is no larger than the weaker line of the closest harmonics.
     Two pairs closer than ``MIN_CYCLES`` cycles count as a fold; without them the result is 0.
     """
-    if not waves.size:
-        return 0.0
-    cosine, sine = waves[:2, 0::2], waves[:2, 1::2]
-    frequencies = np.abs(np.angle((cosine[1] + 1j * sine[1]) * (cosine[0] - 1j * sine[0])))
+    frequencies = np.abs((waves.frequencies + np.pi) % (2.0 * np.pi) - np.pi)
     order = np.argsort(frequencies)
-    sizes = np.hypot(amplitudes[0::2], amplitudes[1::2])[order]
-    close = np.diff(frequencies[order]) < MIN_CYCLES * 2.0 * np.pi / len(waves)
+    sizes = np.hypot(waves.cosines, waves.sines)[order]
+    close = np.diff(frequencies[order]) < MIN_CYCLES * 2.0 * np.pi / len(waves.rest)
     weaker = np.minimum(sizes[1:], sizes[:-1])[close]
     return float(weaker.max()) if len(weaker) > 1 else 0.0
-
-
-def _waves(index: Floats, frequencies: Floats) -> Floats:
-    """Columns cos(w i), sin(w i), pair by pair, for an ``index`` that rises by one."""
-    return turns(index, frequencies).view(np.float64)
 
 
 def turns(index: Floats, frequencies: Floats) -> NDArray[np.complex128]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ LEAST_WAY = 0.6  # least net motion over the range
 SPREAD = 2.2  # least number of blocks that share the motion: a single jump is no trend
 BENT = 8.0  # times the faster cosines; reached by one white-noise series in ten thousand
 COSINES = 16  # number of cosines: the slow end of the spectrum
+OUTSIDE = 0.05  # probability outside the half-width
 PRIOR_WHITE = 0.8  # prior probability of noise without a walk
 WALKS = np.concatenate(([0.0], np.geomspace(0.3, 3e4, 20)))  # ratio of walk to noise at the first cosine
 
@@ -56,11 +59,16 @@ def cosines(y: Floats, count: int) -> tuple[Floats, Floats]:
     The cosines are the eigenfunctions of a random walk less its mean, with variances 1 / (pi j)^2. In their weights
     noise and walk are independent (Mueller & Watson 2008, doi:10.1111/j.1468-0262.2008.00884.x).
     """
-    n = len(y)
+    basis, line = _basis(len(y), count)
+    return basis @ y, line.copy()
+
+
+@lru_cache(maxsize=4)
+def _basis(n: int, count: int) -> tuple[Floats, Floats]:
+    """The cosines (count, n), and their weights in the line."""
     angles = np.pi * (np.arange(n) + 0.5) / n
     basis = np.cos(np.multiply.outer(np.arange(1, count + 1), angles)) * np.sqrt(2.0) / n
-    line = (np.arange(n) + 0.5) / n
-    return basis @ y, basis @ line
+    return basis, basis @ ((np.arange(n) + 0.5) / n)
 
 
 def walk_trend(y: Floats) -> Trend:
@@ -100,14 +108,25 @@ def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats) -> Tr
     deviation = np.sqrt(squares / freedom / strength)
     centre = float(share @ change)
 
-    def outside(half_width: float, middle: float) -> float:
-        """Probability that the change is further from the middle than the half-width."""
-        up, down = (middle + half_width - change) / deviation, (middle - half_width - change) / deviation
-        return float(share @ (stdtr(freedom, -up) + stdtr(freedom, down)))
+    def outside(half_width: float) -> tuple[float, float]:
+        """Probability that the change is further from the centre than the half-width, and its derivative."""
+        up, down = (centre + half_width - change) / deviation, (centre - half_width - change) / deviation
+        density = (1.0 + up * up / freedom) ** power + (1.0 + down * down / freedom) ** power
+        return float(share @ (stdtr(freedom, -up) + stdtr(freedom, down))), -peak * float(share @ (density / deviation))
 
     p_value = float(share @ (2.0 * stdtr(freedom, -np.abs(change) / deviation)))
-    low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * stdtrit(freedom, 0.975)))
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if outside(middle, centre) > 0.05 else (low, middle)
-    return Trend(centre, high, p_value, float(1.0 - share[0]) if len(share) > 1 else 1.0)
+    quantile, power = float(stdtrit(freedom, 1.0 - 0.5 * OUTSIDE)), -0.5 * (freedom + 1)
+    low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * quantile))
+    if len(share) == 1:
+        return Trend(centre, high, p_value)
+    peak = math.gamma(-power) / math.gamma(0.5 * freedom) / math.sqrt(math.pi * freedom)
+    half_width = min(high, quantile * math.sqrt(float(share @ deviation**2)))
+    for _ in range(60):  # Newton's method; bisection where Newton's leaves the bracket
+        probability, slope = outside(half_width)
+        low, high = (half_width, high) if probability > OUTSIDE else (low, half_width)
+        before, half_width = half_width, half_width - (probability - OUTSIDE) / slope
+        if not low <= half_width <= high:
+            half_width = 0.5 * (low + high)
+        if abs(half_width - before) <= 1e-13 * before:
+            break
+    return Trend(centre, half_width, p_value, float(1.0 - share[0]))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
+from kickdrift.forces.spins import SPINS
 from kickdrift.trajectory import reader, to_ase, to_lammps, to_mdanalysis, to_rebound
 from kickdrift.trajectory.chosen import Chosen
 from kickdrift.trajectory.formats import FORMATS, losses
@@ -79,6 +80,8 @@ def export(
             frames = frames.last()
         write = _WRITERS[format.suffix if format.suffix in _WRITERS else format.package]
         notes = write(frames, part, format, told or (lambda done, of: None))
+        if SPINS in run.columns:
+            notes = [*notes, "spins are lost"]
         if run.box.periodic and not unwrapped:
             notes = ["positions are inside the box", *notes]
         if unwrapped and run.box_varies:

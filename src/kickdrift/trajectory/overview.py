@@ -21,9 +21,10 @@ from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
 from kickdrift.trajectory.info import alarms, goal, info_of, room_lines
 from kickdrift.trajectory.problems.header import ENERGY, Y
-from kickdrift.trajectory.problems.info import MOST
+from kickdrift.trajectory.problems.info import MOST, table_rows
 from kickdrift.trajectory.problems.info import info as info_of_problem
 from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.problems.table import ProblemTable
 from kickdrift.trajectory.reader import Run, open
 from kickdrift.trajectory.recorded import Samples
 
@@ -69,8 +70,10 @@ def overview_of(run: Run) -> Lines:
     return lines + alarms(found)
 
 
-def overview_of_problem(run: ProblemRun) -> Lines:
-    """The same of the file of a Problem's run, with y at the end."""
+def overview_of_problem(run: ProblemRun | ProblemTable) -> Lines:
+    """The same of the file of a Problem's run, with y at the end, or of its table."""
+    if isinstance(run, ProblemTable):
+        return table_rows(run)
     found, samples = info_of_problem(run), run.whole_samples()
     report: dict[str, Any] = run.report if isinstance(run.report, dict) else {}
     lines = [

@@ -1,22 +1,35 @@
-"""A whole run's file written anew, compressed or not. Chunks that change size cannot be replaced safely in place."""
+"""A whole run's file written anew, compressed on all cores or not compressed.
+
+Chunks that change size cannot be replaced safely in place."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.disk.parts import private_place
+from kickdrift.display.pace import PARTS
+from kickdrift.display.showing import stage
+from kickdrift.model.capacity import cores
 from kickdrift.trajectory.opening import created
 from kickdrift.trajectory.storage import ALIGNMENT, PagedFile
 
-_FILTERS = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+_LEVEL = 4
+_FILTERS = {"compression": "gzip", "compression_opts": _LEVEL, "shuffle": True}
 _COMMIT_BYTES = 8 * 2**20
+Move = Callable[[h5py.Dataset, int, NDArray[Any]], None]  # writes rows to a dataset, from a row on
 _POSITIONS = "particles/trajectory/position/value"
 
 
@@ -39,12 +52,30 @@ def rewritten(file: h5py.File, path: Path, *, compress: bool) -> Iterator[Path]:
                 items = [file[name] for name in names]
                 filters = _FILTERS if compress else {}
                 first = {_address(item): _like(item, None, copy, filters) for item in items}
-                _copy(file, copy, {}, first, filters, storage)
+                with ThreadPoolExecutor(cores(), "compressing") as threads:
+                    move = _move_compressed(threads) if compress else _move
+                    _copy(file, copy, {}, first, filters, move, _committing(file, storage, compress))
             storage.commit()
         finally:
             storage.close()
         os.chmod(part, path.stat().st_mode)
         yield part
+
+
+def _committing(file: h5py.File, storage: PagedFile, compress: bool) -> Callable[[int], None]:
+    """Function that commits what was copied, and shows how much of the file that is."""
+    move, done = stage("compressing" if compress else "unpacking"), 0
+    sizes: list[int] = []
+    file.visititems(lambda name, item: sizes.append(item.nbytes) if isinstance(item, h5py.Dataset) else None)
+    total = max(1, sum(sizes))
+
+    def commit(bytes_copied: int) -> None:
+        nonlocal done
+        storage.commit()
+        done += bytes_copied
+        move(min(PARTS, PARTS * done // total), PARTS)
+
+    return commit
 
 
 def _address(item: Any) -> int:
@@ -67,7 +98,8 @@ def _copy(
     made: dict[int, str],
     first: dict[int, h5py.Dataset],
     filters: dict[str, Any],
-    storage: PagedFile,
+    move: Move,
+    commit: Callable[[int], None],
 ) -> None:
     """Copy everything inside a group. An object with several names keeps them. Datasets in ``first`` exist already,
     without names."""
@@ -77,32 +109,62 @@ def _copy(
             target[name] = target.file[made[address]]
             continue
         if isinstance(item, h5py.Group):
-            _copy(item, target.create_group(name), made, first, filters, storage)
+            _copy(item, target.create_group(name), made, first, filters, move, commit)
         else:
             if address in first:
                 target[name] = first[address]
             else:
                 _like(item, name, target, filters)
             if item.chunks:
-                _copy_rows(item, target[name], storage)
+                _copy_rows(item, target[name], move, commit)
         for key in item.attrs:
             target[name].attrs.create(key, item.attrs[key], dtype=item.attrs.get_id(key).dtype)
         made[address] = f"{target.name}/{name}"
 
 
-def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, storage: PagedFile) -> None:
-    """Copy rows in whole chunks, a few megabytes at a time."""
+def _copy_rows(item: h5py.Dataset, new: h5py.Dataset, move: Move, commit: Callable[[int], None]) -> None:
+    """Copy rows in whole chunks, a few megabytes at a time. ``commit`` gets the bytes of each part."""
     row = max(1, item.dtype.itemsize * int(item.size // max(1, item.shape[0])))
     block = item.chunks[0] * max(1, _COMMIT_BYTES // (row * item.chunks[0]))
     new.resize(item.shape[0], axis=0)
     rows = min(item.shape[0], _stored_rows(item))
     for start in range(0, rows, block):
         try:
-            new[start : start + block] = item[start : start + block]
+            move(new, start, item[start : start + block])
         except OSError:  # a damaged chunk
             _copy_readable(item, new, start, min(start + block, rows))
         new.file.flush()
-        storage.commit()
+        commit(row * (min(start + block, rows) - start))
+
+
+def _move(new: h5py.Dataset, start: int, rows: NDArray[Any]) -> None:
+    """Write rows through HDF5."""
+    new[start : start + len(rows)] = rows
+
+
+def _move_compressed(threads: ThreadPoolExecutor) -> Move:
+    """Return a function that compresses chunks on threads, as HDF5's own filters would on one."""
+
+    def move(new: h5py.Dataset, start: int, rows: NDArray[Any]) -> None:
+        if rows.dtype.hasobject:  # text of any length
+            _move(new, start, rows)
+            return
+        places = list(product(*(range(0, end, step) for end, step in zip(rows.shape, new.chunks, strict=True))))
+        parts = [rows[tuple(map(slice, at, np.add(at, new.chunks)))] for at in places]
+        for at, packed in zip(places, threads.map(partial(_compressed, new.chunks, new.fillvalue), parts), strict=True):
+            new.id.write_direct_chunk((start + at[0], *at[1:]), packed)
+
+    return move
+
+
+def _compressed(shape: tuple[int, ...], fill: Any, part: NDArray[Any]) -> bytes:
+    """Return a chunk of this shape after the filters shuffle and gzip. Fill values complete a chunk at an edge."""
+    if part.shape != shape:
+        whole = np.full(shape, fill, part.dtype)
+        whole[tuple(map(slice, part.shape))] = part
+        part = whole
+    lanes = np.ascontiguousarray(part).reshape(-1).view(np.uint8).reshape(-1, part.dtype.itemsize)
+    return zlib.compress(lanes.T.tobytes(), _LEVEL)
 
 
 def _stored_rows(item: h5py.Dataset) -> int:

@@ -52,8 +52,18 @@ class ShownRun(Shown):
         return above("run figure")(self, kind, column)
 
 
-class DrawnProblem:
-    """The run of a Problem, open, that draws what ``kickdrift plot`` draws."""
+class ShownProblemRun(Shown):
+    """The run of a Problem, open, that prints what ``kickdrift info`` prints, and draws what ``kickdrift plot``
+    draws."""
+
+    def _lines(self) -> Lines:
+        return above("problem lines")(self)
+
+    def _spark(self: Any) -> Spark | None:
+        y, energies = self.y, self.energies
+        if energies is not None:
+            return energy_spark(energies, 0.0)
+        return Spark(y[:, 0].tolist(), "y0") if len(y) > 1 else None
 
     def plot(self, *, column: str | None = None) -> Any:
         """Draw y against time, the phase portrait and the energy error, or one ``column``; a matplotlib Figure.

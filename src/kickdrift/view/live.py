@@ -22,7 +22,7 @@ from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import duration
 from kickdrift.view.curves import curve
-from kickdrift.view.scene import Scene, phase_of, scene_of
+from kickdrift.view.scene import Scene, phase_of, scene_of, whole_of
 from kickdrift.view.stage import Stage
 
 APART = 0.25  # seconds between two frames
@@ -61,16 +61,18 @@ class Feed:
     """
 
     def __init__(self, sim: Simulation, send: Send, listened: Callable[[], bool] = lambda: True) -> None:
-        if not isinstance(sim.system, System):
+        whole = whole_of(sim)
+        if not isinstance(whole, System):
             raise InputError("live: a Problem has no particles to show")
         self._sim, self._send, self._listened = sim, send, listened
-        self._stage = Stage.of(sim.system)
+        self._stage = Stage.of(whole)
         self._row, self._record = 0, sim.record  # looks that were sent, of this record
         self._next = self._last = self._began = 0.0  # by the clock
         self._spent = self._owed = 0.0  # processor's time at the last frame, and until the next one
         self._from: tuple[float, int] | None = None  # when the first progress was told, and the step then
+        self._settling: tuple[float, int] | None = None  # the same of an equilibration
         self._start = 0
-        self._said, self._scene = "", scene_of(sim)
+        self._said, self._scene = "before the first step", scene_of(sim)
         self.lock = Lock()  # held while messages are made
 
     def scene(self) -> Scene:
@@ -81,24 +83,42 @@ class Feed:
 
     def begin(self) -> None:
         """Begin with a run."""
-        self._began, self._next, self._owed, self._from = monotonic(), 0.0, 0.0, None
+        self._began, self._next, self._owed, self._from, self._settling = monotonic(), 0.0, 0.0, None, None
         with self.lock:
             self._said, self._scene = f"step {self._sim.steps_done:,}", scene_of(self._sim)
+
+    def settle(self, sim: Any, done: int, of: int) -> None:
+        """Send a frame of the equilibration, whose times and steps end at zero; ``sim`` takes the steps."""
+        now = monotonic()
+        if self._settling is None or done < self._settling[1]:
+            self._settling, self._began = (now, done), now
+        if self._due(now):
+            first, begun = self._settling
+            left = f" · {duration((now - first) * (of - done) / (done - begun))} left" if done > begun else ""
+            text = f"equilibrating · step {done:,} of {of:,}{left}"
+            self._send_now(now, text, sim, (done - of, (done - of) * (sim.dt or 0.0)))
 
     def follow(self, done: int, of: int) -> None:
         """Send a frame, if one is due and anyone listens."""
         now = monotonic()
         if self._from is None:
             self._from, self._start = (now, self._sim.steps_done), done
+        if self._due(now):
+            self._send_now(now, self._pace(done, of, now), self._sim)
+
+    def _due(self, now: float) -> bool:
+        """Whether a frame may be sent now, and anyone listens."""
         if now < self._next or not self._listened():
-            return
-        if max(process_time() - self._spent, WAITING * (now - self._last)) < self._owed:
-            return
+            return False
+        return max(process_time() - self._spent, WAITING * (now - self._last)) >= self._owed
+
+    def _send_now(self, now: float, text: str, sim: Simulation, settling: tuple[int, float] | None = None) -> None:
+        """Send a frame, unless a page is being made, and note what the frame cost."""
         if not self.lock.acquire(blocking=False):
             return
         before = thread_time()
         try:
-            self._tell(self._pace(done, of, now))
+            self._tell(text, sim, settling)
         finally:
             self.lock.release()
         took = thread_time() - before
@@ -113,7 +133,7 @@ class Feed:
         word = "finished" if whole and not sim.stopped else "stopped"
         reason = f": {sim.stopped}" if sim.stopped else ""
         with self.lock:
-            self._tell(f"{word} at step {sim.steps_done:,}{reason}")
+            self._tell(f"{word} at step {sim.steps_done:,}{reason}", sim)
             self._send(END, {})
 
     def _pace(self, done: int, of: int, now: float) -> str:
@@ -128,18 +148,25 @@ class Feed:
             parts.append(f"{duration((now - since) * (of - done) / (done - self._start))} left")
         return " · ".join(parts)
 
-    def _tell(self, text: str) -> None:
-        """Send the present frame, and the looks that were not sent."""
-        sim, run = self._sim, self._sim.integration
-        if sim.record is not self._record:  # a new record begins with new energies
-            self._record, self._row = sim.record, 0
+    def _tell(self, text: str, sim: Simulation, settling: tuple[int, float] | None = None) -> None:
+        """Send the present frame, and the looks that were not sent. An equilibration has no looks, and gives the
+        step and the time of its frame."""
+        run = sim.integration
         state = run.flow.shared_state(run.y, run.time, run.steps_done)  # type: ignore[union-attr]
         x, v, held = phase_of(self._stage, state)
-        frame = self._stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
-        row, self._row = self._row, sim.record.looks.count
+        step, time = settling or (state.steps_done, state.time)
+        frame = self._stage.chunk([step], [time], x[None], v[None], [state.box], held=held[None])
         self._said, self._scene = text, self._scene | {"chunks": [frame]}
-        self._send(TOLD, {"step": sim.steps_done, "text": text, "curves": self._curves(row, self._row)})
+        self._send(TOLD, {"step": step, "text": text, "curves": [] if settling else self._new_curves()})
         self._send(FRAME, frame)
+
+    def _new_curves(self) -> list[dict[str, Any]]:
+        """Curves of the looks that were not sent."""
+        record = self._sim.record
+        if record is not self._record:  # a new record begins with new energies
+            self._record, self._row = record, 0
+        row, self._row = self._row, record.looks.count
+        return self._curves(row, self._row)
 
     def _curves(self, first: int, last: int) -> list[dict[str, Any]]:
         """Energy error and temperature of the looks from ``first`` to ``last``."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
+from kickdrift.display.showing import last_stage
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory import reader
 from kickdrift.view.scene import Scene, scene_of
@@ -93,9 +94,18 @@ def write_page(
     InputError
         For bad input, an existing file, and a missing folder. Nothing is written.
     """
+    return write_with_scene(given, output, frames, colour, size, overwrite)[0]
+
+
+def write_with_scene(
+    given: Any, output: Any, frames: int | None, colour: str | None, size: float, overwrite: bool
+) -> tuple[Path, Scene]:
+    """Write the page as `write_page` does. Return its path and its scene."""
     inputs = [given] if isinstance(given, str | os.PathLike) else [getattr(given, "path", None)]
     target = checked_target(output, PAGE, overwrite, inputs)
-    text = page(scene_of(given, frames, colour, size))
+    with last_stage(f"writing {target}"):
+        scene = scene_of(given, frames, colour, size)
+        text = page(scene)
     with written_whole(target, PAGE, overwrite=overwrite) as part:
         part.write_text(text, encoding="utf-8")
-    return target
+    return target, scene

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.display.showing import stage
 from kickdrift.errors import InputError
 from kickdrift.model.patch import patch_of
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import symbol_of
+from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
@@ -98,7 +99,7 @@ def scene_of_file(path: str | os.PathLike[str], frames: int | None = None) -> Sc
 def scene_of_system(given: System | Simulation) -> Scene:
     """Scene of one moment: the start of a System, or a Simulation as it stands."""
     if isinstance(given, Simulation):
-        system, state = given.system, given.state
+        system, state = whole_of(given), given.state
     else:
         system, state = given, getattr(given, "state", None)
     if not isinstance(system, System):
@@ -106,8 +107,16 @@ def scene_of_system(given: System | Simulation) -> Scene:
     stage = Stage.of(system)
     x, v, held = phase_of(stage, state)
     chunk = stage.chunk([state.steps_done], [state.time], x[None], v[None], [state.box], held=held[None])
-    notes = [] if isinstance(given, Simulation) else ["Shows the start: a system has no frames."]
-    return stage.scene([chunk], x, v, notes=stage.notes() + notes)
+    if isinstance(given, Simulation):
+        caption = _caption({"integrator": given.integrator, "dt": given.dt}, system.units)
+        return stage.scene([chunk], x, v, notes=stage.notes(), caption=caption)
+    return stage.scene([chunk], x, v, notes=[*stage.notes(), "Shows the start: a system has no frames."])
+
+
+def whole_of(sim: Simulation) -> System | Problem:
+    """The system of a Simulation, with rows for bodies that left and for those that collisions may add."""
+    events = getattr(sim.integration, "events", None)
+    return events.roster.filed if events else sim.system
 
 
 def phase_of(stage: Stage, state: Any) -> tuple[Floats, Floats, Floats]:
@@ -178,10 +187,12 @@ def _read(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) ->
     """Positions or velocities (f, k, 3) of the shown rows at the chosen frames, read in blocks."""
     most = max(1, BLOCK_BYTES // (24 * len(run.ids)))  # frames of a block
     starts = np.flatnonzero(np.diff(chosen // most, prepend=-1))
-    found = []
+    found, done, move = [], 0, stage(f"reading {what}")
     for part in np.split(chosen, starts[1:]):
         block = run.vectors(what, slice(int(part[0]), int(part[-1]) + 1), rows)
         found.append(block[part - part[0]])
+        done += len(part)
+        move(done, len(chosen))
     return np.concatenate(found)
 
 
@@ -192,7 +203,7 @@ def _told(run: reader.Run) -> dict[str, Any]:
     events = run.whole_events()
     return {
         "curves": curves_of(samples.times, samples.observables, run.units, own),
-        "caption": _caption(run),
+        "caption": _caption(run.method, run.units),
         "verdict": [list(line) for line in overview_of(run)],
         "events": [
             {"time": each["time"], "text": " and ".join([each["kind"].replace("-", " "), *each["bodies"]][:1])
@@ -202,11 +213,11 @@ def _told(run: reader.Run) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _caption(run: reader.Run) -> list[str]:
+def _caption(method: Mapping[str, Any], units: UnitSystem) -> list[str]:
     """Method and step of a run."""
-    method, dt = run.method.get("integrator"), run.method.get("dt")
-    step = measured(f"dt = {dt:g}", symbol_of(run.units.time)) if isinstance(dt, int | float) else ""
-    return [text for text in (str(method or ""), step) if text]
+    name, dt = method.get("integrator"), method.get("dt")
+    step = measured(f"dt = {dt:g}", symbol_of(units.time)) if isinstance(dt, int | float) else ""
+    return [text for text in (str(name or ""), step) if text]
 
 
 @contextmanager

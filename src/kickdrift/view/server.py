@@ -49,8 +49,9 @@ source.addEventListener("told", async (event) => {
   view.say(text);
   await view.addCurves(curves);
 });
-source.addEventListener("frame", (event) => show(JSON.parse(event.data)));
-source.addEventListener("end", () => { source.close(); view.live = false; });
+let shown = Promise.resolve();
+source.addEventListener("frame", (event) => { shown = Promise.all([shown, show(JSON.parse(event.data))]); });
+source.addEventListener("end", async () => { source.close(); await shown; view.live = false; });
 source.addEventListener("error", () => { source.close(); view.say("The connection to the run has ended."); });
 """
 )

@@ -132,10 +132,9 @@ def test_tangent_map_is_the_slope_of_the_map(name, dt):
     np.testing.assert_allclose(sim.state.phase[:, :, n:], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("force", [kd.LennardJones(cutoff=2.0), kd.GravityTree(G=1.0)])
-def test_sums_over_lists_and_trees_are_refused(force):
-    system = kd.System(np.eye(3) * 3, forces=[force])
-    with pytest.raises(InputError, match=f"force '{force.name}': has no variational equations; gravity and"):
+def test_sums_over_trees_are_refused():
+    system = kd.System(np.eye(3) * 3, forces=[kd.GravityTree(G=1.0)])
+    with pytest.raises(InputError, match="force 'gravity-tree': has no variational equations; 'gravity' has them"):
         varied(system, np.zeros((2, 3, 3)))
 
 
@@ -328,8 +327,8 @@ def test_command(monkeypatch, tmp_path, capsys):
     assert found["means"][-1] == found["megno"]
     assert called(monkeypatch, *words) == 2
     assert "exists already" in capsys.readouterr().err
-    assert called(monkeypatch, "chaos", "lj-1000") == 2
-    assert "has no variational equations" in capsys.readouterr().err
+    assert called(monkeypatch, "chaos", "lj-1000", "--integrator", "hermite4") == 2
+    assert "carries no variations" in capsys.readouterr().err
 
 
 def test_report_is_public():

@@ -19,6 +19,7 @@ from kickdrift.analysis import bench
 from kickdrift.cli import main as cli
 from kickdrift.cli import printing
 from kickdrift.cli.main import main
+from kickdrift.display import pace
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.particle_flow import ParticleFlow
@@ -93,6 +94,7 @@ def test_a_run_in_a_process():
 def test_a_run_says_what_it_compiles_and_where_the_time_went(monkeypatch, capfd):
     """As if the disk had no code for samples of this liquid; with --quiet nothing is said."""
     monkeypatch.setattr(ParticleFlow, "prepare", lambda *_: announce(kept=True))
+    monkeypatch.setattr(pace, "SHORT", 1e9)  # no line of progress, however slow the machine is
     for quiet, err in (([], "compiling velocity-verlet for lennard-jones (once on this machine)\n"), (["--quiet"], "")):
         monkeypatch.setattr(sys, "argv", ["kickdrift", "run", "liquid.toml", "--steps", "1e1", *quiet])
         with pytest.raises(SystemExit) as ended:

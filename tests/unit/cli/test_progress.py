@@ -8,6 +8,7 @@ import threading
 
 import pytest
 
+import kickdrift as kd
 from kickdrift.display import pace, showing
 from kickdrift.display.pace import LineBar, Pace, busy_line
 
@@ -68,6 +69,36 @@ def test_short_work_says_nothing(clock, capsys):
     with busy_line("drawing"):
         pass
     assert capsys.readouterr() == ("", "")
+
+
+def test_parts_of_the_work_show_where_progress_is_shown_and_nowhere_else(monkeypatch, capsys):
+    monkeypatch.setattr(pace, "SHORT", -1.0)
+    showing.stage("reading")(1, 2)
+    with showing.last_stage("finishing"):
+        pass
+    with showing.progress_bar(quiet=True):
+        showing.stage("reading")(1, 2)
+    assert capsys.readouterr() == ("", "")
+    with showing.progress_bar():
+        showing.stage("reading")(1, 2)
+    showing.stage("reading")(1, 2)
+    assert capsys.readouterr() == ("", "reading: 50 %\n")
+
+
+def test_the_end_of_a_run_says_what_it_does(monkeypatch, capsys, tmp_path):
+    """Packing moves a bar that ends at the whole."""
+    told: list[tuple[str, int, int]] = []
+    token = showing._making.set(lambda label: lambda done, of: told.append((label, done, of)))
+    path = tmp_path / "run.h5md"
+    try:
+        kd.Simulation(kd.load("two-body")).run(50, output=path, file=kd.FileOptions(compress=True))
+    finally:
+        showing._making.reset(token)
+    assert told[0] == ("finishing run.h5md", 0, 0)
+    assert told[-1][0] == "finishing run.h5md"
+    packed = [done for label, done, of in told if label == "compressing"]
+    assert packed == sorted(packed)
+    assert 900 <= packed[-1] <= 1000
 
 
 def test_work_that_counts_nothing_says_what_it_does(capsys, monkeypatch):

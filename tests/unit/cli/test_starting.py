@@ -7,11 +7,15 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
 import kickdrift as kd
+from kickdrift.engines import ENGINES
+from kickdrift.forces import FORCES
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.systemfile.files import shipped
 from kickdrift.systemfile.templates import kinds
 
 
@@ -32,6 +36,21 @@ def test_a_new_file_is_valid_and_commented(kind, kickdrift, folder):
     kd.load(f"{kind}.toml")
 
 
+def test_a_new_file_names_the_schema_beside_it(kickdrift, folder):
+    """An editor finds the schema from the first line, wherever kickdrift is installed; the schema accepts the file."""
+    jsonschema = pytest.importorskip("jsonschema")
+    assert kickdrift("new", "bath", "--schema", "--quiet") == (0, "", "")
+    text = (folder / "bath.toml").read_text(encoding="utf-8")
+    first, _, rest = text.partition("\n")
+    assert rest == kd.template("bath")
+    schema = json.loads((folder / first.removeprefix("#:schema ")).read_text(encoding="utf-8"))
+    jsonschema.validate(tomllib.loads(text), schema)
+    kd.load("bath.toml")
+    (folder / "system-file.schema.json").write_text("mine")
+    assert "system-file.schema.json was there already" in kickdrift("new", "ode", "--schema")[2]
+    assert (folder / "system-file.schema.json").read_text() == "mine"
+
+
 def test_no_file_is_replaced(kickdrift, folder):
     (folder / "liquid.toml").write_text("mine")
     code, _, err = kickdrift("new")
@@ -50,6 +69,31 @@ def test_every_method_has_a_reference(name):
     assert len(keys) > 1 or not re.search(r"\b(1[789]|20)\d\d\b", source)
     for doi in re.findall(r"doi:(10\.\S+?)(?=[;,]?(?:\s|$))", source):
         assert f"doi = {{{doi.rstrip(',;')}}}" in text
+    assert text.count("{") == text.count("}")
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("lennard-jones", ["author = {Jones}", "journal = {Proc. R. Soc. Lond. A}", "doi = {10.1098/rspa.1924.0082}"]),
+        ("tides", ["author = {Hut}", "journal = {A\\&A}", "pages = {126}"]),
+        ("j2", ["author = {Murray and Dermott}", "note = {Solar System Dynamics}"]),
+        ("lammps", ["author = {Thompson and others}", "doi = {10.1016/j.cpc.2021.108171}"]),
+        ("lj-binary-1000", ["author = {Woodcock}", "author = {Kob and Andersen}", "author = {Jones}"]),
+    ],
+)
+def test_the_sources_of_forces_engines_and_systems(name, known):
+    text = kd.cite(name)
+    assert [line for line in known if line not in text] == []
+
+
+@pytest.mark.parametrize("name", [*FORCES, *ENGINES, *shipped()])
+def test_every_name_is_cited(name):
+    text = kd.cite(name)
+    keys = re.findall(r"^@\w+\{([\w-]+),$", text, re.MULTILINE)
+    assert keys[0] == "kickdrift"
+    assert len(keys) == len(set(keys))
+    assert len(keys) > 1 or name not in ENGINES or name == "native"
     assert text.count("{") == text.count("}")
 
 

@@ -153,6 +153,11 @@ def test_help_of_run_is_grouped_and_has_examples(shown):
     ]
 
 
+def test_how_fast_a_film_goes_is_a_group(shown):
+    pace = shown["movie --help"][1].partition("\nPace:\n")[2].partition("\n\n")[0]
+    assert re.findall(r"--\w+", pace) == ["--fps", "--duration", "--every"]
+
+
 def test_every_option_that_takes_a_value_says_what():
     for words, command in all_commands():
         for each in command.params:

@@ -120,6 +120,17 @@ def test_what_is_no_number_and_no_text_is_a_failure():
     assert type(row["x"]) is float
 
 
+def test_reasons_of_stops_are_counted(capsys):
+    members = Ensemble("sun-jupiter", {"dt": "uniform:0.1:0.2"}, replicas=3).members
+    ends = ["collision", "", "collision"]
+    table = tables.frame(
+        (row_of(members[i], "done") | {"stopped_by": ends[i]} for i in range(3)),
+        {"system": "two", "seed": 0, "grids": {}, "draws": {"dt": []}},
+    )
+    print_ensemble(table, None)
+    assert "2 collision, 1 no event" in capsys.readouterr().out
+
+
 def test_ends_are_of_finite_numbers(capsys):
     members = Ensemble("sun-jupiter", {"dt": "uniform:0.1:0.2"}, replicas=3).members
     found = [1.5, float("inf"), 2.5]

@@ -56,6 +56,13 @@ def test_a_restart_and_a_file_hold_the_spins(tmp_path):
     np.testing.assert_array_equal(again.state.spins, whole.state.spins)
 
 
+def test_an_export_names_the_spins_that_it_loses(tmp_path):
+    path = tmp_path / "run.h5md"
+    kd.Simulation(with_spins(), "gauss-radau15").run(4, output=path)
+    pytest.importorskip("ase")
+    assert "spins are lost" in kd.export(path, tmp_path / "run.extxyz").notes
+
+
 def test_a_state_carries_its_spins():
     first = kd.Simulation(with_spins(), "gauss-radau15")
     first.run(until=3.0)

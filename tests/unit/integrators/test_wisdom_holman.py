@@ -50,7 +50,7 @@ def test_positions_are_whfasts(case):
 
 
 @BOTH
-@pytest.mark.parametrize(("count", "massless"), [(1, 0), (3, 1), (10, 2), (5, 5)])
+@pytest.mark.parametrize(("count", "massless"), [(1, 0), (8, 0), (3, 1), (10, 2), (5, 5)])
 def test_agrees_with_a_plain_map(coordinates, count, massless):
     system = planets(count, massless, boost=0.3)
     x, v = plain_map(system, 0.11, 3, coordinates == JACOBI)

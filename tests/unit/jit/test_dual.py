@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift.jit import dual_functions as dual_functions
+from kickdrift.jit import dual_arrays as dual_arrays
 from kickdrift.jit.compile import as_written, driver
 from kickdrift.jit.dual import SLOT, dual, dual_rows
 from kickdrift.jit.lanes import lane_numbers, splat
@@ -134,3 +134,45 @@ def test_arrays_of_duals_are_arrays():
     assert summed(memory, slopes, 2) == 10.0
     np.testing.assert_array_equal(slopes, 1.0)
     assert memory[2 * SLOT] == 5.0
+
+
+@as_written
+def of_arrays(x, m, a):
+    r2 = np.sum(x * x, axis=0) + 1.0
+    a += x / np.sqrt(r2) * np.exp(-r2)
+    a[0] += np.linalg.norm(x[:, 0]) * x[1]
+    a *= m
+    a[2] -= np.dot(x[0], x[1]) / (2.0 + x[2] ** 2)
+    for i in range(x.shape[1]):
+        push = np.zeros_like(x[:, i])
+        for j in range(x.shape[1]):
+            d = x[:, j] - x[:, i]
+            push += m[j] * d / (d @ d + 0.1) ** 1.5
+        a[:, i] += -push
+
+
+@driver
+def over_arrays(numbers, m):
+    of_arrays(dual_rows(numbers[0], m.size), m, dual_rows(numbers[1], m.size))
+
+
+@pytest.mark.long
+def test_whole_arrays_of_duals():
+    rng, n, h = np.random.default_rng(0), 4, 1e-3
+    numbers = rng.normal(size=(2, 3 * n * SLOT))
+    numbers[1] = 0.0
+    x, m = numbers[0].reshape(3, n, SLOT).copy(), rng.uniform(size=n)
+    over_arrays(numbers, m)
+    found = numbers[1].reshape(3, n, SLOT)
+
+    def there(k: int, direction: int) -> np.ndarray:
+        a = np.zeros((3, n))
+        of_arrays.py_func(x[..., 0] + k * h * x[..., 1 + direction], m, a)
+        return a
+
+    np.testing.assert_allclose(found[..., 0], there(0, 0), rtol=0, atol=1e-14)
+    for k in range(8):
+        wanted = (
+            45 * (there(1, k) - there(-1, k)) - 9 * (there(2, k) - there(-2, k)) + (there(3, k) - there(-3, k))
+        ) / (60 * h)
+        np.testing.assert_allclose(found[..., 1 + k], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 from itertools import pairwise
@@ -13,6 +15,7 @@ from PIL import Image
 import kickdrift as kd
 from kickdrift.plots import film_files
 from kickdrift.plots.camera import Camera, view
+from kickdrift.plots.filmed import Bodies
 from tests.run_files import FRAMES, make_system, write
 
 SIZE = (96, 64)
@@ -50,6 +53,17 @@ def test_a_film_has_a_picture_for_each_frame(suffix, liquid):
     assert done == [(k, FRAMES) for k in range(1, FRAMES + 1)]
     assert pictures.std(axis=(1, 2, 3)).min() > 10
     assert all(np.abs(a.astype(int) - b).mean() > 0.5 for a, b in pairwise(pictures))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_film_that_is_ended_leaves_nothing(name, liquid):
+    number = getattr(signal, name)
+    with pytest.raises(SystemExit) as ended:
+        kd.movie(liquid, liquid.with_suffix(".gif"), size=SIZE, progress=lambda *k: os.kill(os.getpid(), number))
+    assert ended.value.code == 128 + number
+    assert list(liquid.parent.iterdir()) == [liquid]
+    assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_a_gif_needs_no_ffmpeg_and_shows_the_nearest_frames(planets, monkeypatch, tmp_path):
@@ -122,6 +136,20 @@ def test_the_run_of_an_ode_is_refused(tmp_path, kickdrift):
     code, _, err = kickdrift("movie", tmp_path / "ode.h5", tmp_path / "ode.gif")
     assert code == 2
     assert "is the run of an ODE" in err
+
+
+def test_a_film_of_planets_shows_the_ellipse_of_each_body(planets):
+    """A two-body orbit keeps its ellipse: all positions of the run lie on the ellipse of each frame."""
+    with kd.open(planets) as run:
+        bodies = Bodies(run, [0, 5, 10], SIZE, Camera(), None, None)
+    for k, row in enumerate(bodies.rows):
+        middle, long, short = bodies.ellipses[k, 1]
+        centre = bodies.x[row, 1] + middle
+        off = bodies.x[:, 1] - centre
+        at = np.stack([off @ long / (long @ long), off @ short / (short @ short)])
+        np.testing.assert_allclose(np.hypot(*at), 1.0, atol=2e-3)  # leapfrog's error at the step of the run
+        assert bodies.scene.reach > np.linalg.norm(centre) + np.linalg.norm(long)
+    assert np.isnan(bodies.ellipses[:, 0]).all()
 
 
 def test_the_camera_sees_what_is_nearer_larger():

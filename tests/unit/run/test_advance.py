@@ -111,3 +111,13 @@ def test_the_old_name_of_a_methods_own_state_warns():
         sim.lattice = known
     assert sim.method_state.same(known)
     assert sim.record.steps == 0
+
+
+def test_short_calls_do_not_make_the_next_call_long():
+    """An equilibration takes ten steps at a time. The run after it still hears Ctrl-C and shows its progress."""
+    run = kd.Simulation(kd.load("two-body")).integration
+    for _ in range(20):
+        run.pace(10, 0.01)
+    assert run.chunk == 100
+    run.pace(100, 0.001)
+    assert run.chunk == 800

@@ -33,6 +33,9 @@ from kickdrift.run.watch.scaling_laws import (
 )
 from kickdrift.run.watch.span import Part
 from kickdrift.systemfile.reading import loads
+from kickdrift.view.live import Feed
+from kickdrift.view.packing import restored, unpacked
+from kickdrift.view.scene import scene_of
 
 FREE = 1e-30  # a G so small that bodies move straight
 ROCK = Material(1.9, 0.36, 1000.0, 6.6743e-11)
@@ -261,6 +264,21 @@ def crash(G: float = 1e-2, **more) -> kd.System:
 
 
 BREAK = {"action": "fragment", "fragment_mass": 0.1, "reference_density": 0.02, "new_bodies": 30}
+
+
+def test_a_live_view_has_the_fragments():
+    sent = []
+    sim = kd.Simulation(crash(**BREAK), dt=0.1)
+    sim.followers.append(Feed(sim, lambda kind, content: sent.append((kind, content))))
+    sim.run(15)
+    frame = [content for kind, content in sent if kind == "frame"][-1]
+    x = restored(unpacked(frame["positions"]))[0]
+    assert x.shape == (3, 33)
+    there = np.flatnonzero(np.isfinite(x[0]))
+    assert there.tolist() == sim.state.ids.tolist()
+    assert len(there) > 20
+    scene = scene_of(sim)
+    assert scene["total"] == 33
 
 
 def test_fragments_have_names_ids_and_a_log():

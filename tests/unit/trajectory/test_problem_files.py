@@ -116,6 +116,17 @@ METHODS = {
 }
 
 
+@pytest.mark.parametrize("suffix", [".h5", ".csv"])
+def test_a_notebook_shows_a_card_with_the_energy(path, suffix):
+    output = path.with_suffix(suffix)
+    kd.Simulation(kd.load("ode-kepler")).run(time=1.0, output=output)
+    with kd.open(output) as run:
+        html, text = run._repr_html_(), str(run)
+    assert "<svg" in html
+    assert "energy error" in html
+    assert "ode-kepler: 4 unknowns" in text or "unknowns          4" in text
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_a_resumed_run_has_the_same_bits(path, name):
     problem, given, part, whole = METHODS[name]

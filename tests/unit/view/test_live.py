@@ -142,6 +142,41 @@ def test_a_page_is_told_frames_curves_and_the_end_and_the_run_keeps_its_bits(sim
     assert [each.energies for each in alone.record.samples] == [each.energies for each in samples]
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [{"temperature": 1.5, "to": 1.0}, {"temperature": 1.0, "integrator": "langevin", "friction": 1.0, "seed": 3}],
+    ids=["rescaled", "own bath"],
+)
+def test_a_page_shows_the_equilibration_and_the_run_keeps_its_bits(sim, server, monkeypatch, asked):
+    for name, value in (("APART", 0.0), ("SHARE", 1e9), ("FEWER", np.inf)):
+        monkeypatch.setattr(live, name, value)
+    sent: list[tuple[str, Any]] = []
+    monkeypatch.setattr(server.feed, "_send", lambda kind, content: sent.append((kind, content)))
+    monkeypatch.setattr(server.feed, "_listened", lambda: True)
+    sim.followers.append(server.feed)
+    sim.equilibrate(steps=100, **asked)
+    frames = [content for kind, content in sent if kind == "frame"]
+    steps = np.concatenate([unpacked(each["steps"]) for each in frames])
+    times = np.concatenate([unpacked(each["times"]) for each in frames])
+    assert len(set(steps)) > 3
+    assert steps.tolist() == sorted(steps)
+    assert -100 < steps[0] < steps[-1] == 0
+    np.testing.assert_allclose(times, 0.001 * steps, atol=1e-15)
+    told = [content["text"] for kind, content in sent if kind == "told"]
+    assert told[-1].startswith("equilibrating · step 100 of 100")
+    assert "end" not in [kind for kind, _ in sent]
+    box, places = np.diag(sim.system.box.matrix), [restored(unpacked(each["positions"]))[0].T for each in frames]
+    off = places[-1] - sim.state.positions / box
+    assert np.abs(off - np.round(off)).max() < 2e-5
+    assert np.abs(places[-1] - places[0]).max() > 1e-3
+    sim.run(20)
+    assert unpacked(sent[-2][1]["steps"]).tolist() == [20]
+    alone = kd.Simulation(liquid(), dt=0.001)
+    alone.equilibrate(steps=100, **asked)
+    alone.run(20)
+    np.testing.assert_array_equal(alone.state.phase, sim.state.phase)
+
+
 def test_bodies_keep_their_rows_when_others_leave():
     system = liquid()
     state = system.state

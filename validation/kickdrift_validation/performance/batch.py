@@ -14,17 +14,21 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
+from time import process_time
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.analysis.chaos import megno, megnos
 from kickdrift.batch.batch import Batch
+from kickdrift.ensemble.rows import run_columns
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.performance.turns import Runner, ratio_of, turns
 from kickdrift_validation.runner import ONE_THREAD
 
 AT_LEAST = 4.0
+PAST = 1.15
+REPORT, KEPT = 1.0, 0.9  # ms; share of the speed that samples and reports leave
 GROUP = 64  # members of a Batch
 ROUNDS, SECONDS = 7, 0.4
 STEP = 2 * np.pi / 100  # a hundredth of the innermost body's period
@@ -89,8 +93,95 @@ def growths(name: str, steps: int) -> tuple[Callable[..., object], Callable[...,
     return alone, together
 
 
+def with_reports(name: str, steps: int) -> tuple[Callable[..., object], Callable[..., object], list[float]]:
+    """Bare, with reports, and the processor time of the reports a member in ms, a number more for each turn."""
+    costs: list[float] = []
+
+    def reported(systems: list[kd.System]) -> None:
+        batch = Batch(systems, name, STEP)
+        batch.run(steps)
+        began = process_time()
+        for report in batch.reports():
+            assert report is not None
+            run_columns(report)
+        costs.append(1e3 * (process_time() - began) / len(systems))
+
+    return runs(name, steps, False)[1], reported, costs
+
+
+def report_claims() -> Iterator[Claim]:
+    """Cost of the members' reports, and what they leave of the speed."""
+    systems = [planets(seed, 3) for seed in range(GROUP)]
+    for name in ("leapfrog", "rk4", "wisdom-holman"):
+        for steps in (10_000, 100_000, 1_000_000):
+            bare, reported, costs = with_reports(name, steps)
+            speeds = turns([Each(bare, systems, GROUP), Each(reported, systems, GROUP)], 0.1, ROUNDS)
+            ratio, cost = ratio_of(speeds[:, 1], speeds[:, 0]), float(np.median(costs))
+            print(f"{name}, {steps} steps: a report {cost:.2f} ms of processor time; with reports {ratio.median:.2f}")
+            if steps == 10_000:
+                text = f"{name}, a member's report with its drift, ms of processor time"
+                yield claim(text, cost, f"under {REPORT:g}", cost < REPORT, "its samples in memory")
+            if steps == 1_000_000:
+                text = f"{name}, {steps} steps: members a second with samples and reports over those without"
+                yield claim(text, ratio.median, f"at least {KEPT:g}", ratio.median >= KEPT, "stepping, in turns")
+
+
+class Together(Runner):
+    """Steps of eight systems in a Batch."""
+
+    least = 2000.0
+
+    def __init__(self, count: int) -> None:
+        self._batch = Batch([planets(seed, count + 1) for seed in range(8)], "wisdom-holman", STEP)
+
+    def run(self, amount: float) -> float:
+        self._batch.run(round(amount), every=round(amount))
+        return 8.0 * round(amount)
+
+
+class Whfast512Together(Runner):
+    """Steps of several systems in rebound's WHFast512."""
+
+    least = 2000.0
+
+    def __init__(self, count: int, systems: int) -> None:
+        import rebound
+
+        self._systems, self._sim = systems, rebound.Simulation()
+        sim = self._sim
+        sim.integrator, sim.dt = "whfast512", STEP
+        sim.integrator.N_systems = systems
+        for seed in range(systems):
+            state = planets(seed, count + 1).state
+            for m, x, v in zip(state.masses, state.positions, state.velocities, strict=True):
+                sim.add(m=float(m), x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+
+    def run(self, amount: float) -> float:
+        steps = round(amount)
+        self._sim.integrator.concatenate_steps = steps  # in one call, else each costs a conversion
+        self._sim.integrate(self._sim.t + 0.5 * steps * STEP, exact_finish_time=0)
+        self._sim.synchronize()
+        return float(self._systems * steps)
+
+
+def whfast512_claims() -> Iterator[Claim]:
+    """Steps of systems of a few planets, over WHFast512's."""
+    try:
+        import rebound
+    except ImportError:
+        return
+    if not rebound.avx512_available:
+        return
+    for count, systems in ((2, 4), (3, 2), (4, 2), (8, 1)):
+        speeds = turns([Whfast512Together(count, systems), Together(count)], 0.1, 3 * ROUNDS)
+        ratio = ratio_of(speeds[:, 1], speeds[:, 0])
+        print(f"{count} planets: {ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f}) of WHFast512's steps")
+        text = f"systems of {count} planets, wisdom-holman in a Batch: steps over those of {systems} in WHFast512"
+        yield claim(text, ratio.median, f"at least {PAST:g}", ratio.median >= PAST, f"rebound {rebound.__version__}")
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Each method, by the number of bodies and of steps."""
+    """Each method, by the number of bodies and of steps; then the reports."""
     cases = [("leapfrog", "run"), ("rk4", "run"), ("wisdom-holman", "run"), ("leapfrog", "megno"), ("rk4", "megno")]
     cases += [(name, "stepping") for name in ("leapfrog", "rk4", "wisdom-holman")]
     print(f"{'bodies':>6} {'steps':>7}  {'what':24} {'one by one':>12} {'in a Batch':>12}  members/s; ratio, quartiles")
@@ -110,6 +201,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
             if bodies == 3:
                 text = f"{what}, {bodies} bodies, {steps} steps: members a second over one by one"
                 yield claim(text, ratio.median, f"at least {AT_LEAST:g}", ratio.median >= AT_LEAST, "one by one")
+    yield from report_claims()
+    yield from whfast512_claims()
 
 
 if __name__ == "__main__":

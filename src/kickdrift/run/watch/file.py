@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from kickdrift.display.showing import last_stage
 from kickdrift.errors import RunError
 from kickdrift.looks.columns import TIME
 from kickdrift.looks.observers import columns_of
@@ -103,6 +104,6 @@ class File(Watcher):
             with suppress(RunError):  # the error that ended the run is raised instead
                 self._writer.close(whole=False)
             return
-        with self._writer as writer:
+        with last_stage(f"finishing {self._writer.path.name}"), self._writer as writer:
             writer.report = report.as_json()
             writer.report["events"] = self._going_on()  # the file already holds all events that have ended

@@ -51,12 +51,17 @@ def describe_any(run: ProblemRun | ProblemTable) -> str:
 
 def describe_table(table: ProblemTable) -> str:
     """What the table of a Problem's run holds, for a reader."""
+    return "\n".join([str(table.path), *(f"  {key:<10}  {value}" for key, value in table_rows(table))])
+
+
+def table_rows(table: ProblemTable) -> list[tuple[str, str]]:
+    """The same in lines of key and text."""
     rows = [("problem", table.name), ("unknowns", str(table.y.shape[1])), ("rows", f"{len(table):,}")]
     rows += [(key, short(table.method[key])) for key in ("integrator", "dt") if table.method.get(key) is not None]
     if len(table):
         rows.append(("time", f"{table.times[0]:g} to {table.times[-1]:g}"))
         rows += [(name, f"{values[0]:.8g} → {values[-1]:.8g}") for name, values in table.series().items()][1:]
-    return "\n".join([str(table.path), *(f"  {key:<10}  {value}" for key, value in rows if value)])
+    return [(key, value) for key, value in rows if value]
 
 
 def _short(value: Any) -> str:

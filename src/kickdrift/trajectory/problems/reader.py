@@ -18,12 +18,12 @@ from kickdrift.trajectory.problems.header import ENERGY, Y
 from kickdrift.trajectory.problems.layout import problem_hash
 from kickdrift.trajectory.problems.record import problem_of
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.shown import DrawnProblem
+from kickdrift.trajectory.shown import ShownProblemRun
 
 CHANGED = "its Problem was changed after the run began (kickdrift/problem, method or versions)"
 
 
-class ProblemRun(Recorded, DrawnProblem):
+class ProblemRun(Recorded, ShownProblemRun):
     """The file of a Problem's run, open for reading: a context manager.
 
     Attributes

@@ -18,7 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
 from kickdrift.trajectory.problems.header import ENERGY
-from kickdrift.trajectory.shown import DrawnProblem
+from kickdrift.trajectory.shown import ShownProblemRun
 from kickdrift.trajectory.tables import library
 
 SUFFIXES = kinds.SERIES.suffixes
@@ -27,7 +27,7 @@ NEEDS = "pandas and pyarrow: pip install 'kickdrift[ensemble]'"
 
 
 @dataclass(frozen=True)
-class ProblemTable(DrawnProblem):
+class ProblemTable(ShownProblemRun):
     """The table of a Problem's run, read from a CSV or Parquet file. A run cannot be resumed from it.
 
     Attributes

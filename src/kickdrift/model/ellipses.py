@@ -1,4 +1,4 @@
-"""Osculating ellipses of bodies about a central one, as three vectors that a browser draws without any mechanics."""
+"""Osculating ellipses of bodies about a central one, as three vectors that a picture draws without any mechanics."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from kickdrift.model.state import Floats
 COARSE = 0.35  # largest angle in radians between frames for which a trail is a path
 
 
-def axes_of(found: Paths) -> Floats:
+def axes_of(found: Paths, central_rests: bool = False) -> Floats:
     """Ellipses (f, n, 9): centre c relative to the body, and semi-axes a and b of r = c + a cos E + b sin E.
 
-    The ellipse is the orbit about the centre of mass of the bodies inside (Jacobi). The row of the central body, and
-    rows without an ellipse, are nan.
+    The ellipse is the orbit about the centre of mass of the bodies inside (Jacobi), as seen where the barycentre rests,
+    or where the central body rests. The row of the central body, and rows without an ellipse, are nan.
     """
     central = found.central
     assert central is not None
@@ -33,6 +33,9 @@ def axes_of(found: Paths) -> Floats:
         bound = (at.e < 1.0)[..., None]
         found_axes = np.where(bound, np.concatenate([middle, long, short], axis=2), np.nan)
     others = np.delete(np.arange(n), central)
+    if central_rests:
+        axes[:, others] = found_axes
+        return axes
     inside = np.cumsum(found.held[:, [central, *others]], axis=1)[:, 1:]
     part = 1.0 - found.held[:, others] / inside  # the barycentre of the body and all inside its orbit is at rest
     axes[:, others] = found_axes * part[..., None]

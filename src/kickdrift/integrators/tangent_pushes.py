@@ -1,0 +1,36 @@
+"""What masses and parameters do in other forces than gravity, for tangent maps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kickdrift.forces.kernel import FORCES, OK, call_force
+from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.dual import SLOT
+from kickdrift.jit.dual_operators import vector_at
+from kickdrift.jit.vectors import WIDTH
+
+
+@jit
+def add_pushes(numbers, own_x, own_v, n, t, pushes, block):
+    """Add to the slopes of a block what masses and parameters do in other forces. Return a status.
+
+    ``pushes`` (k, 3) are the column, and the addresses of a `pushes_kernel.PushKernel` and its parts. ``numbers`` hold
+    the duals of the accelerations at ``own_x`` and ``own_v``."""
+    never_inline()
+    phase, a = np.zeros((2, 3, 2 * n)), np.empty((3, 2 * n))
+    for i in range(n):
+        place, speed = vector_at(own_x, i).value, vector_at(own_v, i).value
+        phase[0, 0, i], phase[0, 1, i], phase[0, 2, i] = place.x, place.y, place.z
+        phase[1, 0, i], phase[1, 1, i], phase[1, 2, i] = speed.x, speed.y, speed.z
+    for row in range(pushes.shape[0]):
+        if pushes[row, 0] // WIDTH != block:
+            continue
+        a[:, :] = 0.0
+        status = call_force(pushes[row, 1], pushes[row, 2], FORCES, t, phase[0], phase[1], a, None)
+        if status != OK:
+            return status
+        for k in range(3):
+            for i in range(n):
+                numbers[(k * n + i) * SLOT + 1 + pushes[row, 0] % WIDTH] += a[k, n + i]
+    return OK
