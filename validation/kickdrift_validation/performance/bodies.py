@@ -96,8 +96,8 @@ class TreeStars(Bodies):
     """Stars for trees. Their forces are approximate, and the direct sum of so many energies would take minutes."""
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
-        """Of any positions and velocities, by kickdrift's tree to a relative error of about 1e-8."""
-        force = kd.GravityTree(1e-6, self.softening, self.G)
+        """Of any positions and velocities, by kickdrift's tree, to a relative error of about 1e-7."""
+        force = kd.GravityTree(1e-5, self.softening, self.G)
         system = kd.System(x, v, self.masses, forces=[force], units="nbody")
         return kd.Simulation(system, "leapfrog", dt=1.0).energy().total
 
