@@ -21,7 +21,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from ctypes import byref
-from math import log
+from math import inf, log
 from time import process_time
 
 import numpy as np
@@ -205,10 +205,12 @@ def growth_claims(seconds: dict[tuple[str, int, float], float], sizes: tuple[int
 
 RUN = """
 import resource, sys
+import numpy as np
 import kickdrift as kd
-from kickdrift.model.starts.plummer import plummer
-x, v, masses = plummer(int(sys.argv[1]), seed=1, scaled=False)
-system = kd.System(x, v, masses, forces=[kd.GravityTree(1e-2, 0.01)], units="nbody")
+from kickdrift_validation.barnes_hut import plummer
+n = int(sys.argv[1])
+x = plummer(n, np.random.default_rng(1))
+system = kd.System(x, masses=1 / n, forces=[kd.GravityTree(1e-2, 0.01)], units="nbody")
 kd.Simulation(system, "leapfrog", dt=1e-3).run(2)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
@@ -216,9 +218,11 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def memory_claims() -> Iterator[Claim]:
     """Peak memory of two steps and their report, in processes of their own."""
-    for n, most in MEMORY.items():
+    for n, most in {1000: inf, **MEMORY}.items():  # the first compiles, which takes memory too
         ran = subprocess.run([sys.executable, "-c", RUN, str(n)], capture_output=True, text=True, check=True)
         peak = int(ran.stdout) * (1.0 if sys.platform == "darwin" else 1024.0) / 1e9
+        if n not in MEMORY:
+            continue
         text = f"{n} stars, two steps with a report: peak memory, GB"
         yield claim(text, peak, f"at most {most:g}", peak <= most, "the system's account of the process")
 
