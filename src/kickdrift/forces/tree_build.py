@@ -33,7 +33,8 @@ MANY, PARTS = 4096, 16  # all chunks together cut nodes of over a PARTS-th of so
 
 @jit
 def build(force, x):
-    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th. Returns whether the positions are finite."""
+    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th, and list the nodes above the tasks. Returns whether
+    the positions are finite."""
     n, rows, span = x.shape[1], force.rows, force.span
     for i in range(n):
         for k in range(3):
@@ -62,7 +63,7 @@ def build(force, x):
             tasks += 1
             k += 2 * (span[k, 1] - span[k, 0]) - 1
         else:
-            force.groups[upper] = k  # for now
+            force.groups[upper] = k
             upper += 1
             k += 1
     force.counts[TASKS], force.counts[GROUPS] = tasks, upper

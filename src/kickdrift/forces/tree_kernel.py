@@ -51,7 +51,7 @@ class TreeKernel(NamedTuple):
     span: NDArray[np.int64]  # (nodes, 2) first cluster and last + 1
     nodes: NDArray[np.float64]  # (nodes, COLUMNS)
     tasks: NDArray[np.int64]  # nodes whose trees are built separately
-    groups: NDArray[np.int64]  # nodes that walk together
+    groups: NDArray[np.int64]  # nodes above the tasks; later nodes that walk together
     counts: NDArray[np.int64]  # numbers of tasks and groups
     cut: NDArray[np.float64]  # the cut of a large node: see `tree_cut`
     shares: NDArray[np.float64]  # (CHUNKS, SHARE_COLUMNS) what each chunk finds there
