@@ -33,8 +33,10 @@ MANY, PARTS = 4096, 16  # all chunks together cut nodes of over a PARTS-th of so
 
 @jit
 def build(force, x):
-    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th, and list the nodes above the tasks. Returns whether
-    the positions are finite."""
+    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th, and list the nodes above the tasks.
+
+    Returns whether the positions are finite.
+    """
     n, rows, span = x.shape[1], force.rows, force.span
     for i in range(n):
         for k in range(3):
