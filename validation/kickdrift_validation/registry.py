@@ -95,6 +95,7 @@ SCRIPTS = (
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
     Script("trace.py", "trace beside TRACE: steps, way back, scatterings, outcomes, speed", 60, peers=("rebound",)),
+    Script("trace_pairs.py", "scatterings by trace and TRACE: steps, energy errors in pairs", 60, peers=("rebound",)),
     Script("trace_forces.py", "other forces inside the encounters and passages of trace, beside gauss-radau15", 10),
     Script("survival.py", "instability times of three planets, in lanes and by TRACE", 60, peers=("rebound",)),
     Script(
