@@ -18,8 +18,6 @@ from tests.folders import TOP
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # numba colours each of the many errors that it meets while it tries functions, a tenth of the compilation time.
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
-# Likewise numba's threads: threads that spin while waiting for a core make a force on two threads 30 times as slow.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 settings.register_profile("kickdrift", deadline=None)  # the first case of a test may compile
 settings.load_profile("kickdrift")

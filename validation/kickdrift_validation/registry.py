@@ -116,7 +116,12 @@ SCRIPTS = (
     Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),
     Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term", 30),
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
-    Script("barnes_hut.py", "the tree's forces beside the direct sum; time and memory", 60),
+    Script(
+        "barnes_hut.py",
+        "the tree's forces beside the direct sum; energy; time, memory, rebound's tree",
+        70,
+        peers=("rebound",),
+    ),
     Script(
         "planetary_forces.py",
         "forces of planetary science beside formulas in 50 digits, and their secular rates beside closed forms",

@@ -33,6 +33,7 @@ from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
+from kickdrift.jit.team import team_of
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 
@@ -41,9 +42,9 @@ METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 DENSE = ("Rosenbrock", "SciPy")  # families whose Jacobians are dense
 LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the order of the chunks' sum shows
 FAULT = (
-    "forces/pair_kernel.py",
+    "forces/cluster_sums.py",
     "        for c in range(chunks.number):\n            if touched",
-    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.loop else k\n"
+    "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.team else k\n"
     "            if touched",
 )
 
@@ -240,7 +241,7 @@ def histories(case: Case) -> dict[str, str]:
 def elsewhere(cases: list[Case], ways: str, path: str | None = None) -> list[Any]:
     """What `histories` or ``plain`` on one thread give in another process, which may have four threads; of the packages
     on ``path``, a PYTHONPATH, if given."""
-    threads = {"NUMBA_NUM_THREADS": "4", "OMP_WAIT_POLICY": "passive"}  # four on fewer cores must not spin
+    threads = {"NUMBA_NUM_THREADS": "4"}
     env = {**os.environ, **threads, **({"PYTHONPATH": path} if path else {})}
     command = [sys.executable, "-P", "-m", "kickdrift_validation.same_bits", "--child", ways]
     done = subprocess.run(command, input=json.dumps(cases), env=env, capture_output=True, text=True, check=False)
@@ -251,6 +252,8 @@ def elsewhere(cases: list[Case], ways: str, path: str | None = None) -> list[Any
 
 def child(ways: str) -> None:
     """Answer `elsewhere`: null for a case that the method refuses; of one that fails, why."""
+    for threads in THREADS:
+        team_of(threads).insist()  # threads are at work at the same time also where cores are busy
     found: list[Any] = []
     for case in (Case(*each) for each in json.load(sys.stdin)):
         try:

@@ -19,6 +19,7 @@ from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
+from kickdrift.jit.team import team_of
 from kickdrift.model.checks import number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
@@ -119,9 +120,7 @@ class BoundForces:
         """Call ``compiled(table, *args)`` and return its status; if a list was too small, enlarge it and call again."""
         table = self.table
         if self.threads > 1:
-            from numba import set_num_threads
-
-            set_num_threads(self.threads)
+            team_of(self.threads).start()
         while (status := compiled(table, *args)) == GROW:
             self.forces = tuple(grown(force) for force in self.forces)
             table = self.table

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, load_vector
+from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE, load_vector
 from kickdrift.jit.compile import jit, strict
 from kickdrift.jit.lanes import lane_max, lane_numbers, lane_sum, splat
 from kickdrift.jit.masks import select
+from kickdrift.jit.vectors import WIDTH
 
 SEARCHED, PRUNED = 0, 1  # rows of ``made_in``
 
@@ -26,8 +27,9 @@ def adopt(pairs):
         edge = matrix[k, k]
         if live[k] == edge or edge == 0.0:
             continue
-        for i in range(offset.shape[1]):
-            offset[k, i] = np.rint(offset[k, i] / edge) * live[k]
+        for cluster in range(pairs.counts[N_CLUSTERS]):
+            for p in range(STRIDE * cluster + WIDTH * k, STRIDE * cluster + WIDTH * (k + 1)):
+                offset[p] = np.rint(offset[p] / edge) * live[k]
         matrix[k, k] = pairs.cell.edges[k] = live[k]
         for s in range(SHIFTS):
             number = (s // 9, s // 3 % 3, s % 3)[k] - 1

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.row_lanes import Halves, RowLanes, Whole, blocks
-from kickdrift.jit.compile import jit, strict
-from kickdrift.jit.lanes import lane_max, lane_sum, splat
-from kickdrift.jit.masks import select
+from kickdrift.jit.compile import jit
 from kickdrift.jit.memory import aligned, load, store
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.box import Box
-from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of, into_brick
+from kickdrift.model.cell import SHIFTS, Bricks, Cell, bricks_of, cell_of
 
 # slots of `ClusterList.counts`
 N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = range(8)
@@ -49,10 +46,11 @@ class ClusterList(NamedTuple):
     shifts: NDArray[np.float64]  # (3, 32), using the 27 shifts of the bricks
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, without padding
+    first: NDArray[np.int64]  # (clusters,) index in `order` of a cluster's first particle
     column: NDArray[np.int64]  # (n,)
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
     place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
-    offset: NDArray[np.float64]  # (3, n) whole edges subtracted from each position
+    offset: NDArray[np.float64]  # (3 slots,) whole edges subtracted from each position
     filled: NDArray[np.int64]  # (clusters,) particles in a cluster
     home: NDArray[np.int64]  # (clusters,) column of a cluster
     bounds: NDArray[np.float64]  # (6, clusters) lowest x y z, highest x y z
@@ -73,6 +71,7 @@ class ClusterList(NamedTuple):
     force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
+    moves: NDArray[np.float64]  # (chunks, 2) see `note_moves`
     code: int = 0  # address of the list's machine code
     special: Any = None  # pairs that are left out or scaled, if any; see `special_pairs`
 
@@ -140,10 +139,11 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         shifts=shifts,
         counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
+        first=np.zeros(clusters, np.int64),
         column=np.zeros(n, np.int64),
         column_clusters=np.zeros(clusters + 2, np.int64),
         place=np.zeros(n, np.int64),
-        offset=np.zeros((3, n)),
+        offset=aligned((3 * slots,)),
         filled=np.zeros(clusters, np.int64),
         home=np.zeros(clusters, np.int64),
         bounds=np.zeros((6, clusters)),
@@ -163,125 +163,8 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
+        moves=np.zeros((chunks, 2)),
     )
-
-
-@strict
-def sort(pairs, x):
-    """Sort the particles into columns and by z (ids break ties), and make padded clusters with bounding boxes.
-
-    The code is compiled strictly, so a particle on an edge is in the same column on every processor."""
-    n = pairs.order.size
-    order, column, first, offset = pairs.order, pairs.column, pairs.column_clusters, pairs.offset
-    low, extent = wrap(pairs, x)
-    far = low + 2.0 * extent + FAR * pairs.cutoff  # further than any particle minus an edge
-    pairs.origin[:] = low + 0.5 * extent
-    nx, ny = columns(n, extent)
-    pairs.counts[NX], pairs.counts[NY] = nx, ny
-    pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]
-    fill = np.zeros(nx * ny + 1, np.int64)
-    for i in range(n):
-        a = int((x[0, i] - offset[0, i] - low[0]) / extent[0] * nx)
-        b = int((x[1, i] - offset[1, i] - low[1]) / extent[1] * ny)
-        column[i] = min(max(a, 0), nx - 1) * ny + min(max(b, 0), ny - 1)
-        fill[column[i] + 1] += 1
-    for c in range(nx * ny):
-        fill[c + 1] += fill[c]
-    before, z = np.empty(n, np.int64), np.empty(n)
-    for i in range(n):
-        before[i] = order[i]  # nearly sorted already
-        z[i] = x[2, i] - offset[2, i]
-    for i in before:
-        order[fill[column[i]]] = i
-        fill[column[i]] += 1
-    cluster = start = 0
-    for c in range(nx * ny):
-        end = fill[c]
-        shell_sort(order[start:end], z)
-        first[c] = cluster
-        for begin in range(start, end, WIDTH):
-            fill_cluster(pairs, x, cluster, c, order[begin : min(begin + WIDTH, end)], far)
-            cluster += 1
-        start = end
-    first[nx * ny] = cluster
-    pairs.counts[N_CLUSTERS] = cluster
-
-
-@strict
-def wrap(pairs, x):
-    """offset <- whole edges to subtract from each position; return the wrapped positions' lowest corner and extent."""
-    matrix = pairs.cell.matrix
-    low, extent = np.zeros(3), np.zeros(3)
-    pairs.offset[:] = 0.0
-    for k in range(2, -1, -1):
-        if matrix[k, k] > 0.0:
-            extent[k] = matrix[k, k]
-            into_brick(matrix, k, x, pairs.offset)
-        else:
-            low[k] = high = x[k, 0]
-            for i in range(x.shape[1]):
-                low[k], high = min(low[k], x[k, i]), max(high, x[k, i])
-            extent[k] = max(high - low[k], 1e-3 * pairs.cutoff)
-    return low, extent
-
-
-@strict
-def columns(n, extent):
-    """Return the numbers of columns along x and y.
-
-    A column is about as wide as a cluster of eight is high, and there are no more columns than clusters."""
-    width = (extent[0] * extent[1] * extent[2] * WIDTH / n) ** (1.0 / 3.0)
-    nx, ny = max(1, int(extent[0] / width)), max(1, int(extent[1] / width))
-    while nx * ny > n // WIDTH + 1:  # a thin sheet
-        nx, ny = (nx + 1) // 2, (ny + 1) // 2
-    return nx, ny
-
-
-@jit
-def fill_cluster(pairs, x, cluster, column, particles, far):
-    """Assign slots of a cluster to up to eight particles, and pad the cluster."""
-    bounds, sorted_x, offset = pairs.bounds, pairs.x, pairs.offset
-    pairs.filled[cluster], pairs.home[cluster] = particles.size, column
-    for lane in range(particles.size):
-        pairs.place[particles[lane]] = STRIDE * cluster + lane
-    for k in range(3):
-        bounds[k, cluster], bounds[k + 3, cluster] = inf, -inf
-        for lane in range(WIDTH):
-            p = STRIDE * cluster + k * WIDTH + lane
-            sorted_x[p] = far[k] + lane * APART * pairs.cutoff  # apart, since lanes of one cluster interact
-            if lane < particles.size:
-                i = particles[lane]
-                here = x[k, i] - offset[k, i]
-                sorted_x[p] = here
-                bounds[k, cluster] = min(bounds[k, cluster], here)
-                bounds[k + 3, cluster] = max(bounds[k + 3, cluster], here)
-
-
-@jit
-def shell_sort(order, z):
-    """Sort particle numbers by z, then by number (Shell 1959, gaps of Ciura 2001); fast for nearly sorted input."""
-    for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
-        for k in range(gap, order.size):
-            i = order[k]
-            at = k
-            while at >= gap:
-                j = order[at - gap]
-                if z[j] < z[i] or (z[j] == z[i] and j < i):
-                    break
-                order[at] = j
-                at -= gap
-            order[at] = i
-
-
-@jit
-def copy_positions(pairs, x):
-    """Copy positions to their places."""
-    place, offset, sorted_x = pairs.place, pairs.offset, pairs.x
-    for i in range(place.size):
-        p = unsigned(place[i])
-        sorted_x[p] = x[0, i] - offset[0, i]
-        sorted_x[p + LANES] = x[1, i] - offset[1, i]
-        sorted_x[p + LANES + LANES] = x[2, i] - offset[2, i]
 
 
 @jit
@@ -298,21 +181,6 @@ def store_vector(x, cluster, a, b, c):
     store(x, p, a)
     store(x, p + WIDTH, b)
     store(x, p + 2 * WIDTH, c)
-
-
-@jit
-def largest_move(pairs, reference):
-    """Return the largest squared displacement from the reference, and a sum that is finite if all are finite."""
-    largest = splat(0.0)
-    total = splat(0.0)
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        x, y, z = load_vector(pairs.x, cluster)
-        x0, y0, z0 = load_vector(reference, cluster)
-        dx, dy, dz = x - x0, y - y0, z - z0
-        d2 = dx * dx + dy * dy + dz * dz
-        largest = select(d2 > largest, d2, largest)
-        total = total + d2
-    return lane_max(largest), lane_sum(total)
 
 
 @jit

@@ -36,8 +36,8 @@ def list_code(pairs: ClusterList) -> int:
 def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
     restore = handle_at(Handle(kind))
 
-    def upkeep(place, count, loop, what, n, x):
-        pairs, chunks = restore(place), Chunks(count, loop)
+    def upkeep(place, count, team, what, n, x):
+        pairs, chunks = restore(place), Chunks(count, team)
         if what == PRUNE:
             pairlist.adopt(pairs)
             pairlist.prune(pairs, chunks)
@@ -48,7 +48,7 @@ def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
 
 
 @intrinsic
-def _call(typingctx, code, place, count, loop, what, x):
+def _call(typingctx, code, place, count, team, what, x):
     """Call the code at an address; return its status."""
 
     def codegen(context, builder, sig, args):
@@ -64,10 +64,10 @@ def _call(typingctx, code, place, count, loop, what, x):
 @jit
 def refresh(pairs, x, chunks):
     """Update the list for positions x (3, n), contiguous; return a status."""
-    return _call(pairs.code, address(pairs), chunks.number, chunks.loop, REFRESH, x)
+    return _call(pairs.code, address(pairs), chunks.number, chunks.team, REFRESH, x)
 
 
 @jit
 def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
-    _call(pairs.code, address(pairs), chunks.number, chunks.loop, PRUNE, pairs.built_at)
+    _call(pairs.code, address(pairs), chunks.number, chunks.team, PRUNE, pairs.built_at)

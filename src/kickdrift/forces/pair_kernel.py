@@ -10,17 +10,13 @@ from numba import carray, types
 from numpy.typing import NDArray
 
 from kickdrift.forces.box_change import PRUNED, SEARCHED, scaled_tail
+from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
     BUILT,
-    LANES,
-    N_CLUSTERS,
     OUTER_BUILDS,
     STRIDE,
     ClusterList,
     copy,
-    load_vector,
-    store_vector,
-    unsigned,
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
@@ -31,7 +27,6 @@ from kickdrift.jit.chunks import Chunks, each_chunk
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import splat
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
@@ -177,14 +172,7 @@ def add_forces(force, wanted, x, a, sums):
         scaled = scaled_tail(pairs, force.tail_volume)
         sums[0] += scaled * force.tail[0]
         sums[1] += scaled * force.tail[1]
-    collect(pairs, chunks)
-    place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
-    gx, gy, gz = left_over(force.mixed, place, total)
-    for i in range(place.size):
-        p, w = unsigned(place[i]), inverse_masses[i]
-        a[0, i] += total[p] * w - gx
-        a[1, i] += total[p + LANES] * w - gy
-        a[2, i] += total[p + LANES + LANES] * w - gz
+    add_accelerations(force.mixed, force, a)
     return OK
 
 
@@ -199,26 +187,6 @@ def _prepare(mixed, pairs):
         if isinstance(mixed, types.NoneType)
         else (lambda mixed, pairs: copy_to_single(pairs))
     )
-
-
-def left_over(mixed: Any, place: Any, total: Any) -> tuple[float, float, float]:
-    """Return the mean acceleration from all forces in mixed precision. This is zero but for rounding; the caller
-    subtracts it to conserve momentum as in float64."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(left_over)
-def _left_over(mixed, place, total):
-    if isinstance(mixed, types.NoneType):
-        return lambda mixed, place, total: (0.0, 0.0, 0.0)
-
-    def mean(mixed, place, total):
-        gx = gy = gz = 0.0
-        for p in place:
-            gx, gy, gz = gx + total[p], gy + total[p + WIDTH], gz + total[p + 2 * WIDTH]
-        return gx / mixed, gy / mixed, gz / mixed
-
-    return mean
 
 
 def spread(tables: Any, pairs: ClusterList) -> None:
@@ -243,17 +211,3 @@ def _spread(tables, pairs):
                     tables.at_cutoff[k, row, s] = tables.at_cutoff_pairs[k, row, of_i]
 
     return spread_tables
-
-
-@jit
-def collect(pairs, chunks):
-    """Sum the chunks' forces in chunk 0, in one order."""
-    force, touched = pairs.force, pairs.touched
-    total = force[0]
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-        for c in range(chunks.number):
-            if touched[c, cluster]:
-                gx, gy, gz = load_vector(force[c], cluster)
-                fx, fy, fz = fx + gx, fy + gy, fz + gz
-        store_vector(total, cluster, fx, fy, fz)

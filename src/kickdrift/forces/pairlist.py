@@ -10,11 +10,11 @@ from kickdrift.forces.box_change import (
     PRUNED,
     SEARCHED,
     adopt,
-    changed_since,
     keep_lengths,
-    largest_own_move,
     least_factor,
 )
+from kickdrift.forces.cluster_load import Loading, keep_positions, move_since
+from kickdrift.forces.cluster_sort import sort
 from kickdrift.forces.clusters import (
     BUILT,
     JUMPS_ALLOWED,
@@ -30,10 +30,7 @@ from kickdrift.forces.clusters import (
     STRIDE,
     chunk_clusters,
     copy,
-    copy_positions,
-    largest_move,
     load_vector,
-    sort,
     table_place,
 )
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
@@ -41,6 +38,7 @@ from kickdrift.forces.row_lanes import blocks
 from kickdrift.forces.special_pairs import clear_special, mark_special, place_special, without_special
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import is_finite, jit, never_inline
+from kickdrift.jit.handle import handle
 from kickdrift.jit.masks import bytes_with_bits, count_ones, mask_bits
 from kickdrift.jit.memory import flat, store
 from kickdrift.jit.packing import append_members
@@ -54,7 +52,7 @@ def refresh(pairs, x, chunks):
     counts = pairs.counts
     adopt(pairs)
     if counts[BUILT]:
-        copy_positions(pairs, x)
+        each_chunk(handle(Loading(pairs, x)), chunks, "load_chunk")
         inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
         jumped = (
             inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
@@ -64,6 +62,7 @@ def refresh(pairs, x, chunks):
         room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
         if room >= 0.0 and 4.0 * inner <= room**2:
             return OK
+        each_chunk(pairs, chunks, "outer_move_chunk")
         outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
         room = pairs.outer_skin - pairs.inner_skin
         room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
@@ -75,8 +74,7 @@ def refresh(pairs, x, chunks):
             if not is_finite(x[k, i]):
                 return BLOWN_UP
     counts[BUILT] = 0
-    sort(pairs, x)
-    copy_positions(pairs, x)
+    sort(pairs, x, chunks)
     place_special(pairs.special, pairs.place)
     search(pairs, chunks)
     if counts[ROOM_NEEDED] > pairs.near.shape[1]:
@@ -88,14 +86,6 @@ def refresh(pairs, x, chunks):
 
 
 @jit
-def move_since(pairs, reference, which):
-    """Return the largest squared displacement since the last search or pruning; see `largest_move`."""
-    if changed_since(pairs, which):
-        return largest_own_move(pairs, reference, which)
-    return largest_move(pairs, reference)
-
-
-@jit
 def search(pairs, chunks):
     """Make the outer list from the sorted clusters."""
     each_chunk(pairs, chunks, "search_chunk")
@@ -104,7 +94,6 @@ def search(pairs, chunks):
         needed = max(needed, made)
     pairs.counts[ROOM_NEEDED] = needed
     pairs.counts[OUTER_BUILDS] += 1
-    copy(pairs.x, pairs.outer_reference)
     keep_lengths(pairs, SEARCHED)
 
 
@@ -113,7 +102,6 @@ def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
-    copy(pairs.x, pairs.inner_reference)
     keep_lengths(pairs, PRUNED)
 
 
@@ -135,6 +123,7 @@ def search_chunk(pairs, c):
         for k in range(span[cluster, 0], span[cluster, 1]):
             touched[near[k] >> SHIFT_BITS] = True
     pairs.made[c] = made
+    keep_positions(pairs, c, pairs.outer_reference)
 
 
 @jit
@@ -239,6 +228,7 @@ def prune_chunk(pairs, c):
             made += int(bits != 0)  # overwritten unless one is
         mark_special(pairs.special, pairs.place, c, cluster, filled, False)
     write_rows(pairs, c, within[:made], met, by)
+    keep_positions(pairs, c, pairs.inner_reference)
 
 
 @jit

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import math
 
-from kickdrift.jit.chunks import chunk_task
+from kickdrift.forces.tree_cut import cut_together, divide
+from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
 from kickdrift.jit.masks import select
@@ -27,12 +28,16 @@ from kickdrift.jit.vectors import WIDTH
 GM, CX, CY, CZ, RADIUS, BOUND, FIRST, BEYOND, XX, XY, XZ, YY, YZ, ZZ, TRACE, COLUMNS = range(16)
 TASKS, GROUPS = 0, 1  # slots of `counts`
 CHUNKS = 64  # shares of the work; tasks and blocks of groups are assigned to them in turn
+MANY, PARTS = 4096, 16  # all chunks together cut nodes of over a PARTS-th of so many clusters or more
 
 
 @jit
 def build(force, x):
-    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th. Returns whether the positions are finite."""
-    n, rows = x.shape[1], force.rows
+    """Cut the particles at x (3, n) into tasks, parts of a CHUNKS-th, and list the nodes above the tasks.
+
+    Returns whether the positions are finite.
+    """
+    n, rows, span = x.shape[1], force.rows, force.span
     for i in range(n):
         for k in range(3):
             if not is_finite(x[k, i]):
@@ -40,19 +45,53 @@ def build(force, x):
             rows[i, k] = x[k, i]
         rows[i, 3] = i
     clusters = force.gm.size // WIDTH
-    force.span[0, 0], force.span[0, 1] = 0, clusters
-    k = tasks = 0
+    span[0, 0], span[0, 1] = 0, clusters
+    k = parts = 0
     while k < 2 * clusters - 1:
-        count = force.span[k, 1] - force.span[k, 0]
-        if count * CHUNKS <= clusters or count == 1:
+        count = span[k, 1] - span[k, 0]
+        if clusters >= MANY and count * PARTS > clusters:
+            cut_together(force, k)
+            k += 1
+        else:
+            force.tasks[parts] = k
+            parts += 1
+            k += 2 * count - 1
+    force.counts[TASKS] = parts
+    each_chunk(force, force.chunks, "cuts")
+    k = tasks = upper = 0
+    while k < 2 * clusters - 1:
+        if is_task(force, k):
             force.tasks[tasks] = k
             tasks += 1
-            k += 2 * count - 1
+            k += 2 * (span[k, 1] - span[k, 0]) - 1
         else:
-            halve(force, k)
+            force.groups[upper] = k
+            upper += 1
             k += 1
-    force.counts[TASKS] = tasks
+    force.counts[TASKS], force.counts[GROUPS] = tasks, upper
     return True
+
+
+@jit
+def is_task(force, node):
+    """Tell whether a node is small enough to be a task."""
+    count = force.span[node, 1] - force.span[node, 0]
+    return count * CHUNKS <= force.gm.size // WIDTH or count == 1
+
+
+@chunk_task
+def cuts(force, c):
+    """Cut some of the parts into tasks."""
+    never_inline()
+    for part in range(c, force.counts[TASKS], CHUNKS):
+        root = force.tasks[part]
+        k, end = root, root + 2 * (force.span[root, 1] - force.span[root, 0]) - 1
+        while k < end:
+            if is_task(force, k):
+                k += 2 * (force.span[k, 1] - force.span[k, 0]) - 1
+            else:
+                halve(force, k)
+                k += 1
 
 
 @chunk_task
@@ -70,20 +109,19 @@ def subtrees(force, c):
             moments(force, k)
 
 
+@chunk_task
+def upper_moments(force, c):
+    """Compute the moments of some of the nodes above the tasks."""
+    never_inline()
+    for k in range(c, force.counts[GROUPS], CHUNKS):
+        moments(force, force.groups[k])
+
+
 @jit
-def finish(force, most):
-    """Compute moments above the tasks, and the groups: the largest nodes of at most ``most`` clusters."""
-    nodes = 2 * (force.gm.size // WIDTH) - 1
-    k = task = 0
-    while k < nodes:
-        if task < force.counts[TASKS] and k == force.tasks[task]:
-            task += 1
-            k += 2 * (force.span[k, 1] - force.span[k, 0]) - 1
-        else:
-            moments(force, k)
-            k += 1
+def find_groups(force, most):
+    """Find the groups: the largest nodes of at most ``most`` clusters."""
     k = groups = 0
-    while k < nodes:
+    while k < 2 * (force.gm.size // WIDTH) - 1:
         count = force.span[k, 1] - force.span[k, 0]
         if count <= most:
             force.groups[groups] = k
@@ -113,8 +151,7 @@ def halve(force, node):
         part(rows, begin, before, WIDTH * cut, axis)
     elif WIDTH * cut >= after:
         part(rows, after, end - 1, WIDTH * cut, axis)
-    one, other = node + 1, node + 2 * (cut - first)
-    span[one, 0], span[one, 1], span[other, 0], span[other, 1] = first, cut, cut, last
+    divide(span, node, cut)
 
 
 @jit

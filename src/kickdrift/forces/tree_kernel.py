@@ -19,8 +19,9 @@ from kickdrift.forces.tree_build import (
     GM,
     GROUPS,
     build,
-    finish,
+    find_groups,
 )
+from kickdrift.forces.tree_cut import SHARE_COLUMNS
 from kickdrift.forces.tree_walk import GROUP_CLUSTERS, walk
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import as_written, never_inline
@@ -42,6 +43,7 @@ class TreeKernel(NamedTuple):
     gm_by_id: NDArray[np.float64]  # (n,) G m
     masses: NDArray[np.float64]  # (n,) coherent
     rows: NDArray[np.float64]  # (n, 4) x, y, z and id, sorted
+    spare: NDArray[np.float64]  # (n, 4) the rows while they move; later the accelerations in the order of ids
     x: NDArray[np.float64]  # (3, slots) in the tree's order, as are all later arrays
     gm: NDArray[np.float64]  # (slots,)
     a: NDArray[np.float64]  # (3, slots)
@@ -49,8 +51,10 @@ class TreeKernel(NamedTuple):
     span: NDArray[np.int64]  # (nodes, 2) first cluster and last + 1
     nodes: NDArray[np.float64]  # (nodes, COLUMNS)
     tasks: NDArray[np.int64]  # nodes whose trees are built separately
-    groups: NDArray[np.int64]  # nodes that walk together
+    groups: NDArray[np.int64]  # nodes above the tasks; later nodes that walk together
     counts: NDArray[np.int64]  # numbers of tasks and groups
+    cut: NDArray[np.float64]  # the cut of a large node: see `tree_cut`
+    shares: NDArray[np.float64]  # (CHUNKS, SHARE_COLUMNS) what each chunk finds there
     chunks: Chunks
 
 
@@ -64,7 +68,8 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         tolerance=SHARE * accuracy**POWER,
         gm_by_id=gm_by_id,
         masses=masses,
-        rows=np.empty((n, 4)),
+        rows=aligned((n, 4), fill=None),
+        spare=aligned((n, 4), fill=None),
         x=aligned((3, slots)),
         gm=aligned((slots,)),
         a=aligned((3, slots)),
@@ -74,6 +79,8 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         tasks=np.zeros(clusters, np.int64),
         groups=np.zeros(clusters, np.int64),
         counts=np.zeros(2, np.int64),
+        cut=np.zeros(5),
+        shares=aligned((CHUNKS, SHARE_COLUMNS)),
         chunks=in_chunks(CHUNKS, threads),
     )
 
@@ -83,17 +90,29 @@ def tree_forces(force, t, x, v, a, sums):
     if not build(force, x):
         return BLOWN_UP
     each_chunk(force, force.chunks, "subtrees")
-    finish(force, GROUP_CLUSTERS)
+    each_chunk(force, force.chunks, "upper_moments")
+    find_groups(force, GROUP_CLUSTERS)
     if sums is None:
         each_chunk(force, force.chunks, "group_accelerations")
     else:
         each_chunk(force, force.chunks, "group_accelerations_and_sums")
         add_sums(force, sums)
-    for s in range(x.shape[1]):
+    each_chunk(force, force.chunks, "in_order_of_ids")
+    for k in range(3):
+        for i in range(x.shape[1]):
+            a[k, i] += force.spare[i, k]
+    return OK
+
+
+@chunk_task
+def in_order_of_ids(force, c):
+    """Write some of the accelerations in the order of the particles' ids."""
+    never_inline()
+    n = force.rows.shape[0]
+    for s in range(n * c // CHUNKS, n * (c + 1) // CHUNKS):
         i = int(force.rows[s, 3])
         for k in range(3):
-            a[k, i] += force.a[k, s]
-    return OK
+            force.spare[i, k] = force.a[k, s]
 
 
 @as_written

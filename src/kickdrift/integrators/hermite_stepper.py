@@ -31,6 +31,7 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping import Resumable
 from kickdrift.jit.chunks import in_chunks
+from kickdrift.jit.team import team_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -129,9 +130,7 @@ class HermiteStepper(Resumable):
 
     def _call(self, compiled: Any, *args: Any) -> int:
         if self._flow.forces.threads > 1:
-            from numba import set_num_threads
-
-            set_num_threads(self._flow.forces.threads)
+            team_of(self._flow.forces.threads).start()
         return compiled(*args)
 
     def _first_step(self) -> float:

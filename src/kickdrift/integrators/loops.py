@@ -16,6 +16,8 @@ All loops take the same arguments:
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from numba import types
 
 from kickdrift.forces.evaluate import fill_accelerations, fill_by, fill_derivative
@@ -26,7 +28,8 @@ from kickdrift.integrators.cursor import STAGE as STAGE
 from kickdrift.integrators.cursor import STEP as STEP
 from kickdrift.integrators.pressing import evaluate, press
 from kickdrift.integrators.subflow_code import call_subflow
-from kickdrift.jit.compile import driver, inlined, jit, strict
+from kickdrift.jit.chunks import chunk_task, each_chunk
+from kickdrift.jit.compile import driver, inlined, jit, never_inline, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
@@ -36,12 +39,17 @@ from kickdrift.jit.vectors import WIDTH
 @inlined
 def add_scaled(y, factor, dy):
     """y <- y + factor dy, for (rows, n) arrays."""
-    row, change = flat(y), flat(dy)
-    whole = row.size - row.size % WIDTH
-    for i in range(0, whole, WIDTH):
-        store(row, i, load(row, i) + factor * load(change, i))
-    rest = row.size - whole
-    masked_store(row, whole, masked_load(row, whole, rest) + factor * masked_load(change, whole, rest), rest)
+    add_scaled_numbers(flat(y), factor, flat(dy), 0, y.size)
+
+
+@inlined
+def add_scaled_numbers(y, factor, dy, begin, end):
+    """The same for the numbers from ``begin`` to ``end`` of arrays in one row."""
+    whole = end - (end - begin) % WIDTH
+    for i in range(begin, whole, WIDTH):
+        store(y, i, load(y, i) + factor * load(dy, i))
+    rest = end - whole
+    masked_store(y, whole, masked_load(y, whole, rest) + factor * masked_load(dy, whole, rest), rest)
 
 
 @strict
@@ -49,12 +57,17 @@ def add_compensated(y, carry, factor, dy):
     """y <- y + factor dy with compensated summation; ``carry`` holds the rounding errors.
 
     Sources: Kahan 1965, doi:10.1145/363707.363723; Hairer, Lubich & Wanner 2006, VIII.5."""
-    row, lost, change = flat(y), flat(carry), flat(dy)
-    for i in range(row.size):
-        before = row[i]
-        increment = lost[i] + factor * change[i]
-        row[i] = before + increment
-        lost[i] = increment + (before - row[i])
+    add_compensated_numbers(flat(y), flat(carry), factor, flat(dy), 0, y.size)
+
+
+@strict
+def add_compensated_numbers(y, carry, factor, dy, begin, end):
+    """The same for the numbers from ``begin`` to ``end`` of arrays in one row."""
+    for i in range(begin, end):
+        before = y[i]
+        increment = carry[i] + factor * dy[i]
+        y[i] = before + increment
+        carry[i] = increment + (before - y[i])
 
 
 @inlined
@@ -64,6 +77,38 @@ def advance(y, carry, factor, dy):
         add_compensated(y, carry, factor, dy)
     else:
         add_scaled(y, factor, dy)
+
+
+class Advance(NamedTuple):
+    """What the chunks of an `advance` need."""
+
+    y: Any
+    carry: Any
+    factor: Any
+    dy: Any
+    number: Any  # of chunks
+
+
+@chunk_task
+def advance_chunk(given, c):
+    """Advance the numbers of chunk c, which begins at a multiple of eight."""
+    never_inline()
+    y, carry, dy = flat(given.y), flat(given.carry), flat(given.dy)
+    eights = (y.size + WIDTH - 1) // WIDTH
+    begin, end = WIDTH * (c * eights // given.number), min(WIDTH * ((c + 1) * eights // given.number), y.size)
+    if carry.size:
+        add_compensated_numbers(y, carry, given.factor, dy, begin, end)
+    else:
+        add_scaled_numbers(y, given.factor, dy, begin, end)
+
+
+@inlined
+def advance_by(chunks, y, carry, factor, dy):
+    """Like `advance`, in chunks if there are several."""
+    if chunks.number > 1:
+        each_chunk(handle(Advance(y, carry, factor, dy, chunks.number)), chunks, "advance_chunk")
+    else:
+        advance(y, carry, factor, dy)
 
 
 def act(further, stage, start, first, dt, x, v, cursor):
@@ -88,7 +133,7 @@ def _act(further, stage, start, first, dt, x, v, cursor):
     return each
 
 
-def kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
+def kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
     """v <- v + span a, by the forces of the stage; return a status. ``work`` keeps a while positions stay fixed.
 
     A word with groups of forces has no barostat."""
@@ -96,21 +141,21 @@ def kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor
 
 
 @overload(kick, forceinline=True)
-def _kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
+def _kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
     if isinstance(groups, types.NoneType):
 
-        def by_all(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
+        def by_all(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
             if not cursor[FRESH]:
                 status = evaluate(barostat, bound, t, x, v, work, done, cursor)
                 if status != OK:
                     return status
                 cursor[FRESH] = 1
-            advance(v, lost, span, work)
+            advance_by(chunks, v, lost, span, work)
             return OK
 
         return by_all
 
-    def by_one_group(groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
+    def by_one_group(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
         group = groups.kicks[stage]
         a = work[group]
         if not cursor[FRESH] >> group & 1:
@@ -118,7 +163,7 @@ def _kick(groups, barostat, stage, bound, t, x, v, lost, span, work, done, curso
             if status != OK:
                 return status
             cursor[FRESH] |= 1 << group
-        advance(v, lost, span, a)
+        advance_by(chunks, v, lost, span, a)
         return OK
 
     return by_one_group
@@ -141,13 +186,25 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
                 done = first + cursor[STEP]
                 t = start + (done + passed[stage]) * dt
                 status = kick(
-                    word.groups, word.barostat, stage, bound, t, x, v, lost_v, kicks[stage] * dt, work, done, cursor
+                    word.chunks,
+                    word.groups,
+                    word.barostat,
+                    stage,
+                    bound,
+                    t,
+                    x,
+                    v,
+                    lost_v,
+                    kicks[stage] * dt,
+                    work,
+                    done,
+                    cursor,
                 )
                 if status != OK:
                     cursor[STAGE] = stage
                     return status
             if drift[stage] != 0.0:
-                advance(x, lost_x, drift[stage] * dt, v)
+                advance_by(word.chunks, x, lost_x, drift[stage] * dt, v)
                 cursor[FRESH] = 0
             status = act(word.further, stage, start, first, dt, x, v, cursor)
             if status != OK:

@@ -16,6 +16,7 @@ from kickdrift.integrators.pressing import Pressed
 from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepping import FixedStepper
 from kickdrift.integrators.subflows import FLOWS
+from kickdrift.jit.chunks import Chunks, in_chunks
 from kickdrift.model.checks import whole_number
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
@@ -26,13 +27,22 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
 
 
+WORTH_CHUNKS = 20_000  # particles
+
+
 class Word(NamedTuple):
     """A splitting method in the form for the compiled loop."""
 
     stages: Floats  # see Splitting.stages
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
     groups: Groups | None  # None for kicks by all forces
+    chunks: Chunks  # of kicks and drifts
     barostat: Pressed | None = None  # None in a box that keeps its size
+
+
+def sweeps(n: int, threads: int) -> Chunks:
+    """Chunks of a kick or a drift of n particles: one if it takes less time than to wake a thread."""
+    return in_chunks(8 if n >= WORTH_CHUNKS else 1, threads)
 
 
 class Further(NamedTuple):
@@ -111,7 +121,7 @@ class SplittingStepper(FixedStepper):
             check_unpressed(options)
         further = Further(further_stages, np.array(table, np.int64)) if table else None
         groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
-        return Word(stages, further, groups, pressed)
+        return Word(stages, further, groups, sweeps(len(flow.subject), flow.forces.threads), pressed)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""

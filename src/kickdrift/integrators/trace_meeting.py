@@ -47,7 +47,7 @@ from kickdrift.jit.memory import load, store
 from kickdrift.jit.vector3 import dot, numbers3, store3, vector3
 from kickdrift.jit.vectors import WIDTH
 
-EPSILON = 1e-6  # of the length of steps; up to here they lose less than 1e-12 of the energy
+EPSILON = 1e-8  # of the length of steps; longer ones do not return to their start to a rounding
 SETTLED = 1e-13  # expected residual of another iteration; places then miss less than rounding
 ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
 SHORTER = 0.6  # a step is done again if the next would be shorter by this factor

@@ -8,51 +8,32 @@ copy can round differently.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any, NamedTuple
 
-import numpy as np
 from llvmlite import ir
-from numba import get_num_threads, njit, prange, types
+from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.handle import Handle, address
 from kickdrift.jit.inner import overload
+from kickdrift.jit.team import TASK, call_task, team_of
 
 TASKS: dict[str, Any] = {}
 _WHOLE = ir.IntType(64)
-_CODE = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE])  # type of a task: address of its handle, chunk
-_LOOP = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE, _WHOLE])  # type of the threads' loop: task, handle, chunks
+_LOOP = ir.FunctionType(ir.VoidType(), [_WHOLE] * 4)  # type of the loop on threads: team, task, handle, chunks
 
 
 class Chunks(NamedTuple):
     """Number of chunks, and how they run."""
 
     number: int
-    loop: int  # address of the loop that shares chunks among threads; 0: serial
+    team: int  # address of the team of threads that shares the chunks; 0: serial
 
 
 def in_chunks(count: int, threads: int) -> Chunks:
     """Chunks on threads, or serial if there is only one chunk or one thread."""
-    return Chunks(count, _loop_on_threads() if threads > 1 and count > 1 else 0)
-
-
-@cache
-def _loop_on_threads() -> int:
-    get_num_threads()  # starts numba's threads, which machine code from disk needs
-    return int(callback(_on_threads, types.void(types.intp, types.intp, types.intp), types.none).address)
-
-
-def _on_threads(code, place, count):
-    _shared_out(code, place, count)
-
-
-@njit(error_model="numpy", parallel=True)
-def _shared_out(code, place, count):
-    for c in prange(count):
-        _call_task(code, place, np.intp(c))  # c is unsigned in this loop
+    return Chunks(count, team_of(threads).address if threads > 1 and count > 1 else 0)
 
 
 def chunk_task(function: Any) -> Any:
@@ -73,11 +54,11 @@ def _each_chunk(bound, chunks, name):
 
     def run(bound, chunks, name):
         code, place = _task_code(bound, name), address(bound)
-        if chunks.loop == 0:
+        if chunks.team == 0:
             for c in range(chunks.number):
-                _call_task(code, place, c)
+                call_task(code, place, c)
         else:
-            _call_loop(chunks.loop, code, place, chunks.number)
+            _call_team(chunks.team, code, place, chunks.number)
 
     return run
 
@@ -95,7 +76,7 @@ def _task_code(typingctx, bound, name):
         entry_name = f"{compiled.fndesc.llvm_func_name}.entry"
         entry = builder.module.globals.get(entry_name)
         if entry is None:
-            entry = ir.Function(builder.module, _CODE, entry_name)
+            entry = ir.Function(builder.module, TASK, entry_name)
             entry.linkage = "internal"
             inside = ir.IRBuilder(entry.append_basic_block())
             handle = inside.inttoptr(entry.args[0], context.get_value_type(bound))
@@ -108,22 +89,12 @@ def _task_code(typingctx, bound, name):
 
 
 @intrinsic
-def _call_task(typingctx, code, place, c):
-    """Run the task at an address on chunk c."""
+def _call_team(typingctx, team, code, place, count):
+    """Run the task at an address on all chunks, by the code whose address the team's memory begins with."""
 
     def codegen(context, builder, sig, args):
-        builder.call(builder.inttoptr(args[0], _CODE.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.intp, types.intp), codegen
-
-
-@intrinsic
-def _call_loop(typingctx, loop, code, place, count):
-    """Run the task at an address on all chunks, by the loop at another address."""
-
-    def codegen(context, builder, sig, args):
-        builder.call(builder.inttoptr(args[0], _LOOP.as_pointer()), args[1:])
+        loop = builder.load(builder.inttoptr(args[0], _LOOP.as_pointer().as_pointer()))
+        builder.call(loop, args)
         return context.get_dummy_value()
 
     return types.void(types.intp, types.intp, types.intp, types.intp), codegen

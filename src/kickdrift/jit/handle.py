@@ -80,7 +80,7 @@ class _HandleAttributes(AttributeTemplate):
 
 def _part(context: Any, builder: ir.IRBuilder, pointer: ir.Value, index: int, kind: types.Type) -> ir.Value:
     inside = cgutils.gep_inbounds(builder, pointer, 0, index)
-    if isinstance(_read(kind), Handle):
+    if _read(kind) is not kind:
         return inside
     return _unowned(context, builder, kind, builder.load(inside))
 
@@ -123,7 +123,7 @@ def unowned(typingctx, array):
 
 @intrinsic
 def address(typingctx, of):
-    """Return a handle as a whole number, since numba's parallel loops take only numbers."""
+    """Return a handle as a whole number, since tasks on threads take only numbers."""
 
     def codegen(context, builder, sig, args):
         return builder.ptrtoint(args[0], context.get_value_type(types.intp))

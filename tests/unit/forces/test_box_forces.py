@@ -191,7 +191,7 @@ def listed(pairs, n):
 def images_within(pairs, system):
     """The same distances, computed from the lattice."""
     rows = system.box.matrix * np.array(system.box.periodic_axes)[:, None]
-    x = system.state.positions - pairs.offset.T
+    x = system.state.positions - pairs.offset[pairs.place[:, None] + 8 * np.arange(3)]
     i, j = np.triu_indices(len(x), 1)
     steps = np.array([n for n in itertools.product(range(-3, 4), repeat=3) if not (np.array(n) @ rows == 0).all()])
     steps = np.unique(steps @ rows, axis=0)

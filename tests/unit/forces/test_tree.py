@@ -209,10 +209,31 @@ def fingerprint(n, threads):
     return hashlib.sha256(got.accelerations.tobytes() + np.array(got[1:]).tobytes()).hexdigest()
 
 
+MANY = 33_000  # particles whose largest nodes all chunks cut together
+
+
+@pytest.mark.parametrize("shape", ["plummer", "lattice", "in one place"])
+def test_large_nodes(shape):
+    """The accuracy holds where all chunks cut a node together, also with equal coordinates on both sides of a cut."""
+    rng = np.random.default_rng(12)
+    x = np.indices((33, 33, 33)).reshape(3, -1).T[:MANY] + 0.0 if shape == "lattice" else plummer(MANY, rng)
+    if shape == "in one place":
+        x[1000:] = 0.3
+    masses = rng.uniform(0.1, 3.0, MANY) * (np.arange(MANY) % 1000 < 30)
+    got = measured(x, masses, GravityTree(1e-3, 0.01))
+    chosen, massive = rng.integers(0, MANY, 200), masses > 0
+    d = x[massive][None] - x[chosen][:, None]
+    exact = np.einsum("j,ijk->ki", masses[massive], d / ((d**2).sum(-1) + 1e-4)[..., None] ** 1.5)
+    errors = np.linalg.norm(got.accelerations[:, chosen] - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    assert np.quantile(errors, 0.98) < 1e-3
+
+
 def test_threads_and_reruns_do_not_change_the_bits():
-    code = f"from {__name__} import fingerprint as f; print(*(f(n, k) for n in (9, 3000) for k in (1, 2, 3, 4)))"
+    pairs = [(n, k) for n in (9, 3000) for k in (1, 2, 3, 4)] + [(MANY, 2)]
+    code = f"from {__name__} import fingerprint as f; print(*(f(*pair) for pair in {pairs}))"
     run = python(code, NUMBA_NUM_THREADS="4")
-    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(3000, 1)] * 4, run.stderr
+    expected = [fingerprint(9, 1)] * 4 + [fingerprint(3000, 1)] * 4 + [fingerprint(MANY, 1)]
+    assert run.stdout.split() == expected, run.stderr
     assert fingerprint(3000, 1) == fingerprint(3000, 1)
 
 

@@ -23,7 +23,7 @@ from kickdrift_validation.fuzzing.zygote import READY
 
 Make = Callable[[int, int], Case]
 Tried = Callable[..., Iterator[dict[str, Any]]]
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE", "COLUMNS": "100", "MPLBACKEND": "agg"}
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "COLUMNS": "100", "MPLBACKEND": "agg"}
 
 
 class Worker:

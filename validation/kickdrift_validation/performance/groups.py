@@ -8,7 +8,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from kickdrift_validation.performance import bodies, crystals, liquids
-from kickdrift_validation.performance.bodies import Heyoka, Rebound, Scipy, Whfast512
+from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
 from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm
@@ -52,6 +52,7 @@ class Group(NamedTuple):
     horizon : the amount over which energy errors are taken
     looks : at the energy, evenly over it
     starts : a rounding apart from each other, over which they are taken
+    agree : how far apart positions may be after ten steps in float64
     overhead : seconds that it takes beside the turns
     usual : whether it is among those that run by default
     """
@@ -66,6 +67,7 @@ class Group(NamedTuple):
     looks: int = 10
     starts: int = 1
     threads: int = 1
+    agree: float = 1e-9
     overhead: float = 5.0
     usual: bool = True
 
@@ -154,6 +156,23 @@ def threads_gain(count: int) -> Group:
         f"leapfrog-{count}-threads", f"{count} stars, softened: leapfrog on 2 threads", partial(bodies.stars, count),
         "steps", 100, (moved_by("leapfrog-dkd", threads=2), moved_by("leapfrog-dkd", "kickdrift, 1 thread")),
         (Goal("kickdrift, 1 thread", 1.7),), threads=2, usual=False,
+    )  # fmt: skip
+
+
+def tree(count: int, opening_angle: float, at_least: float) -> Group:
+    """Stars by trees, with rebound's opening angle. The root mean square of the relative errors of ours is 8e-4, and of
+    rebound's no less."""
+    return Group(
+        f"plummer-{count}", f"{count} stars, softened, sorted in space: gravity by a tree, leapfrog, two threads",
+        partial(bodies.tree_stars, count), "steps", 2,
+        (
+            Contestant("kickdrift", partial(bodies.by_tree, accuracy=1e-2, threads=2)),
+            Contestant("kickdrift, 1 thread", partial(bodies.by_tree, accuracy=1e-2)),
+            Contestant("kickdrift, accuracy 0.001", partial(bodies.by_tree, accuracy=1e-3, threads=2)),
+            Contestant("rebound tree, 1 thread", partial(ReboundTree, opening_angle=opening_angle)),
+        ),
+        (Goal("rebound tree", at_least), Goal("kickdrift, 1 thread", 1.7)),
+        looks=2, threads=2, agree=1e-4, overhead=100.0, usual=False,
     )  # fmt: skip
 
 
@@ -258,6 +277,7 @@ ENTRIES: tuple[Group | Command, ...] = (
     leapfrog(4096, 4.0, 20, usual=False),
     threads_gain(1000),
     threads_gain(4096),
+    tree(100_000, 0.38, 5.0),
     kepler(
         "jacobi", rebounds("whfast", safe_mode=0, coordinates="jacobi"), Contestant("rebound whfast512", Whfast512)
     ),

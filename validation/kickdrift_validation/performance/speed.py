@@ -38,7 +38,7 @@ from kickdrift_validation.performance.groups import ENTRIES, Command, Contestant
 from kickdrift_validation.performance.turns import Missing, Runner, ratio_of, turns
 
 TURNS, SECONDS = 7, 0.4
-AGREE_STEPS, AGREE, AGREE_SINGLE = 10, 1e-9, 1e-4  # how far apart after so many steps, in float64 and otherwise
+AGREE_STEPS, AGREE_SINGLE = 10, 1e-4  # how far apart after so many steps in float32; groups say it for float64
 MOST = 1.2  # times another's RMS energy error: what "no larger" means for what is drawn from few starts
 Tell = Callable[[str], Callable[[int, int], object]]
 
@@ -154,7 +154,7 @@ def prepared(
         looks = runner.looks(horizon, group.looks)
         errors.append([float((begin.energy(*phase) - energy) / abs(energy)) for phase in looks])
     if group.unit == "steps":
-        first = agreed(contestant.make(start), start, first)
+        first = agreed(contestant.make(start), start, first, group.agree)
     elif start.reference and horizon >= start.reference[0]:
         off = start.apart(contestant.make(start).at(start.reference[0])[0], start.reference[1])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -171,14 +171,14 @@ def named(contestant: Contestant, runner: Runner) -> dict[str, Any]:
     return {"name": contestant.name, **about}
 
 
-def agreed(runner: Runner, start: Any, first: np.ndarray | None) -> np.ndarray:
+def agreed(runner: Runner, start: Any, first: np.ndarray | None, within: float) -> np.ndarray:
     """Positions after some steps; a RuntimeError where they are not the ``first`` one's."""
     runner.run(AGREE_STEPS)
     x = runner.phase()[0]
     runner.close()
     if first is not None:
         apart = start.apart(x, first)
-        if not apart <= (AGREE if runner.precision == "float64" else AGREE_SINGLE):
+        if not apart <= (within if runner.precision == "float64" else AGREE_SINGLE):
             raise RuntimeError(f"it does something else: positions are {apart:.1e} apart after {AGREE_STEPS} steps")
         return first
     return x

@@ -1,0 +1,109 @@
+"""Forces in the clusters of all chunks, summed in one order and added to the particles' accelerations."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from numba import types
+
+from kickdrift.forces.clusters import LANES, chunk_clusters, load_vector, store_vector, unsigned
+from kickdrift.jit.chunks import chunk_task, each_chunk
+from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.handle import handle
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.vectors import WIDTH
+
+
+class Gathering(NamedTuple):
+    """What adds the forces in the clusters to the accelerations of the particles."""
+
+    pairs: Any  # a handle of a ClusterList
+    chunks: Any
+    inverse_masses: Any
+    a: Any  # (3, n)
+    mean: Any  # None, or in mixed precision the mean acceleration, which is subtracted
+
+
+def add_accelerations(mixed: Any, force: Any, a: Any) -> None:
+    """Sum the chunks' forces in one order, and add the accelerations to ``a``.
+
+    In mixed precision the mean acceleration from all forces is zero but for rounding. It is subtracted, to conserve
+    momentum as in float64."""
+
+
+@overload(add_accelerations)
+def _add_accelerations(mixed, force, a):
+    mean_of = no_mean if isinstance(mixed, types.NoneType) else mean_acceleration
+
+    def add(mixed, force, a):
+        pairs, chunks, inverse_masses = force.pairs, force.chunks, force.inverse_masses
+        each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, None)), chunks, "collect_chunk")
+        mean = mean_of(mixed, pairs)
+        each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, mean)), chunks, "gather_chunk")
+
+    return add
+
+
+@jit
+def no_mean(mixed, pairs):
+    return None
+
+
+@jit
+def mean_acceleration(mixed, pairs):
+    """Return the mean acceleration from all forces; ``mixed`` is the total mass."""
+    gx = gy = gz = 0.0
+    total = pairs.force[0]
+    for p in pairs.place:
+        gx, gy, gz = gx + total[p], gy + total[p + WIDTH], gz + total[p + 2 * WIDTH]
+    return gx / mixed, gy / mixed, gz / mixed
+
+
+@chunk_task
+def collect_chunk(gathering, own):
+    """Sum all chunks' forces on the clusters of one chunk in the first chunk's array, in one order."""
+    never_inline()
+    pairs, chunks = gathering.pairs, gathering.chunks
+    force, touched = pairs.force, pairs.touched
+    begin, end = chunk_clusters(pairs, own)
+    for cluster in range(begin, end):
+        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+        for c in range(chunks.number):
+            if touched[c, cluster]:
+                gx, gy, gz = load_vector(force[c], cluster)
+                fx, fy, fz = fx + gx, fy + gy, fz + gz
+        store_vector(force[0], cluster, fx, fy, fz)
+
+
+@chunk_task
+def gather_chunk(gathering, c):
+    """Add the accelerations of the particles of chunk c."""
+    never_inline()
+    n, chunks = gathering.a.shape[1], gathering.chunks.number
+    gather(gathering, c * n // chunks, (c + 1) * n // chunks)
+
+
+@jit
+def gather(gathering, begin, end):
+    """Add the accelerations of these particles. Their chunks are of equal numbers in the user's order, since arrays of
+    particles are written one number after another then."""
+    place, total, inverse_masses = gathering.pairs.place, gathering.pairs.force[0], gathering.inverse_masses
+    a, mean = gathering.a, gathering.mean
+    for i in range(unsigned(begin), unsigned(end)):
+        p, w = unsigned(place[i]), inverse_masses[i]
+        a[0, i] += less(mean, 0, total[p] * w)
+        a[1, i] += less(mean, 1, total[p + LANES] * w)
+        a[2, i] += less(mean, 2, total[p + LANES + LANES] * w)
+
+
+def less(mean: Any, k: int, value: float) -> float:
+    """Return the value less a component of the mean, if there is one."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(less)
+def _less(mean, k, value):
+    if isinstance(mean, types.NoneType):
+        return lambda mean, k, value: value
+    return lambda mean, k, value: value - mean[k]

@@ -1,0 +1,188 @@
+"""Where the time of a Lennard-Jones step goes, by size: nanoseconds per particle and step.
+
+    python -m kickdrift_validation.performance.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
+
+The liquid is that of melt.py. Each part of a step is run by itself, many times over, on the state of a real run, and
+its median turn counts, on one thread in processor time. Parts of a new pair list count as often as the run makes and
+prunes its list. The last rows are the sum of the parts and a whole step of `Simulation.run`. With ``--shuffled`` the
+particles have a random order in memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces.cluster_load import Loading
+from kickdrift.forces.cluster_sort import sort
+from kickdrift.forces.cluster_sums import add_accelerations
+from kickdrift.forces.evaluate import clear, sum_of
+from kickdrift.forces.pairlist import prune, search
+from kickdrift.integrators.loops import add_scaled
+from kickdrift.jit.chunks import each_chunk
+from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import handle
+from kickdrift_validation.claim import where
+from kickdrift_validation.performance.melt import melt
+
+SIZES, MELT = (10**3, 22**3, 46**3, 10**6), 60
+STEP, PRUNING, SEARCH = "step", "pruning", "search"
+
+
+@jit
+def load_part(force, x, v, a):
+    each_chunk(handle(Loading(force.pairs, x)), force.chunks, "load_chunk")
+
+
+@jit
+def forces_part(force, x, v, a):
+    each_chunk(force, force.chunks, "chunk_forces")
+
+
+@jit
+def gather_part(force, x, v, a):
+    add_accelerations(force.mixed, force, a)
+
+
+@jit
+def clear_part(force, x, v, a):
+    clear(a)
+
+
+@jit
+def check_part(force, x, v, a):
+    a[0, 0] = sum_of(a)
+
+
+@jit
+def kick_part(force, x, v, a):
+    add_scaled(v, 1e-30, a)
+
+
+@jit
+def drift_part(force, x, v, a):
+    add_scaled(x, 1e-30, v)
+
+
+@jit
+def prune_part(force, x, v, a):
+    each_chunk(force.pairs, force.chunks, "outer_move_chunk")
+    prune(force.pairs, force.chunks)
+
+
+@jit
+def sort_part(force, x, v, a):
+    sort(force.pairs, x, force.chunks)
+
+
+@jit
+def search_part(force, x, v, a):
+    search(force.pairs, force.chunks)
+
+
+PARTS: tuple[tuple[str, Any, str, int], ...] = (  # name, code, how often, times a step
+    ("positions to clusters, moves", load_part, STEP, 1),
+    ("forces of the pairs", forces_part, STEP, 1),
+    ("forces to particles", gather_part, STEP, 1),
+    ("accelerations cleared", clear_part, STEP, 1),
+    ("accelerations checked", check_part, STEP, 1),
+    ("kicks", kick_part, STEP, 2),
+    ("drift", drift_part, STEP, 1),
+    ("list pruned", prune_part, PRUNING, 1),
+    ("particles sorted", sort_part, SEARCH, 1),
+    ("clusters searched", search_part, SEARCH, 1),
+)
+
+
+def times_over(part: Any) -> Callable[..., None]:
+    """The part many times over, as compiled code."""
+    from numba import njit
+
+    @njit(error_model="numpy")
+    def run(force, x, v, a, turns):
+        bound = handle(force)
+        for _ in range(turns):
+            part(bound, x, v, a)
+
+    return run
+
+
+CODE = {name: times_over(part) for name, part, _, _ in PARTS}
+
+
+def timed(run: Callable[[int], object], count: int, clock: Callable[[], float], seconds: float = 0.05) -> float:
+    """Median seconds of one go."""
+    run(1)
+    began = perf_counter()
+    run(1)
+    turns = max(1, int(seconds / max(perf_counter() - began, 1e-7)))
+    found = []
+    for _ in range(count):
+        began = clock()
+        run(turns)
+        found.append((clock() - began) / turns)
+    return float(np.median(found))
+
+
+def started(n: int, threads: int, shuffled: bool) -> kd.Simulation:
+    """The liquid at work, with particles in the order of the lattice or in a random order."""
+    sim = melt(n, MELT)
+    order = np.random.default_rng(1).permutation(n) if shuffled else np.arange(n)
+    state, system = sim.state, sim.system
+    moved = kd.System(state.positions[order], state.velocities[order], box=system.box, forces=system.forces)
+    other = kd.Simulation(moved, dt=sim.dt, threads=threads)
+    other.run(MELT, every=MELT)
+    return other
+
+
+def budget(n: int, threads: int, shuffled: bool, count: int) -> dict[str, float]:
+    """Nanoseconds per particle and step of each part, of their sum, and of a whole step."""
+    sim = started(n, threads, shuffled)
+    forces = sim.integration.flow.forces
+    clock = process_time if threads == 1 else perf_counter
+    before, begun = forces.list_builds, sim.steps_done
+    steps = max(20, min(2000, 2 * 10**6 // n))
+    whole = timed(lambda turns: sim.run(turns * steps, every=turns * steps), count, clock) / steps
+    done = sim.steps_done - begun
+    searches, prunings = ((now - then) / done for now, then in zip(forces.list_builds, before, strict=True))
+    often = {STEP: 1.0, PRUNING: prunings, SEARCH: searches}
+    work = forces.forces[0].parts
+    x, v = (np.ascontiguousarray(part.T) for part in (sim.state.positions, sim.state.velocities))
+    a = np.zeros((3, n))
+    found = {
+        name: 1e9
+        / n
+        * often[when]
+        * times
+        * timed(lambda turns, name=name: CODE[name](work, x, v, a, turns), count, clock)
+        for name, _, when, times in PARTS
+    }
+    return found | {"sum": sum(found.values()), "a whole step": 1e9 / n * whole}
+
+
+def main() -> int:
+    """Measure with the given options and print a table for each number of threads."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--threads", type=int, nargs="+", default=[1])
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    parser.add_argument("--shuffled", action="store_true")
+    parser.add_argument("--turns", type=int, default=5)
+    given = parser.parse_args()
+    print(where(), flush=True)
+    for threads in given.threads:
+        found = [budget(n, threads, given.shuffled, given.turns) for n in given.sizes]
+        print(f"{threads} threads, ns per particle and step{', shuffled' * given.shuffled}")
+        print(f"{'particles':30}" + "".join(f"{n:>10}" for n in given.sizes))
+        for name in found[0]:
+            print(f"{name:30}" + "".join(f"{each[name]:10.2f}" for each in found), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
