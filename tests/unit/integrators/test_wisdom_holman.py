@@ -389,8 +389,8 @@ def test_rows_of_the_registry():
 
 
 def test_errors_of_an_orbits_energy_have_no_common_sign():
-    """Planets almost without mass keep their energies. Errors of one sign in the Kepler series once added up to 4e-12 in
-    this orbit. A walk by 1.5 units of rounding a step reaches 2e-13; some 4e-13 beside it are left."""
+    """Planets almost without mass keep their energies. Errors of one sign in the Kepler series once added up to 4e-12
+    in this orbit. A walk by 1.5 units of rounding a step reaches 2e-13; some 4e-13 beside it are left."""
     steps, a, e = 1_000_000, 0.3871, 0.2056
     x, v = np.zeros((2, 3, 3))
     x[1, 0], v[1, 1] = a * (1.0 - e), sqrt((1.0 + e) / (1.0 - e) / a)
