@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from kickdrift.forces.clusters import LANES, chunk_clusters, load_vector, store_vector, unsigned
+from kickdrift.forces.clusters import LANES, N_CLUSTERS, chunk_clusters, load_vector, store_vector, unsigned
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import splat
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes import lane_sum, splat
 
 
 class Gathering(NamedTuple):
@@ -53,11 +52,11 @@ def no_mean(mixed, pairs):
 @jit
 def mean_acceleration(mixed, pairs):
     """Return the mean acceleration from all forces; ``mixed`` is the total mass."""
-    gx = gy = gz = 0.0
-    total = pairs.force[0]
-    for p in pairs.place:
-        gx, gy, gz = gx + total[p], gy + total[p + WIDTH], gz + total[p + 2 * WIDTH]
-    return gx / mixed, gy / mixed, gz / mixed
+    fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        gx, gy, gz = load_vector(pairs.force[0], cluster)
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+    return lane_sum(fx) / mixed, lane_sum(fy) / mixed, lane_sum(fz) / mixed
 
 
 @chunk_task

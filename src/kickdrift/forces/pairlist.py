@@ -224,6 +224,7 @@ def prune_chunk(pairs, c):
     """Make chunk c's rows of the inner list."""
     never_inline()
     make_rows(pairs.block, pairs, c)
+    keep_positions(pairs, c, pairs.inner_reference)
 
 
 def make_rows(block: Any, pairs: Any, c: int) -> None:
@@ -268,7 +269,6 @@ def particle_rows(pairs, c):
             made += int(bits != 0)  # overwritten unless one is
         mark_special(pairs.special, pairs.place, c, cluster, filled, False)
     write_rows(pairs, c, within[:made], met, by)
-    keep_positions(pairs, c, pairs.inner_reference)
 
 
 @jit
