@@ -9,7 +9,7 @@ import numpy as np
 from numba import carray, types
 
 from kickdrift.forces.clusters import ClusterList
-from kickdrift.forces.kernel import FORCES, FORCES_AND_SUMS, call_force
+from kickdrift.forces.kernel import FORCES, FORCES_AND_SUMS, OK, call_force
 from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.handle import Handle, handle_at
@@ -86,6 +86,18 @@ def accelerations_of_own(force, wanted, t, x, v, sums):
     if wanted:
         return call_force(force.address, force.work, FORCES_AND_SUMS, t, phase[0], phase[1], a, sums)
     return call_force(force.address, force.work, FORCES, t, phase[0], phase[1], a, None)
+
+
+@jit
+def add_own(force, wanted, t, x, v, a, sums):
+    """Add the accelerations of the particles, which stay in force.a. Return a status."""
+    status = accelerations_of_own(force, wanted, t, x, v, sums)
+    if status == OK:
+        own = force.a
+        for k in range(3):
+            for i in range(own.shape[1]):
+                a[k, i] += own[k, i]
+    return status
 
 
 def slopes_by_masses(masses: Floats, slopes: Floats | None) -> Floats:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.beside_pairs import BesidePairs, accelerations_of_own, add_by_masses
+from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_own
 from kickdrift.forces.clusters import (
     LANES,
     N_CLUSTERS,
@@ -80,13 +80,10 @@ def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
 @jit
 def add_slopes(force, wanted, t, x, v, a, sums):
     """Add the accelerations of the particles and their deviations. Return a status."""
-    status = accelerations_of_own(force, wanted, t, x, v, sums)
+    status = add_own(force, wanted, t, x, v, a, sums)
     if status != OK:
         return status
     own, n = force.a, force.a.shape[1]
-    for k in range(3):
-        for i in range(n):
-            a[k, i] += own[k, i]
     directions = x.shape[1] // n - 1
     for first in range(0, directions, MOST):
         force.number[0] = min(MOST, directions - first)

@@ -59,8 +59,8 @@ HELPERS_LOCK, HELPERS_WAKE, MASTER_LOCK, MASTER_WAKE, SIZE = (LINE * (13 + 4 * k
 LEFT = 2**24 - 1  # part of the ticket for the chunks that are left
 NOWHERE = -2  # core of a master that sleeps; no system answers so
 AWAKE = 50_000  # nanoseconds that a thread waits awake; between two tasks of 1000 particles 10,000 pass
-LATE = 3  # a chunk for which the master waits so many times its own mean chunk has lost its core
-REST = 8  # times of this wait in which the master then works alone
+LATE = 3  # mean times of the master's own chunks: a helper that takes longer has lost its core
+REST = 8  # lengths of this wait for which the master then works alone
 CROWDED = 10_000_000  # nanoseconds in which the master works alone after a helper was on its core
 
 

@@ -357,8 +357,9 @@ def fit_waves(y, frequencies, steps, coefficients, rest, workspace):
 
 @driver
 def separate_peaks(power, most, slowest, beside, significance, found):
-    """Places of up to so ``most`` significant peaks of ``power``, each of which clears its neighbourhood. Returns
-    their number, and whether a significant peak is below ``slowest``."""
+    """found <- places of at most ``most`` significant peaks of ``power``. Each peak clears its neighbourhood.
+
+    Return the number of peaks, and whether a significant peak is below ``slowest``."""
     power, found = unowned(power), unowned(found)
     count, slow, first = 0, False, power.max()
     while count < most:

@@ -59,7 +59,7 @@ class Bodies(NamedTuple):
         return self._replace(system=kd.System(x, self.velocities, self.masses, **arguments))
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> Any:
-        """Of any positions and velocities, in extended precision."""
+        """Energy at any positions and velocities, in extended precision."""
         x, v, m = (np.asarray(part, dtype=np.longdouble) for part in (x, v, self.masses))
         i, j = np.triu_indices(len(m), 1)
         distances = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=1) + self.softening**2)
@@ -96,7 +96,7 @@ class TreeStars(Bodies):
     """Stars for trees. Their forces are approximate, and the direct sum of so many energies would take minutes."""
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
-        """Of any positions and velocities, by kickdrift's tree, to a relative error of about 1e-7."""
+        """Energy at any positions and velocities, by kickdrift's tree, to a relative error of about 1e-7."""
         force = kd.GravityTree(1e-5, self.softening, self.G)
         system = kd.System(x, v, self.masses, forces=[force], units="nbody")
         return kd.Simulation(system, "leapfrog", dt=1.0).energy().total
