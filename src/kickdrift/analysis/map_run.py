@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence
+from kickdrift.errors import RunError
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.gravity import Gravity
+from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.tangent_columns import Derived
 
 PIECE = 1000  # steps between two reports of progress
 
@@ -25,18 +34,66 @@ class MapRun:
     dt: float
     steps: int
     _rows: Floats  # (blocks, rows, numbers) duals; positions and velocities in the first two rows
+    _order: NDArray[np.int64]  # (n,) rows of the map's bodies in the system
+    _count: int  # columns
+    _twice: bool  # there are second derivatives
 
-    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
-        """Start from slopes (2, 3, n, columns) of the system's state, and slopes of the masses (n, columns)."""
+    def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
+        """Start from slopes (2, 3, n, columns) of the system's state, and slopes of the masses (n, columns).
+        ``second`` (2, 3, n, columns, columns) are second derivatives of the state, those of the masses are zero."""
         raise NotImplementedError
 
     def advance(self, steps: int) -> None:
         """Take steps."""
         raise NotImplementedError
 
+    def _leave(self, found: Derived) -> None:
+        """found <- the phase (2, 3, n) at the step point with its derivatives, bodies in the map's order."""
+        raise NotImplementedError
+
+    def _start_from(self, columns: Columns, of_masses: Floats | None, twice: bool) -> None:
+        """Start from what the columns say."""
+        n, count = len(self.system), columns.total
+        second = None
+        if twice:
+            pairs = np.triu_indices(count)
+            second = np.zeros((2, 3, n, count, count))
+            second[..., pairs[0], pairs[1]] = columns.second_start(n, *pairs)
+        self.start(columns.start(n), of_masses, second)
+
+    def _given(self, slopes: Floats, of_masses: Floats | None, second: Floats | None) -> tuple[Derived, Derived]:
+        """The phase and G m with these derivatives, bodies in the map's order."""
+        from kickdrift.integrators.tangent_columns import derived
+
+        state, order, self._count, self._twice = self.system.state, self._order, slopes.shape[-1], second is not None
+        gravity = next(force for force in self.system.forces if isinstance(force, Gravity))
+        G = gravitational_constant(gravity.name, gravity.G, self.system)
+        by_mass = np.zeros((len(order), self._count)) if of_masses is None else G * of_masses[order]
+        none = np.zeros((len(order), self._count, self._count)) if self._twice else None
+        phase = derived(state.phase[:, :, order], slopes[:, :, order], None if second is None else second[:, :, order])
+        return phase, derived(G * state.masses[order], by_mass, none)
+
+    def _found(self) -> Derived:
+        """The phase at the step point with its derivatives, bodies in the map's order."""
+        from kickdrift.integrators.tangent_columns import derived_room
+
+        with compiling_for(self.sim.integration.purpose):
+            found = derived_room((2, 3, len(self.system)), self._count, self._twice)
+            self._leave(found)
+        if not all(np.isfinite(each).all() for each in found):
+            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
+        return found
+
     def now(self) -> tuple[Floats, Floats]:
         """Phase (2, 3, n) and derivatives (2, 3, n, columns) at the step point."""
-        raise NotImplementedError
+        found, shape, back = self._found(), (2, 3, len(self.system)), np.argsort(self._order)
+        return found.values.reshape(shape)[:, :, back], found.slopes.reshape(*shape, -1)[:, :, back]
+
+    def second(self) -> Floats:
+        """Second derivatives (2, 3, n, columns, columns) at the step point."""
+        from kickdrift.integrators.tangent_columns import second_of
+
+        return second_of(self._found(), (2, 3, len(self.system)))[:, :, np.argsort(self._order)]
 
     @property
     def time(self) -> float:

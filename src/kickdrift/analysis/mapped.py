@@ -30,8 +30,15 @@ def serves(method: Any, system: System, columns: Columns, given: dict[str, Any])
     return alone and has_step
 
 
-def map_run(system: System, columns: Columns | None, method: Any, threads: int, options: dict[str, Any]) -> MapRun:
-    """A System with derivatives under a method that has a tangent map. Without columns the caller gives the deviations
-    to ``start``."""
+def map_run(
+    system: System,
+    columns: Columns | None,
+    method: Any,
+    threads: int,
+    options: dict[str, Any],
+    twice: bool = False,
+) -> MapRun:
+    """A System with derivatives under a method that has a tangent map, with second ones if ``twice``. Without columns
+    the caller gives the deviations to ``start``."""
     kind = TraceTangentRun if isinstance(method, Trace) else TangentRun
-    return kind(system, columns, method.name, threads, options)
+    return kind(system, columns, method.name, threads, options, twice)

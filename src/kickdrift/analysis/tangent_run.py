@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.map_pushes import bound_others, pushes_of
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
-from kickdrift.errors import InputError, RunError
-from kickdrift.forces.central import gravitational_constant
+from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
 from kickdrift.forces.variations import check_mapped
@@ -22,6 +21,9 @@ from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.tangent_columns import Derived
 
 KNOWN = ("coordinates", "corrector", "kernel", "compensated", "order")  # options that the map follows, or that round
 
@@ -34,7 +36,13 @@ class TangentRun(MapRun):
     """
 
     def __init__(
-        self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
+        self,
+        system: System,
+        columns: Columns | None,
+        name: str,
+        threads: int,
+        options: dict[str, Any],
+        twice: bool = False,
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
         for text in () if columns is None else columns.parameters:
@@ -44,27 +52,22 @@ class TangentRun(MapRun):
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         for force in others:
-            check_mapped(force, system, name)
+            check_mapped(force, system, name, twice)
         self._others = others
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)
         self._modified = sim.options.get(KERNEL.name) == MODIFIED_KICK
         if columns is not None:
-            self.start(columns.start(len(system)), columns.of_masses(len(system)))
+            self._start_from(columns, columns.of_masses(len(system)), twice)
 
-    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
-        """Start from slopes (2, 3, n, columns) of the system's state, and slopes of the masses (n, columns)."""
+    def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
         from kickdrift.integrators.wisdom_holman_tangent import tangents
 
         system, masses = self.system, self.system.state.masses
         n, central = len(system), int(np.argmax(masses))
         self._order = np.concatenate([[central], np.delete(np.arange(n), central)])
-        gravity = next(force for force in system.forces if isinstance(force, Gravity))
-        G, order = gravitational_constant(gravity.name, gravity.G, system), self._order
-        by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
-        phase = system.state.phase[:, :, order]
         with compiling_for(self.sim.integration.purpose):
-            made = tangents(phase, slopes[:, :, order], G * masses[order], by_mass[order])
+            made = tangents(*self._given(slopes, of_masses, second))
             self._bound = bound_others(self._others, self._pushes, system, self.sim.threads)
         self._rows, self._columns = made.rows, made.columns
         self.steps = 0
@@ -92,20 +95,14 @@ class TangentRun(MapRun):
             self._take(self._rows, self._step, steps)
         self.steps += steps
 
-    def now(self) -> tuple[Floats, Floats]:
-        """Phase (2, 3, n) and derivatives (2, 3, n, columns) at the step point."""
+    def _leave(self, found: Derived) -> None:
         from kickdrift.integrators.wisdom_holman_tangent import leave
 
         rows, n = self._rows.copy(), len(self.system)
         if self.steps:
             self._take(rows, self._end, 1)
             self._take(rows, _undone(self._correct), 1)
-        phase, slopes = np.empty((2, 3, n)), np.empty((2, 3, n, self._columns))
-        leave(rows, self._columns, phase, slopes)
-        if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
-            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
-        back = np.argsort(self._order)
-        return phase[:, :, back], slopes[:, :, back]
+        leave(rows, self._columns, n, found)
 
 
 def _rows(method: Any, options: Options) -> tuple[Floats, Floats, Floats, Floats]:

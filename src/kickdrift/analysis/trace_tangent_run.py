@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from kickdrift.analysis.map_pushes import bound_others, pushes_of
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
 from kickdrift.forces.variations import check_mapped
@@ -19,6 +18,9 @@ from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.tangent_columns import Derived
 
 POINTS = 2**16  # rows of the path: points of all bodies that meet inside one step
 
@@ -29,38 +31,41 @@ class TraceTangentRun(MapRun):
     Without columns the caller gives the deviations to ``start``."""
 
     def __init__(
-        self, system: System, columns: Columns | None, name: str, threads: int, options: dict[str, Any]
+        self,
+        system: System,
+        columns: Columns | None,
+        name: str,
+        threads: int,
+        options: dict[str, Any],
+        twice: bool = False,
     ) -> None:
         others = [force for force in system.forces if not isinstance(force, Gravity)]
         for force in others:
-            check_mapped(force, system, name)
+            check_mapped(force, system, name, twice)
         of_masses = None if columns is None else _of_masses(system, columns, name)
         self._others, self._pushes = others, pushes_of(system, columns)
         sim = Simulation(system, name, threads=threads, **options)
         assert sim.dt is not None
         self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
         if columns is not None:
-            self.start(columns.start(len(system)), of_masses)
+            self._start_from(columns, of_masses, twice)
 
-    def start(self, slopes: Floats, of_masses: Floats | None = None) -> None:
+    def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
         from kickdrift.integrators.trace_tangent import trace_tangents
 
-        system, masses = self.system, self.system.state.masses
-        n = len(system)
+        system = self.system
         with compiling_for(self.sim.integration.purpose):
             flow: Any = self.sim.integration.flow
             stepper: Any = self.sim.method.stepper(flow, self.sim.options)
             stepper.reset(system.state.phase, system.state.time, 0)
-            slot, slots, order = stepper.noting(POINTS)
-            G = _constant(system)
-            by_mass = np.zeros((n, slopes.shape[-1])) if of_masses is None else G * of_masses
+            slot, slots, self._order = stepper.noting(POINTS)
             self._bound = bound_others(self._others, self._pushes, system, self.sim.threads)
             self._made = trace_tangents(
-                system.state.phase, slopes, G * masses, by_mass, order, slot, slots,
+                *self._given(slopes, of_masses, second), self._order, slot, slots,
                 self._bound.forces, self._bound.table, flow.not_separable is not None,
             )  # fmt: skip
         self._stepper = stepper
-        self._rows, self._columns, self._order = self._made.rows, slopes.shape[-1], order
+        self._rows = self._made.rows
         self.steps = 0
 
     def advance(self, steps: int) -> None:
@@ -81,21 +86,11 @@ class TraceTangentRun(MapRun):
                 raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
             raise RunError(f"{which}: blew up before step {self.steps + 1}")
 
-    def now(self) -> tuple[Floats, Floats]:
-        from kickdrift.integrators.trace_tangent import leave_slopes
+    def _leave(self, found: Derived) -> None:
+        from kickdrift.integrators.trace_tangent import leave_democratic
 
-        slopes = np.empty((2, 3, len(self.system), self._columns))
-        leave_slopes(self._rows, self._columns, slopes)
-        phase = self._stepper.y.copy()
-        if not (np.isfinite(phase).all() and np.isfinite(slopes).all()):
-            raise RunError(f"{self.sim.integrator}, dt = {self.dt:g}: blew up before step {self.steps}")
-        return phase, slopes[:, :, np.argsort(self._order)]
-
-
-def _constant(system: System) -> float:
-    """The gravitational constant."""
-    gravity = next(force for force in system.forces if isinstance(force, Gravity))
-    return gravitational_constant(gravity.name, gravity.G, system)
+        leave_democratic(self._rows, self._made.columns, len(self.system), found)
+        found.values[:] = self._stepper.y[:, :, self._order].ravel()  # as without derivatives, to the last bit
 
 
 def _of_masses(system: System, columns: Columns, name: str) -> Floats:

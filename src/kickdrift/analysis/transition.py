@@ -168,20 +168,16 @@ def transition_matrix(
     if second and columns.parameters:
         raise InputError("second: goes without parameters, whose slopes are central differences")
     mapped = _mapped(system, asked, given, columns)
-    if mapped and second:
-        if asked:
-            raise InputError(f"second: the tangent map of {mapped} has none; {DEFAULT} takes it")
-        mapped = None
     name = mapped or carrier(system, asked, DEFAULT)
     run: MapRun | VariedRun
     if mapped:
-        run = map_run(system, columns, INTEGRATORS[mapped], threads, given)
+        run = map_run(system, columns, INTEGRATORS[mapped], threads, given, second)
     else:
         run = VariedRun(system, columns, name, threads, given, second)
     with following(progress, "running") as told:
         phase, slopes, end = run.to(length, told)
     parts = columns.split(_flat(slopes))
-    twice = _flat(run.second()) if second and isinstance(run, VariedRun) else None
+    twice = _flat(run.second()) if second else None
     reached = system.at(phase, end, run.steps).state
     rate = next((force.omega for force in system.forces if isinstance(force, Hill)), 0.0)
     return TransitionMatrix(

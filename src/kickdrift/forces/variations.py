@@ -116,14 +116,14 @@ def varied_force(
     return (VariedPairs if isinstance(force, ListedForce) else Varied)(force, system, masses, along, first)
 
 
-def check_mapped(force: Any, system: System, name: str) -> None:
-    """Refuse a force that the tangent map of a method does not take."""
+def check_mapped(force: Any, system: System, name: str, twice: bool = False) -> None:
+    """Refuse a force that the tangent map of a method does not take, to second order if ``twice``."""
     if isinstance(force, ListedForce):
         raise InputError(
             f"force {force.name!r}: the tangent map of {name} takes no forces on a list of neighbours; "
             "velocity-verlet and gauss-radau15 do"
         )
-    Varied(force, system)  # refuses a force without slopes
+    Varied(force, system, along=1 + twice, first=1)  # refuses a force without slopes
 
 
 def particles_in(system: Any) -> int:

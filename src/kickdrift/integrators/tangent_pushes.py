@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from kickdrift.forces.dual_slopes import NO_DUALS
 from kickdrift.forces.kernel import FORCES, OK, call_force
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.dual import SLOT
 from kickdrift.jit.dual_operators import vector_at
+from kickdrift.jit.inner import overload
 from kickdrift.jit.vectors import WIDTH
+
+
+def to_first_order(rows: Any, function: Any, given: Any) -> Any:
+    """Call a function of other forces than gravity with these arguments, and return its status. These forces have no
+    second derivatives: with rows (rows, numbers, 2) no code of theirs is compiled, and the status is NO_DUALS."""
+
+
+@overload(to_first_order)
+def _to_first_order(rows, function, given):
+    first = rows.ndim == 2
+    return (lambda rows, function, given: function(*given)) if first else (lambda rows, function, given: NO_DUALS)
 
 
 @jit

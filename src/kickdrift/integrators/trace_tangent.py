@@ -3,7 +3,7 @@
 Coordinates are democratic heliocentric. A step is the product of the tangent maps of kick, jump, drift, jump and kick
 (Mikkola & Innanen 1999, doi:10.1023/A:1008312912468, for the drift). Bodies that meet take their Gauss-Radau steps on
 duals, see `trace_tangent_meeting`. The pairs and passages are constants: between two switches the map is smooth. The
-map's own code moves the bodies, so they move as in a run without derivatives.
+map's own code moves the bodies, so they move as in a run without derivatives. Duals of duals give second derivatives.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
+from kickdrift.integrators.tangent_columns import Derived, blocks_of, enter_masses, enter_phase, leave_number
+from kickdrift.integrators.tangent_pushes import to_first_order
 from kickdrift.integrators.trace_state import POINTS
 from kickdrift.integrators.trace_tangent_attraction import DualMeeting, dual_meeting
 from kickdrift.integrators.trace_tangent_kicks import jump_duals, kick_duals, shift_duals
@@ -25,16 +27,15 @@ from kickdrift.integrators.trace_tangent_meeting import (
 )
 from kickdrift.integrators.trace_tangent_others import kick_by_others_duals
 from kickdrift.integrators.trace_tangent_rows import AFTER_V, AFTER_X, MASSES, MIDDLE_V, MIDDLE_X, ROWS, V, X
-from kickdrift.integrators.wisdom_holman_tangent import drift_duals, fill_kepler, fill_masses, fill_phase
+from kickdrift.integrators.wisdom_holman_tangent_drift import drift_duals, fill_kepler
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, jit, never_inline
-from kickdrift.jit.dual import SLOT, as_dual, dual_rows
+from kickdrift.jit.dual import as_dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.handle import handle
-from kickdrift.jit.memory import flat, masked_store
+from kickdrift.jit.memory import flat
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.model.state import Floats
 
 CROWDED = 100  # status: more points inside a step than the path has rows
 
@@ -42,7 +43,8 @@ CROWDED = 100  # status: more points inside a step than the path has rows
 class TraceTangents(NamedTuple):
     """A state with derivatives, on its way through the map. The central body comes first, then massive bodies."""
 
-    rows: NDArray[np.float64]  # (blocks, ROWS, 3 n SLOT)
+    rows: NDArray[np.float64]  # of `tangent_columns.Blocks`, rows ROWS of n vectors
+    columns: NDArray[np.int64]  # (blocks, 2), see there
     slot: NDArray[np.int64]  # (n,) slot of each body; that of the central one has no meaning
     number: NDArray[np.int64]  # (slots,) number of the body in a slot
     met: NDArray[np.uint8]  # (n,) 1: the body moved with others in the last step
@@ -56,10 +58,8 @@ class TraceTangents(NamedTuple):
 
 
 def trace_tangents(
-    phase: Floats,
-    slopes: Floats,
-    gm: Floats,
-    gm_slopes: Floats,
+    phase: Derived,
+    gm: Derived,
     order: NDArray[np.int64],
     slot: NDArray[np.int64],
     slots: int,
@@ -67,18 +67,16 @@ def trace_tangents(
     pushes: NDArray[np.int64],
     moving: bool,
 ) -> TraceTangents:
-    """Bring phase (2, 3, n), its derivatives (2, 3, n, columns), and G m (n,) with derivatives (n, columns), in the
-    system's order, to democratic heliocentric coordinates."""
-    phase, slopes, gm, gm_slopes = phase[:, :, order], slopes[:, :, order], gm[order], gm_slopes[order]
-    n, columns = len(gm), slopes.shape[-1]
+    """Bring a phase (2, 3, n), and G m (n,), to democratic heliocentric coordinates."""
+    n, twice = len(gm.values), gm.second.size > 0
     number = np.zeros(slots, np.int64)
     number[slot[1:]] = np.arange(1, n)
-    massive = int(np.count_nonzero(gm > 0.0))
+    massive, blocks = int(np.count_nonzero(gm.values > 0.0)), blocks_of(gm.slopes.shape[1], ROWS, n, twice)
     made = TraceTangents(
-        np.zeros((-(-columns // WIDTH), ROWS, 3 * n * SLOT)), slot, number, np.zeros(n, np.uint8), massive,
-        order, others, pushes, np.zeros(1, np.int64), moving, dual_meeting(massive + 1),
+        *blocks, slot, number, np.zeros(n, np.uint8), massive,
+        order, others, pushes, np.zeros(1, np.int64), moving, dual_meeting(massive + 1, twice),
     )  # fmt: skip
-    enter_democratic(made.rows, columns, *(np.ascontiguousarray(each) for each in (phase, slopes, gm, gm_slopes)))
+    enter_democratic(*blocks, phase, gm)
     return made
 
 
@@ -93,18 +91,17 @@ def centre_of(x, masses):
 
 
 @driver
-def enter_democratic(blocks, columns, phase, slopes, gm, gm_slopes):
+def enter_democratic(blocks, columns, phase, gm):
     """Fill the blocks."""
-    n = gm.size
+    n = gm.values.size
     for block in range(blocks.shape[0]):
-        first = block * WIDTH
         masses = dual_rows(blocks[block, MASSES], n)
-        fill_masses(masses, gm, gm_slopes, columns, first)
+        enter_masses(masses, gm, columns[block])
         for i in range(n):
             masses[1, i], masses[2, i] = masses[0, 0], masses[0, i] / masses[0, 0]
         for half in range(2):
             x = dual_rows(blocks[block, half], n)
-            fill_phase(x, half, phase, slopes, columns, first)
+            enter_phase(x, half, phase, columns[block])
             centre = centre_of(x, masses)
             origin = vector_at(x, 0) if half == 0 else centre
             for i in range(1, n):
@@ -113,12 +110,9 @@ def enter_democratic(blocks, columns, phase, slopes, gm, gm_slopes):
 
 
 @driver
-def leave_slopes(blocks, columns, slopes):
-    """slopes (2, 3, n, columns) <- the derivatives of positions and velocities."""
-    n = slopes.shape[2]
+def leave_democratic(blocks, columns, n, phase):
+    """phase (2, 3, n) <- positions and velocities."""
     for block in range(blocks.shape[0]):
-        first = block * WIDTH
-        count = min(WIDTH, columns - first)
         masses = dual_rows(blocks[block, MASSES], n)
         total = as_dual(0.0)
         for i in range(n):
@@ -131,10 +125,9 @@ def leave_slopes(blocks, columns, slopes):
             origin = central if half == 0 else vector_at(x, 0)
             for i in range(n):
                 own = central if i == 0 else vector_at(x, i) + origin
-                place = (half * 3 * n + i) * columns + first
-                masked_store(flat(slopes), place, own.slope.x, count)
-                masked_store(flat(slopes), place + n * columns, own.slope.y, count)
-                masked_store(flat(slopes), place + 2 * n * columns, own.slope.z, count)
+                leave_number(phase, half * 3 * n + i, own.x, columns[block])
+                leave_number(phase, (half * 3 + 1) * n + i, own.y, columns[block])
+                leave_number(phase, (half * 3 + 2) * n + i, own.z, columns[block])
 
 
 @driver
@@ -143,10 +136,12 @@ def put_values(blocks, slot, orbit, centre):
     n = slot.size
     for block in range(blocks.shape[0]):
         for half in range(2):
+            numbers = flat(blocks[block, half])
+            size = numbers.size // (3 * n)
             for k in range(3):
-                blocks[block, half, k * n * SLOT] = centre[half, k] + centre[half + 2, k]
+                numbers[k * n * size] = centre[half, k] + centre[half + 2, k]
                 for i in range(1, n):
-                    blocks[block, half, (k * n + i) * SLOT] = orbit[3 * half + k, slot[i]]
+                    numbers[(k * n + i) * size] = orbit[3 * half + k, slot[i]]
 
 
 @driver
@@ -204,7 +199,7 @@ def until_drift(hybrid, own, rows, t, h, heavy):
     """Kicks, and the jump or the passage of the massive bodies. Return a status."""
     never_inline()
     if own.others.shape[0] > 0:
-        status = kick_by_others_duals(own, rows, t, 0.5 * h)
+        status = to_first_order(rows, kick_by_others_duals, (own, rows, t, 0.5 * h))
         if status != OK:
             return status
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
@@ -234,7 +229,7 @@ def from_drift(hybrid, own, rows, t, h, heavy):
         jump_duals(hybrid, own, rows, 0.5 * h)
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
     if own.others.shape[0] > 0:
-        return kick_by_others_duals(own, rows, t + h, 0.5 * h)
+        return to_first_order(rows, kick_by_others_duals, (own, rows, t + h, 0.5 * h))
     return OK
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
+from kickdrift.integrators.tangent_pushes import to_first_order
 from kickdrift.integrators.trace_tangent_others import add_inside_duals
 from kickdrift.integrators.trace_tangent_rows import MASSES
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
@@ -17,35 +18,36 @@ from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.dual import SLOT, dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.memory import aligned
-from kickdrift.jit.vector3 import dot
 
 
 class DualMeeting(NamedTuple):
     """Room for bodies that meet, with derivatives along eight columns."""
 
+    numbers: int  # float64 numbers of a dual
     members: NDArray[np.int64]  # (room,) number of each body
     slots: NDArray[np.int64]  # (room,)
     jumps: NDArray[np.uint8]  # (room,) 1: the velocity is from the central body
-    x: NDArray[np.float64]  # (width,) duals, three rows of as many as there are bodies
+    x: NDArray[np.float64]  # (width,), to second order (width / 2, 2): duals, three rows of as many as there are bodies
     v: NDArray[np.float64]
     a: NDArray[np.float64]
     work: NDArray[np.float64]  # (ROWS width,) as in ``gauss_radau_series``
 
 
-def dual_meeting(room: int) -> DualMeeting:
-    """Room for so many bodies."""
-    width = BLOCK * -(-3 * room * SLOT // BLOCK)
-    x, v, a = (aligned((width,)) for _ in range(3))
+def dual_meeting(room: int, twice: bool) -> DualMeeting:
+    """Room for so many bodies, with second derivatives if ``twice``."""
+    numbers = 2 * SLOT if twice else SLOT
+    width = BLOCK * -(-3 * room * numbers // BLOCK)
+    x, v, a = (aligned((width // 2, 2) if twice else (width,)) for _ in range(3))
     whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(*whole, x, v, a, aligned((ROWS * width,)))
+    return DualMeeting(numbers, *whole, x, v, a, aligned((ROWS * width,)))
 
 
 @jit
 def pull_of(d):
     """Return d / r^3 for a dual separation d."""
-    square = 1.0 / dot(d.value, d.value)
+    square = 1.0 / (d.value @ d.value)
     cube = square * math.sqrt(square)
-    return dual(cube * d.value, cube * (d.slope - (3.0 * square * dot(d.slope, d.value)) * d.value))
+    return dual(cube * d.value, cube * (d.slope - (3.0 * square * (d.slope @ d.value)) * d.value))
 
 
 @jit
@@ -73,4 +75,4 @@ def attract_duals(hybrid, own, rows, n, everyone, s):
             put_vector(a, i, vector_at(a, i) - total)
     if own.others.shape[0] == 0:
         return OK
-    return add_inside_duals(own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1])
+    return to_first_order(rows, add_inside_duals, (own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1]))

@@ -1,7 +1,7 @@
 """Bodies that meet, with derivatives: the steps of ``trace_extrapolation`` once more, on duals.
 
 The steps have the lengths and the rows of the table that the map took. Leapfrog and extrapolation are linear in the
-accelerations, so a dual's nine numbers take part as they are.
+accelerations, so a dual's numbers take part as they are.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.integrators.trace_extrapolation import A0, FIRST, V0, X0
 from kickdrift.integrators.trace_tangent_attraction import attract_duals
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.dual import SLOT
+from kickdrift.jit.memory import flat
 
 
 @jit
@@ -18,8 +18,9 @@ def leapfrog_duals(hybrid, own, rows, n, everyone, done, step, count):
     """Move x and v from the step's start, a time ``done`` after that of the map's step, by ``count`` kicks and drifts.
     Return a status."""
     never_inline()
-    meeting, size, part = own.meeting, 3 * n * SLOT, step / count
-    work, x, v, a = meeting.work, meeting.x, meeting.v, meeting.a
+    meeting, part = own.meeting, step / count
+    size = 3 * n * meeting.numbers
+    work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
     for i in range(size):
         v[i] = work[V0 * size + i] + 0.5 * part * work[A0 * size + i]
         x[i] = work[X0 * size + i] + part * v[i]
@@ -41,7 +42,7 @@ def extrapolate(meeting, size, k):
     never_inline()
     work = meeting.work
     for half in range(2):
-        found = meeting.x if half == 0 else meeting.v
+        found = flat(meeting.x) if half == 0 else flat(meeting.v)
         for j in range(k):
             ratio, table = (k + 1.0) / (k - j), (FIRST + 2 * j + half) * size
             weight = 1.0 / (ratio * ratio - 1.0)
@@ -57,19 +58,20 @@ def extrapolate(meeting, size, k):
 def replay_extrapolation(hybrid, own, rows, n, everyone, first, points):
     """Move the bodies of ``meeting`` over the steps that begin at row ``first`` of the path. Return a status."""
     never_inline()
-    meeting, size, path, h = own.meeting, 3 * n * SLOT, hybrid.path, hybrid.span[1]
-    work, at, done = meeting.work, first + n, 0.0
+    meeting, path, h = own.meeting, hybrid.path, hybrid.span[1]
+    work, size, at, done = meeting.work, 3 * n * meeting.numbers, first + n, 0.0
+    x, v, a = flat(meeting.x), flat(meeting.v), flat(meeting.a)
     while done < h:
         if at >= points or not path[at, 0] > done:
             return BLOWN_UP
         step = path[at, 0] - done
         for i in range(size):
-            work[X0 * size + i], work[V0 * size + i] = meeting.x[i], meeting.v[i]
+            work[X0 * size + i], work[V0 * size + i] = x[i], v[i]
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status
         for i in range(size):
-            work[A0 * size + i] = meeting.a[i]
+            work[A0 * size + i] = a[i]
         for k in range(int(path[at, 9]) + 1):
             status = leapfrog_duals(hybrid, own, rows, n, everyone, done, step, 2 * (k + 1))
             if status != OK:

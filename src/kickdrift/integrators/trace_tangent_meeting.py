@@ -1,7 +1,7 @@
 """Bodies that meet, with derivatives: the Gauss-Radau steps of the hybrid map once more, on duals.
 
-The steps have the lengths that the map took. A dual's nine numbers join the method's state as they are, since the
-method is linear in the accelerations.
+The steps have the lengths that the map took. A dual's numbers join the method's state as they are, since the method is
+linear in the accelerations.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from kickdrift.integrators.trace_tangent_extrapolation import replay_extrapolati
 from kickdrift.integrators.trace_tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.compile import is_finite, jit, never_inline
-from kickdrift.jit.dual import SLOT, as_dual, dual_rows
+from kickdrift.jit.dual import as_dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes import lane_max, plus, splat
-from kickdrift.jit.memory import load, store
+from kickdrift.jit.memory import flat, load, store
 from kickdrift.jit.vectors import WIDTH
 
 STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
@@ -49,17 +49,17 @@ LEAST = 2  # iterations before the first that may be the last: by then the scale
 
 
 @jit
-def set_scales(work, width, n):
+def set_scales(work, width, size, numbers):
     """Set the scale of residuals: one over the largest coefficients of all bodies, for values and for each column."""
-    for column in range(SLOT):
+    for column in range(numbers):
         largest = 0.0
-        for i in range(column, 3 * n * SLOT, SLOT):
+        for i in range(column, size, numbers):
             total = 0.0
             for row in range(NOW, NOW + TERMS):
                 total += abs(work[row * width + i])
             largest = max(largest, total)
         inverse = 1.0 / largest if largest > 0.0 else 0.0
-        for i in range(column, 3 * n * SLOT, SLOT):
+        for i in range(column, size, numbers):
             work[SCALE * width + i] = inverse
 
 
@@ -71,19 +71,20 @@ def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
     falling is rounding."""
     never_inline()
     meeting = own.meeting
-    work, x, a, tables, residual = meeting.work, meeting.x, meeting.a, hybrid.tables, np.inf
+    work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
+    tables, residual = hybrid.tables, np.inf
     prepare(work, width, tables, 0, h, True)
     for i in range(0, width, WIDTH):
         store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
         store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
     for count in range(MOST):
         if count < LEAST:
-            set_scales(work, width, n)
+            set_scales(work, width, 3 * n * meeting.numbers, meeting.numbers)
         worst = splat(0.0)
         for row in range(NODES):
             following = row + 1 if row + 1 < NODES else 0
             if own.moving:
-                place_velocities(work, width, meeting.v, 0, tables, row, h)
+                place_velocities(work, width, v, 0, tables, row, h)
             status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
             if status != OK:
                 return status
@@ -107,27 +108,28 @@ def replay(hybrid, own, rows, n, everyone, first, points):
     never_inline()
     meeting = own.meeting
     work, path, tables, h = meeting.work, hybrid.path, hybrid.tables, hybrid.span[1]
-    width = BLOCK * ((3 * n * SLOT + BLOCK - 1) // BLOCK)
+    x, v, a, size = flat(meeting.x), flat(meeting.v), flat(meeting.a), 3 * n * meeting.numbers
+    width = BLOCK * ((size + BLOCK - 1) // BLOCK)
     for i in range(ROWS * width):
         work[i] = 0.0
-    for i in range(3 * n * SLOT, width):
-        meeting.x[i] = meeting.a[i] = 0.0
-    for i in range(3 * n * SLOT):
-        work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
+    for i in range(size, width):
+        x[i] = a[i] = 0.0
+    for i in range(size):
+        work[X * width + i], work[V * width + i] = x[i], v[i]
     at, done, last, before = first + n, 0.0, 0.0, 0.0
     while done < h:
         if at >= points or not path[at, 0] > done:
             return BLOWN_UP
         step = path[at, 0] - done
         for i in range(0, width, WIDTH):
-            store(meeting.x, i, load(work, X * width + i))
+            store(x, i, load(work, X * width + i))
             if own.moving:
-                store(meeting.v, i, load(work, V * width + i))
+                store(v, i, load(work, V * width + i))
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status
         for i in range(0, width, WIDTH):
-            store(work, NOW * width + i, load(meeting.a, i))
+            store(work, NOW * width + i, load(a, i))
         ratio = step / last if last > 0.0 else 0.0
         predict(work, width, ratio, before, tables.shifts)
         status = iterate_duals(hybrid, own, rows, n, everyone, width, done, step)
@@ -140,8 +142,8 @@ def replay(hybrid, own, rows, n, everyone, first, points):
         finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
         done = path[at, 0]
         last, before, at = step, ratio, at + n
-    for i in range(3 * n * SLOT):
-        meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+    for i in range(size):
+        x[i], v[i] = work[X * width + i], work[V * width + i]
     return OK
 
 

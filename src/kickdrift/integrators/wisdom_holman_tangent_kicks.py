@@ -1,19 +1,21 @@
 """Kicks of the Wisdom-Holman map on duals: gravity, other forces, and the kernels that change a kick.
 
-``blocks`` (blocks, ROWS, 3 n SLOT) are those of `wisdom_holman_tangent.Tangents`. See `wisdom_holman_kernels` for the
+``blocks`` (blocks, ROWS, …) are those of `wisdom_holman_tangent.tangents`. See `wisdom_holman_kernels` for the
 kernels.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from kickdrift.forces.bound_slopes import call_slopes
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.tangent_pushes import add_pushes
+from kickdrift.integrators.tangent_pushes import add_pushes, to_first_order
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.dual import as_dual, dual, dual_rows
-from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
+from kickdrift.jit.dual import Dual, as_dual, dual, dual_rows
+from kickdrift.jit.dual_operators import bare, dual_vector, put_vector, vector_at
+from kickdrift.jit.inner import overload
 from kickdrift.jit.vector3 import dot
 
 # Rows of a block: Jacobi positions and velocities, accelerations, inertial positions, masses; a place aside for
@@ -85,7 +87,8 @@ def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
             fill_pulls(x, inertial, pulls)
         pull_pairs(a, inertial, masses, pulls)
         if others.shape[0] > 0:
-            status = max(status, add_others(rows, n, t, others, pushes, order, block))
+            given = rows, n, t, others, pushes, order, block
+            status = max(status, to_first_order(rows, add_others, given))
         to_jacobi(a, masses, others.shape[0] > 0)
         row = n * (n - 1) // 2
         for i in range(1, n):
@@ -122,9 +125,9 @@ def fill_pulls(x, inertial, pulls):
     row = 0
     for i in range(x.shape[1]):
         for j in range(i):
-            row = put_pull(pulls, row, vector_at(inertial, j).value - vector_at(inertial, i).value)
+            row = put_pull(pulls, row, bare(vector_at(inertial, j)) - bare(vector_at(inertial, i)))
     for i in range(1, x.shape[1]):
-        row = put_pull(pulls, row, vector_at(x, i).value)
+        row = put_pull(pulls, row, bare(vector_at(x, i)))
 
 
 @jit
@@ -138,8 +141,22 @@ def put_pull(pulls, row, d):
 @jit
 def pulled(d, pull):
     """Return d / r^3 for a dual separation d and its row of ``fill_pulls``."""
-    slope = d.slope - (pull[1] * dot(d.slope, d.value)) * d.value
-    return dual(pull[0] * d.value, pull[0] * slope)
+    cube, square = powers_of(d.value, pull)
+    slope = d.slope - (square * (d.slope @ d.value)) * d.value
+    return dual(cube * d.value, cube * slope)
+
+
+def powers_of(d: Any, pull: Any) -> Any:
+    """1 / r^3 and 3 / r^2 of a vector d, as duals if d is one, from its row of ``fill_pulls``."""
+
+
+@overload(powers_of)
+def _powers_of(d, pull):
+    def with_slopes(d, pull):
+        along = pull[1] * (d.slope @ d.value)
+        return dual(pull[0], -pull[0] * along), dual(pull[1], ((-2.0 / 3.0) * pull[1]) * along)
+
+    return with_slopes if isinstance(d, Dual) else lambda d, pull: (pull[0], pull[1])
 
 
 @jit

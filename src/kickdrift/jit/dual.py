@@ -1,9 +1,11 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
 A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
-lanes of numbers, and one slope for each. `dual_operators` and `dual_functions` teach numba the arithmetic of forward
-differentiation (Griewank & Walther 2008, Evaluating Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of
-numbers then gives its exact slopes. The value is computed once for eight directions.
+lanes of numbers, and one slope for each. A dual of duals carries second derivatives: its value is a dual along eight
+directions, and its slope is the change of this dual along one more. `dual_operators` and `dual_functions` teach numba
+the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
+doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is computed once
+for eight directions.
 """
 
 from __future__ import annotations
@@ -16,30 +18,39 @@ from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models
 
 from kickdrift.jit.numba_private import AttributeTemplate, Conversion, cgutils, impl_ret_borrowed, infer_getattr
 from kickdrift.jit.vector3_operators import AXES, Vector3, components
-from kickdrift.jit.vectors import WIDTH, Lanes, as_lanes, constant, lanes_type
+from kickdrift.jit.vectors import WIDTH, Lanes, as_lanes, lanes_type
 
 PARTS = ("value", "slope")
 SLOT = 1 + WIDTH  # numbers of float64 in memory for one dual: the value and eight slopes
 
 
 class Dual(types.Type):
-    """A value of the type ``value``, and its slopes along eight directions, of the type ``slope``."""
+    """A value of the type ``value``, and its slopes along eight directions, of the type ``slope``. ``order`` counts the
+    derivatives."""
 
     def __init__(self, value: types.Type, slope: types.Type) -> None:
         self.value, self.slope = value, slope
+        self.order: int = 1 + getattr(value, "order", 0)
         super().__init__(name=f"Dual({value.name}, {slope.name})")
+
+    def takes(self, other: types.Type) -> bool:
+        """Whether a number, or a dual of lower order, may stand for this dual: as one without more slopes."""
+        if isinstance(self.value, Dual):
+            return other == self.value or self.value.takes(other)
+        return self.value == types.float64 and isinstance(other, types.Number)
 
     def unify(self, typingctx: Any, other: types.Type) -> Any:
         """The type of a variable that is a dual here and a number there: a dual."""
-        return self if self.value == types.float64 and isinstance(other, types.Number) else None
+        return self if self.takes(other) else None
 
     def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
-        """Whether a number may stand for a dual: as one without slopes."""
-        return Conversion.safe if self.value == types.float64 and isinstance(other, types.Number) else None
+        """Whether a value of another type may stand for this dual."""
+        return Conversion.safe if self.takes(other) else None
 
 
 DUAL = Dual(types.float64, lanes_type)
 DUAL3 = Dual(Vector3(types.float64), Vector3(lanes_type))
+TWICE, TWICE3 = Dual(DUAL, DUAL), Dual(DUAL3, DUAL3)  # with second derivatives, along one direction and eight others
 
 
 def of_lanes(kind: types.Type) -> bool:
@@ -58,32 +69,37 @@ class _DualModel(models.StructModel):
         return ir.LiteralStructType([model.get_data_type() for model in self._models], packed=True)
 
     def as_data(self, builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
-        return _copied(builder, value, self.get_data_type())
+        parts = [model.as_data(builder, part) for model, part in self._parts(builder, value)]
+        return _joined(builder, parts, self.get_data_type())
 
     def from_data(self, builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
-        return _copied(builder, value, self.get_value_type())
+        parts = [model.from_data(builder, part) for model, part in self._parts(builder, value)]
+        return _joined(builder, parts, self.get_value_type())
+
+    def _parts(self, builder: ir.IRBuilder, value: ir.Value) -> Any:
+        return [(model, builder.extract_value(value, k)) for k, model in enumerate(self._models)]
 
     def load_from_data_pointer(self, builder: ir.IRBuilder, ptr: ir.Value, align: Any = None) -> ir.Value:
         return self.from_data(builder, builder.load(ptr, align=8))
 
 
-def _copied(builder: ir.IRBuilder, value: ir.Value, to: ir.Type) -> ir.Value:
+def _joined(builder: ir.IRBuilder, parts: list[ir.Value], to: ir.Type) -> ir.Value:
     made = ir.Constant(to, ir.Undefined)
-    for k in range(len(PARTS)):
-        made = builder.insert_value(made, builder.extract_value(value, k), k)
+    for k, part in enumerate(parts):
+        made = builder.insert_value(made, part, k)
     return made
 
 
 def made(builder: ir.IRBuilder, value: ir.Value, slope: ir.Value) -> ir.Value:
     """Emit a dual."""
-    empty = ir.Constant(ir.LiteralStructType([value.type, slope.type]), ir.Undefined)
-    return builder.insert_value(builder.insert_value(empty, value, 0), slope, 1)
+    return _joined(builder, [value, slope], ir.LiteralStructType([value.type, slope.type]))
 
 
 @intrinsic
 def dual(typingctx, value, slope):
-    """Dual of a number and eight slopes, of a vector of three and its slopes, or of lanes and a slope for each."""
-    kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) else None
+    """Dual of a number and eight slopes, of a vector of three and its slopes, of lanes and a slope for each, or of two
+    duals."""
+    kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) or value in (DUAL, DUAL3) else None
     if kind is None:
         kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
         if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
@@ -117,8 +133,11 @@ def dual_fields(typingctx, values, slopes, like):
 
 @lower_cast(types.Number, Dual)
 def _without_slopes(context, builder, fromty, toty, value):
-    number = context.cast(builder, value, fromty, types.float64)
-    return made(builder, number, constant(0.0))
+    number = context.cast(builder, value, fromty, toty.value)
+    return made(builder, number, context.get_constant_null(toty.slope))
+
+
+lower_cast(Dual, Dual)(_without_slopes)
 
 
 @intrinsic
@@ -126,9 +145,19 @@ def as_dual(typingctx, number):
     """A number as a dual without slopes, or a dual unchanged."""
 
     def codegen(context, builder, sig, args):
-        return context.cast(builder, args[0], sig.args[0], DUAL)
+        return context.cast(builder, args[0], sig.args[0], sig.return_type)
 
-    return DUAL(number), codegen
+    return (number if isinstance(number, Dual) else DUAL)(number), codegen
+
+
+@intrinsic
+def as_dual_like(typingctx, number, like):
+    """A number, or a dual of lower order, as a dual of the type of ``like`` without more slopes."""
+
+    def codegen(context, builder, sig, args):
+        return context.cast(builder, args[0], sig.args[0], sig.return_type)
+
+    return like(number, like), codegen
 
 
 @infer_getattr
@@ -140,7 +169,7 @@ class _Attributes(AttributeTemplate):
     def generic_resolve(self, kind: Dual, name: str) -> Any:
         if name in PARTS:
             return getattr(kind, name)
-        return DUAL if kind == DUAL3 and name in AXES else None
+        return {DUAL3: DUAL, TWICE3: TWICE}.get(kind) if name in AXES else None
 
 
 @lower_getattr_generic(Dual)
@@ -148,19 +177,22 @@ def _attribute(context, builder, kind, value, name):
     parts = [builder.extract_value(value, k) for k in range(2)]
     if name in PARTS:
         return parts[PARTS.index(name)]
+    if kind == TWICE3:
+        return made(builder, *(_attribute(context, builder, DUAL3, part, name) for part in parts))
     return made(builder, *(components(builder, part)[AXES.index(name)] for part in parts))
 
 
 @intrinsic
 def dual_rows(typingctx, memory, columns):
-    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each. The memory must
-    live as long."""
+    """Array (3, ``columns``) of duals in a row of float64, which holds ``SLOT`` numbers for each. Memory (numbers, 2)
+    holds duals with second derivatives. The memory must live as long."""
 
     def codegen(context, builder, sig, args):
         shape = [context.get_constant(types.intp, 3), args[1]]
         return _shown(context, builder, sig, args[0], shape, False)
 
-    return (types.Array(DUAL, 2, "C")(memory, types.intp), codegen) if _plain(memory) else None
+    kind = {1: DUAL, 2: TWICE}.get(memory.ndim) if _plain(memory) else None
+    return (types.Array(kind, 2, "C")(memory, types.intp), codegen) if kind else None
 
 
 @intrinsic
@@ -184,7 +216,8 @@ def _shown(context: Any, builder: Any, sig: Any, memory: Any, shape: list[Any], 
     """Emit a view of float64 as duals."""
     given = context.make_array(sig.args[0])(context, builder, memory)
     view = context.make_array(sig.return_type)(context, builder)
-    strides = [context.get_constant(types.intp, 8 * SLOT)]
+    size = 8 * SLOT * sig.return_type.dtype.order
+    strides = [context.get_constant(types.intp, size)]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     context.populate_array(
@@ -192,7 +225,7 @@ def _shown(context: Any, builder: Any, sig: Any, memory: Any, shape: list[Any], 
         data=builder.bitcast(given.data, view.data.type),
         shape=shape,
         strides=strides,
-        itemsize=context.get_constant(types.intp, 8 * SLOT),
+        itemsize=context.get_constant(types.intp, size),
         meminfo=given.meminfo if keeps else None,
     )
     return view._getvalue()

@@ -11,7 +11,7 @@ from numba import types
 
 from kickdrift.jit import dual_operators as dual_operators  # operators of the duals that these functions return
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, as_dual, dual, of_lanes
+from kickdrift.jit.dual import DUAL, TWICE, Dual, as_dual, dual, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.vectors import Lanes
 
@@ -19,13 +19,15 @@ _TWO_OVER_ROOT_PI = 2.0 / math.sqrt(math.pi)
 
 
 def sign_of(x: Any) -> Any:
-    """1 or -1, with the sign of a number or of lanes."""
+    """1 or -1, with the sign of a number, of a dual or of lanes."""
 
 
 @overload(sign_of)
 def _sign_of(x):
     if isinstance(x, Lanes):
         return lambda x: np.where(x < 0.0, -1.0, 0.0 * x + 1.0)
+    if isinstance(x, Dual):
+        return lambda x: sign_of(x.value)
     return lambda x: math.copysign(1.0, x)
 
 
@@ -64,7 +66,7 @@ def _teach(function: Callable[..., Any], others: tuple[Any, ...], rule: Callable
         return dual(value, slope(x.value, value) * x.slope)
 
     def code(x):
-        return known if x == DUAL or of_lanes(x) else None
+        return known if x in (DUAL, TWICE) or of_lanes(x) else None
 
     for each in (function, *others):
         overload(each)(code)
@@ -143,7 +145,7 @@ def _with_sign(a, b):
 
 def _teach_steps(function: Callable[..., Any]) -> None:
     def code(x):
-        return (lambda x: function(x.value)) if x == DUAL else None
+        return (lambda x: function(x.value)) if x in (DUAL, TWICE) else None
 
     overload(function)(code)
 

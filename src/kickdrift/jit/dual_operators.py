@@ -15,7 +15,7 @@ from numba import types
 
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.dual import DUAL, DUAL3, SLOT, Dual, as_dual, dual, kept_duals, of_lanes
+from kickdrift.jit.dual import DUAL, DUAL3, SLOT, TWICE3, Dual, as_dual, dual, kept_duals, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lanes_like, splat
 from kickdrift.jit.vector3 import thrice, vector3
@@ -26,12 +26,13 @@ _PLAIN = (types.Number, types.Boolean, Vector3, Lanes)
 
 
 def _chosen(a: Any, b: Any, both: Any, first: Any, second: Any) -> Any:
-    """Code for two duals, or for a dual and something without slopes; None for other types."""
-    if isinstance(a, Dual) and isinstance(b, Dual):
+    """Code for two duals, or for a dual and something of lower order; None for other types."""
+    one, two = (kind.order if isinstance(kind, Dual) else 0 for kind in (a, b))
+    if not all(isinstance(kind, (Dual, *_PLAIN)) for kind in (a, b)) or one == two == 0:
+        return None
+    if one == two:
         return both
-    if isinstance(a, Dual) and isinstance(b, _PLAIN):
-        return first
-    return second if isinstance(a, _PLAIN) and isinstance(b, Dual) else None
+    return first if one > two else second
 
 
 def _teach_sum(function: Callable[..., Any], in_place: Callable[..., Any], sign: float) -> None:
@@ -92,7 +93,7 @@ def _number_over(a, b):
 
 
 def _divided(a, b):
-    if isinstance(b, Vector3) or b == DUAL3:
+    if isinstance(b, Vector3) or b in (DUAL3, TWICE3):
         return None
     return _chosen(a, b, _quotient, _over_number, _number_over)
 
@@ -225,9 +226,24 @@ def _dual_vector(push):
     return lambda push: _of_three(as_dual(push[0]), as_dual(push[1]), as_dual(push[2]))
 
 
-@as_written
-def _of_three(x, y, z):
-    return dual(vector3(x.value, y.value, z.value), vector3(x.slope, y.slope, z.slope))
+def _of_three(x: Any, y: Any, z: Any) -> Any:
+    """Vector of three duals, numbers or lanes."""
+
+
+@overload(_of_three)
+def _joined_three(x, y, z):
+    if isinstance(x, Dual):
+        return lambda x, y, z: dual(_of_three(x.value, y.value, z.value), _of_three(x.slope, y.slope, z.slope))
+    return lambda x, y, z: vector3(x, y, z)
+
+
+def bare(x: Any) -> Any:
+    """The number or the vector of a dual, without any slopes."""
+
+
+@overload(bare)
+def _bare(x):
+    return (lambda x: bare(x.value)) if isinstance(x, Dual) else (lambda x: x)
 
 
 @as_written
