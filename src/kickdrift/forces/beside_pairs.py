@@ -33,9 +33,13 @@ class BesidePairs(PairKernel):
         if self.work:
             return self
         own = self.own.ready()
-        made: BesidePairs = self._compiled(self.parts._replace(force=own.parts, address=own.address, work=own.work))
+        made: BesidePairs = self._compiled(self.beside(own))
         made.own = own
         return made
+
+    def beside(self, own: PairKernel) -> Any:
+        """The parts beside a force that is ready."""
+        return self.parts._replace(force=own.parts, address=own.address, work=own.work)
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
         restore, add = handle_at(Handle(kind)), type(self).add

@@ -1,7 +1,7 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
 A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
-lanes of numbers, and one slope for each. `dual_operators` and `dual_functions` teach numba the arithmetic of forward
+lanes of numbers, and one slope for each; `SINGLE` is one of these lanes. `dual_operators` and `dual_functions` teach numba the arithmetic of forward
 differentiation (Griewank & Walther 2008, Evaluating Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of
 numbers then gives its exact slopes. The value is computed once for eight directions.
 """
@@ -23,22 +23,28 @@ SLOT = 1 + WIDTH  # numbers of float64 in memory for one dual: the value and eig
 
 
 class Dual(types.Type):
-    """A value of the type ``value``, and its slopes along eight directions, of the type ``slope``."""
+    """A value of the type ``value``, and its slopes, of the type ``slope``."""
 
     def __init__(self, value: types.Type, slope: types.Type) -> None:
         self.value, self.slope = value, slope
         super().__init__(name=f"Dual({value.name}, {slope.name})")
 
     def unify(self, typingctx: Any, other: types.Type) -> Any:
-        """The type of a variable that is a dual here and a number there: a dual."""
-        return self if self.value == types.float64 and isinstance(other, types.Number) else None
+        """The type of a variable that is a dual here and a number, or lanes, there: a dual."""
+        return self if self._takes(other) else None
 
     def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
-        """Whether a number may stand for a dual: as one without slopes."""
-        return Conversion.safe if self.value == types.float64 and isinstance(other, types.Number) else None
+        """Whether a number, or lanes, may stand for a dual: as one without slopes."""
+        return Conversion.safe if self._takes(other) else None
+
+    def _takes(self, other: types.Type) -> bool:
+        if isinstance(self.value, Lanes):
+            return other == self.value
+        return self.value == types.float64 and isinstance(other, types.Number)
 
 
 DUAL = Dual(types.float64, lanes_type)
+SINGLE = Dual(types.float64, types.float64)
 DUAL3 = Dual(Vector3(types.float64), Vector3(lanes_type))
 
 
@@ -82,8 +88,11 @@ def made(builder: ir.IRBuilder, value: ir.Value, slope: ir.Value) -> ir.Value:
 
 @intrinsic
 def dual(typingctx, value, slope):
-    """Dual of a number and eight slopes, of a vector of three and its slopes, or of lanes and a slope for each."""
+    """Dual of a number and eight slopes or one, of a vector of three and its slopes, or of lanes and a slope for
+    each."""
     kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) else None
+    if slope == types.float64:
+        kind = SINGLE
     if kind is None:
         kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
         if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
@@ -118,7 +127,12 @@ def dual_fields(typingctx, values, slopes, like):
 @lower_cast(types.Number, Dual)
 def _without_slopes(context, builder, fromty, toty, value):
     number = context.cast(builder, value, fromty, types.float64)
-    return made(builder, number, constant(0.0))
+    return made(builder, number, constant(0.0) if isinstance(toty.slope, Lanes) else ir.Constant(number.type, 0.0))
+
+
+@lower_cast(Lanes, Dual)
+def _lanes_without_slopes(context, builder, fromty, toty, value):
+    return made(builder, value, constant(0.0, toty.slope.vector))
 
 
 @intrinsic
