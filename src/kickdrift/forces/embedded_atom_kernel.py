@@ -16,10 +16,10 @@ from kickdrift.forces.many_body_kernel import law_body
 from kickdrift.forces.neighbours import ROW, block_of_neighbours
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.gathering import lane_floor, numbers_at, rows_of
-from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
-from kickdrift.jit.masks import select
-from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.dual_lanes import inverse_sqrt, lane_sum, load, numbers_at, select, store, value_of
+from kickdrift.jit.gathering import lane_floor, rows_of
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 
 KEPT = 6  # numbers that the first visit keeps of each pair
@@ -69,14 +69,14 @@ def chunk_densities(force, c):
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            own = rows.at[ROW * slot + 3]
+            own = value_of(rows.at[ROW * slot + 3])
             density = splat(0.0)
             for first in range(0, rows.lengths[slot], WIDTH):
                 dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
                 r2 = select(beyond, splat(cutoff2), r2)
                 inverse = inverse_sqrt(r2)
                 p = r2 * inverse * law.per_length
-                interval = lane_floor(p)
+                interval = lane_floor(value_of(p))
                 interval = select(interval < last, interval, splat(last))  # nan too: no index is out of range
                 p = p - interval
                 p = select(p > 1.0, splat(1.0), p)
@@ -114,7 +114,7 @@ def embedding(law, slot, kind, density):
     table = law.by_density
     p = density * law.per_density
     most = table.shape[1] - 1
-    interval = max(0, int(p)) if p < float(most) else most  # nan too: no index is out of range
+    interval = max(0, int(value_of(p))) if p < float(most) else most  # nan too: no index is out of range
     p = p - interval
     p = 1.0 if p > 1.0 else p
     c3, c2 = table[kind, interval, 0], table[kind, interval, 1]

@@ -14,8 +14,6 @@ from kickdrift.forces.clusters import (
     N_CLUSTERS,
     STRIDE,
     ClusterList,
-    load_vector,
-    store_vector,
     unsigned,
 )
 from kickdrift.forces.kernel import OK
@@ -24,12 +22,13 @@ from kickdrift.forces.neighbours import ROOM_NEEDED, Neighbours, copy_places, re
 from kickdrift.forces.pair_kernel import PairKernel, compute_for
 from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.dual_lanes import load, store, value_of
 from kickdrift.jit.gathering import place_at, rows_of
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import lowest_bit
-from kickdrift.jit.memory import broadcast, store
+from kickdrift.jit.memory import broadcast
 from kickdrift.jit.vectors import WIDTH
 
 THREE_LANES = unsigned(STRIDE)
@@ -129,20 +128,19 @@ def add_forces(force, wanted, x, a, sums):
 def clear(pairs, c):
     """Set chunk c's forces to zero."""
     forces = pairs.force[c]
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
+    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
+        store(forces, p, splat(0.0))
 
 
 @jit
 def collect(pairs, chunks):
     """Sum the chunks' forces in chunk 0, in one order."""
     total = pairs.force[0]
-    for cluster in range(pairs.counts[N_CLUSTERS]):
-        fx, fy, fz = load_vector(total, cluster)
+    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
+        force = load(total, p)
         for c in range(1, chunks.number):
-            gx, gy, gz = load_vector(pairs.force[c], cluster)
-            fx, fy, fz = fx + gx, fy + gy, fz + gz
-        store_vector(total, cluster, fx, fy, fz)
+            force = force + load(pairs.force[c], p)
+        store(total, p, force)
 
 
 @as_written
@@ -150,7 +148,7 @@ def row_numbers(table, species, rows, stride, column):
     """Return four lanes: the parameters from ``column`` on in these rows of a table with ``stride`` numbers in a row.
     For one species all lanes take the first row."""
     if species > 1:
-        a, b, c, d = rows_of(table, rows, stride, column)
+        a, b, c, d = rows_of(table, value_of(rows), stride, column)
     else:
         zero = splat(0.0)
         a, b = broadcast(table, column, zero), broadcast(table, column + 1, zero)

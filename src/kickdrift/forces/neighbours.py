@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from kickdrift.forces.clusters import N_CLUSTERS, PRUNES, STRIDE, ClusterList, load_vector
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.jit.compile import as_written, jit, never_inline
-from kickdrift.jit.gathering import ROW, lane_round, rows_at
+from kickdrift.jit.dual_lanes import rows_at, value_of
+from kickdrift.jit.gathering import ROW, lane_round
 from kickdrift.jit.lanes import lane_numbers
 from kickdrift.jit.masks import lowest_bit, mask_bits
 from kickdrift.jit.memory import aligned, entry
@@ -174,12 +175,12 @@ def block_of_neighbours(rows, slot, first, cutoff2):
     q = ROW * slot
     x, y, z, kind = rows_at(at, rows.near, slot * rows.near.shape[1] + first)
     dx, dy, dz = at[q] - x, at[q + 1] - y, at[q + 2] - z
-    whole = lane_round(dz * inverse[2])
+    whole = lane_round(value_of(dz) * inverse[2])
     dx, dy, dz = dx - whole * matrix[2, 0], dy - whole * matrix[2, 1], dz - whole * matrix[2, 2]
-    whole = lane_round(dy * inverse[1])
+    whole = lane_round(value_of(dy) * inverse[1])
     dx, dy = dx - whole * matrix[1, 0], dy - whole * matrix[1, 1]
-    dx = dx - lane_round(dx * inverse[0]) * matrix[0, 0]
+    dx = dx - lane_round(value_of(dx) * inverse[0]) * matrix[0, 0]
     r2 = dx * dx + dy * dy + dz * dz
     # a distance that is nan counts as within the cutoff, so that a blow-up stays visible
     beyond = (r2 >= cutoff2) | (lane_numbers() >= float(rows.lengths[slot] - first))
-    return dx, dy, dz, r2, beyond, kind
+    return dx, dy, dz, r2, beyond, value_of(kind)

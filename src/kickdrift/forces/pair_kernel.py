@@ -152,15 +152,23 @@ def fill_tables(force):
 
 
 @jit
+def refresh_force(force, x):
+    """Update the list, and what belongs to its slots, for positions x (3, n); return a status."""
+    pairs = force.pairs
+    builds = pairs.counts[OUTER_BUILDS]
+    status = refresh(pairs, x, force.chunks)
+    if status == OK and pairs.counts[OUTER_BUILDS] != builds:
+        spread(force.tables, pairs)
+    return status
+
+
+@jit
 def add_forces(force, wanted, x, a, sums):
     """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
-    builds = pairs.counts[OUTER_BUILDS]
-    status = refresh(pairs, x, chunks)
+    status = refresh_force(force, x)
     if status != OK:
         return status
-    if pairs.counts[OUTER_BUILDS] != builds:
-        spread(force.tables, pairs)
     prepare(force.mixed, pairs)
     if not wanted:
         each_chunk(force, chunks, "chunk_forces")

@@ -2,7 +2,8 @@
 
 A pair at the distance d with the force g d has the variation g w + h (d . w) d, where w is the difference of the two
 deviations, and h is twice the derivative of g by r^2. The law's own formula on duals of lanes gives g and h, so they
-are exact. They are computed once for up to ``MOST`` deviations.
+are exact. They are computed once for up to ``MOST`` deviations. A single deviation takes part in the sweep that sums the
+forces (see `pair_variation`).
 
 A truncation that lets the force jump at the cutoff has no derivative there. Pairs on each side of the jump have theirs.
 """
@@ -12,9 +13,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_own
+from kickdrift.forces.beside_pairs import (
+    BesidePairs,
+    accelerations_of_own,
+    add_by_masses,
+    add_own,
+    add_particles,
+    copy_phase,
+)
+from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
     LANES,
     N_CLUSTERS,
@@ -27,8 +37,10 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.law_lanes import pair_slopes
-from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.forces.pair_kernel import PairKernel, refresh_force
 from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, store_row_force, working_arrays
+from kickdrift.forces.pair_sum import sum_pairs
+from kickdrift.forces.pair_variation import Deviation
 from kickdrift.forces.row_lanes import blocks, nothing
 from kickdrift.forces.special_pairs import UNSHIFTED, is_inside
 from kickdrift.forces.special_slopes import (
@@ -40,6 +52,7 @@ from kickdrift.forces.special_slopes import (
 )
 from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import splat
 from kickdrift.jit.masks import select
 from kickdrift.jit.memory import aligned, entry, flat, load_like, store, sums_of_rows
@@ -63,6 +76,7 @@ class PairSlopes(NamedTuple):
     deviations: NDArray[np.float64]  # (MOST, 3 slots) in the places of the list
     slopes: NDArray[np.float64]  # (chunks, MOST, 3 slots)
     chunks: Chunks
+    alone: Any  # 1 for a single deviation, else None
 
 
 class PairSlopesKernel(BesidePairs):
@@ -74,27 +88,68 @@ def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
     work, a = own.parts, np.zeros((3, len(by_masses)))
     shape = min(along, MOST), work.pairs.x.size
     room = np.zeros(1, np.int64), aligned(shape), aligned((work.chunks.number, *shape)), work.chunks
+    room = *room, 1 if along == 1 else None
     return PairSlopesKernel(PairSlopes(work, 0, 0, np.zeros((2, *a.shape)), a, by_masses, *room), own)
 
 
 @jit
 def add_slopes(force, wanted, t, x, v, a, sums):
     """Add the accelerations of the particles and their deviations. Return a status."""
+    status = add_along(force.alone, force, wanted, t, x, v, a, sums)
+    if status == OK:
+        add_by_masses(force.by_masses, force.a, a)
+    return status
+
+
+PairSlopesKernel.add = add_slopes
+
+
+def add_along(alone: Any, force: Any, wanted: bool, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+    """Add the accelerations of the particles and their deviations, whose masses are constant. Return a status."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(add_along)
+def _add_along(alone, force, wanted, t, x, v, a, sums):
+    if isinstance(alone, types.NoneType):
+        return lambda alone, force, wanted, t, x, v, a, sums: add_several(force, wanted, t, x, v, a, sums)
+    return lambda alone, force, wanted, t, x, v, a, sums: add_one(force, wanted, t, x, v, a, sums)
+
+
+@jit
+def add_one(force, wanted, t, x, v, a, sums):
+    """See `add_along`. The forces and the slopes along a single deviation come from one sweep."""
+    own = force.force
+    if wanted:
+        status = accelerations_of_own(force, wanted, t, x, v, sums)
+    else:
+        copy_phase(force, x, v)
+        status = refresh_force(own, force.phase[0])
+    if status != OK:
+        return status
+    force.number[0] = 1
+    place_deviations(force, x, 1, 0)
+    each_chunk(force, force.chunks, "chunk_forces_and_slopes")
+    if not wanted:
+        add_accelerations(own.mixed, own, force.a)
+    add_particles(force, a)
+    collect_slopes(force, a, 1, 0)
+    return OK
+
+
+@jit
+def add_several(force, wanted, t, x, v, a, sums):
+    """See `add_along`."""
     status = add_own(force, wanted, t, x, v, a, sums)
     if status != OK:
         return status
-    own, n = force.a, force.a.shape[1]
-    directions = x.shape[1] // n - 1
+    directions = x.shape[1] // force.a.shape[1] - 1
     for first in range(0, directions, MOST):
         force.number[0] = min(MOST, directions - first)
         place_deviations(force, x, directions, first)
         each_chunk(force, force.chunks, "chunk_slopes")
         collect_slopes(force, a, directions, first)
-    add_by_masses(force.by_masses, own, a)
     return OK
-
-
-PairSlopesKernel.add = add_slopes
 
 
 @jit
@@ -134,6 +189,16 @@ def collect_slopes(force, a, directions, first):
             a[1, at] += total[p + LANES] * w
             a[2, at] += total[p + LANES + LANES] * w
             at += directions
+
+
+@chunk_task
+def chunk_forces_and_slopes(force, c):
+    """Sum the forces of chunk c's pairs and their variations along one deviation into the chunk's own arrays."""
+    never_inline()
+    own, u, s = force.force, flat(force.deviations), flat(force.slopes[c])
+    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c)
+    laws = own.law, own.at_cutoff, own.truncation, own.tables
+    add_special_slopes(own.pairs.special, laws, own.pairs, u, s, 1, c, own.cutoff**2)
 
 
 @chunk_task

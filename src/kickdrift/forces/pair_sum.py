@@ -26,6 +26,14 @@ from kickdrift.forces.pair_rows import (
     subtract_reactions,
     working_arrays,
 )
+from kickdrift.forces.pair_variation import (
+    add_row_slopes,
+    row_deviation,
+    slope_within,
+    store_row_slope,
+    varied_row,
+    vary_cluster,
+)
 from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
@@ -40,18 +48,20 @@ from kickdrift.jit.vectors import WIDTH
 def chunk_forces(force, c):
     """Sum the forces of chunk c's pairs into the chunk's own array."""
     never_inline()
-    sum_pairs(force, None, c)
+    sum_pairs(force, None, None, c)
 
 
 @chunk_task
 def chunk_forces_and_sums(force, c):
     """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
     never_inline()
-    sum_pairs(force, force.sums, c)
+    sum_pairs(force, force.sums, None, c)
 
 
 @as_written
-def sum_pairs(force, sums, c):
+def sum_pairs(force, sums, deviation, c):
+    """Sum the forces of chunk c's pairs. If they are not None, also sum energy and virial, and the variation along one
+    `Deviation`."""
     pairs = force.pairs
     zero = nothing(force.lanes)
     x, reactions, table, row_sums = working_arrays(zero, pairs, c)
@@ -66,6 +76,8 @@ def sum_pairs(force, sums, c):
         if touched[cluster]:
             store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
             clear(reactions, cluster, zero)
+            if deviation is not None:
+                store_vector(deviation.s, cluster, splat(0.0), splat(0.0), splat(0.0))
     cutoff2 = force.cutoff**2
     laws = force.law, force.at_cutoff, force.truncation, force.tables
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
@@ -86,11 +98,15 @@ def sum_pairs(force, sums, c):
         r2 = dx * dx + dy * dy + dz * dz
         energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), slot_of(other), r2)
         g = select(r2 < cutoff2, force_over_r, 0.0)
+        if deviation is not None:
+            h = slope_within(laws, own + particle_of(zero, place), slot_of(other), r2, cutoff2)
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
         for row in range(rows_each):
             fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
+            if deviation is not None:
+                varied = row_deviation(deviation, cluster, row, zero)
             for k in range(start[first + row], start[first + row + 1]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
@@ -100,6 +116,9 @@ def sum_pairs(force, sums, c):
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
                 subtract_reactions(reactions, other, -g, dx, dy, dz)
+                if deviation is not None:
+                    varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
+                    h = slope_within(laws, i, j, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))
@@ -110,6 +129,8 @@ def sum_pairs(force, sums, c):
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
             store_row_force(row_sums, row, fx, fy, fz)
+            if deviation is not None:
+                store_row_slope(deviation, row, varied)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
@@ -126,6 +147,10 @@ def sum_pairs(force, sums, c):
         own_y = own_y + row_forces(row_sums, 1, zero)
         own_z = own_z + row_forces(row_sums, 2, zero)
         store_vector(forces, cluster, own_x, own_y, own_z)
+        if deviation is not None:
+            add_row_slopes(deviation, cluster)
+            if mine and not is_inside(pairs.special, cluster):
+                vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
     totals = add_special(pairs.special, laws, pairs, c, cutoff2, (energy_sum, virial_sum, pair_count))
     energy_sum, virial_sum, pair_count = totals
     for cluster in range(pairs.counts[N_CLUSTERS]):

@@ -17,10 +17,10 @@ from kickdrift.forces.many_body_kernel import clear, collect, law_body, react, r
 from kickdrift.forces.neighbours import ROW, block_of_neighbours
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.elementary import lane_exp, lane_log
-from kickdrift.jit.lanes import inverse_sqrt, lane_sum, splat
-from kickdrift.jit.masks import mask_bits, select
-from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.dual_lanes import inverse_sqrt, lane_exp, lane_log, lane_sum, load, select, store, value_of
+from kickdrift.jit.lanes import splat
+from kickdrift.jit.masks import mask_bits
+from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 
 COLUMNS = 8  # of `by_pair`
@@ -78,7 +78,7 @@ def chunk_stillinger_weber(force, c):
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            own = rows.at[ROW * slot + 3]
+            own = value_of(rows.at[ROW * slot + 3])
             for first in range(0, rows.lengths[slot], WIDTH):
                 dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
                 cut, sigma, gs, a, b, one, p, q = pair_numbers(law, own, kind)

@@ -14,11 +14,21 @@ from kickdrift.forces.many_body_kernel import clear, collect, law_body, react, r
 from kickdrift.forces.neighbours import ROW, block_of_neighbours
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.elementary import lane_exp, lane_log, lane_sine_cosine
+from kickdrift.jit.dual_lanes import (
+    inverse_sqrt,
+    lane_exp,
+    lane_log,
+    lane_sine_cosine,
+    lane_sum,
+    load,
+    select,
+    store,
+    value_of,
+)
 from kickdrift.jit.gathering import place_at
-from kickdrift.jit.lanes import inverse_sqrt, lane_numbers, lane_sum, splat
-from kickdrift.jit.masks import any_lane, lowest_bit, mask_bits, select
-from kickdrift.jit.memory import aligned, load, store
+from kickdrift.jit.lanes import lane_numbers, splat
+from kickdrift.jit.masks import any_lane, lowest_bit, mask_bits
+from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 
 PAIR = 12  # columns of `by_pair`
@@ -83,7 +93,7 @@ def chunk_tersoff(force, c):
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            own = rows.at[ROW * slot + 3]
+            own = value_of(rows.at[ROW * slot + 3])
             count = find_bonds(rows, slot, force.cutoff**2, bonds, bonded)
             pair_count += count
             weigh_pairs(law, own, bonds, count)

@@ -88,24 +88,21 @@ class Varied:
 class VariedPairs(Varied, ListedForce):
     """A force on a neighbour list, for the particles of a System and their deviations, on one list.
 
-    Pair laws have exact slopes by duals, truncations included. Many-body forces use central differences."""
+    All have exact slopes by duals, truncations included."""
 
-    @property
-    def differs(self) -> bool:
-        """See Varied."""
-        return not isinstance(self.force, PairForce)
+    differs = False
 
     def bind(self, system: System, threads: int = 1, mixed: bool = False) -> Any:
         """Return the bound force, a `beside_pairs.BesidePairs`."""
-        from kickdrift.forces import beside_pairs, list_differences, pair_slopes
+        from kickdrift.forces import beside_pairs, many_body_slopes, pair_slopes
 
         if mixed:
             raise InputError("precision: variational equations need double")
         own = self.force.bind(self.system, threads)
         by_masses = beside_pairs.slopes_by_masses(self.system.state.masses, self._masses)
-        if self.differs:
-            return list_differences.bind(own, by_masses)
-        return pair_slopes.bind(own, by_masses, self._along)
+        if isinstance(self.force, PairForce):
+            return pair_slopes.bind(own, by_masses, self._along)
+        return many_body_slopes.bind(own, by_masses)
 
 
 def varied_force(

@@ -1,9 +1,9 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
 A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
-lanes of numbers, and one slope for each. A dual of duals carries second derivatives: its value is a dual along eight
-directions, and its slope is the change of this dual along one more. `dual_operators` and `dual_functions` teach numba
-the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
+lanes of numbers, and one slope for each; `SINGLE` is one of these lanes. A dual of duals carries second derivatives: its
+value is a dual along eight directions, and its slope is the change of this dual along one more. `dual_operators` and
+`dual_functions` teach numba the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
 doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is computed once
 for eight directions.
 """
@@ -25,8 +25,7 @@ SLOT = 1 + WIDTH  # numbers of float64 in memory for one dual: the value and eig
 
 
 class Dual(types.Type):
-    """A value of the type ``value``, and its slopes along eight directions, of the type ``slope``. ``order`` counts the
-    derivatives."""
+    """A value of the type ``value``, and its slopes, of the type ``slope``. ``order`` counts the derivatives."""
 
     def __init__(self, value: types.Type, slope: types.Type) -> None:
         self.value, self.slope = value, slope
@@ -34,13 +33,15 @@ class Dual(types.Type):
         super().__init__(name=f"Dual({value.name}, {slope.name})")
 
     def takes(self, other: types.Type) -> bool:
-        """Whether a number, or a dual of lower order, may stand for this dual: as one without more slopes."""
+        """Whether a number, lanes, or a dual of lower order, may stand for this dual: as one without more slopes."""
         if isinstance(self.value, Dual):
             return other == self.value or self.value.takes(other)
+        if isinstance(self.value, Lanes):
+            return other == self.value
         return self.value == types.float64 and isinstance(other, types.Number)
 
     def unify(self, typingctx: Any, other: types.Type) -> Any:
-        """The type of a variable that is a dual here and a number there: a dual."""
+        """The type of a variable that is a dual here and a number, or lanes, there: a dual."""
         return self if self.takes(other) else None
 
     def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
@@ -49,6 +50,7 @@ class Dual(types.Type):
 
 
 DUAL = Dual(types.float64, lanes_type)
+SINGLE = Dual(types.float64, types.float64)
 DUAL3 = Dual(Vector3(types.float64), Vector3(lanes_type))
 TWICE, TWICE3 = Dual(DUAL, DUAL), Dual(DUAL3, DUAL3)  # with second derivatives, along one direction and eight others
 
@@ -97,9 +99,11 @@ def made(builder: ir.IRBuilder, value: ir.Value, slope: ir.Value) -> ir.Value:
 
 @intrinsic
 def dual(typingctx, value, slope):
-    """Dual of a number and eight slopes, of a vector of three and its slopes, of lanes and a slope for each, or of two
-    duals."""
+    """Dual of a number and eight slopes or one, of a vector of three and its slopes, of lanes and a slope for each, or
+    of two duals."""
     kind: Dual | None = Dual(value, value) if isinstance(value, Lanes) or value in (DUAL, DUAL3) else None
+    if slope == types.float64:
+        kind = SINGLE
     if kind is None:
         kind = {lanes_type: DUAL, DUAL3.slope: DUAL3}.get(slope)
         if kind is None or isinstance(value, Vector3) != (kind is DUAL3):
@@ -138,6 +142,11 @@ def _without_slopes(context, builder, fromty, toty, value):
 
 
 lower_cast(Dual, Dual)(_without_slopes)
+
+
+@lower_cast(Lanes, Dual)
+def _lanes_without_slopes(context, builder, fromty, toty, value):
+    return made(builder, value, constant(0.0, toty.slope.vector))
 
 
 @intrinsic

@@ -32,14 +32,26 @@ def _transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
     return [shuffled(a, b, order) for order in (first, last) for a, b in halves]
 
 
-def _gathered(context: Any, builder: Any, sig: Any, table: Any, starts: list[ir.Value]) -> Any:
-    data = context.make_array(sig.args[0])(context, builder, table).data
+def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> list[ir.Value]:
+    """Emit four vectors of eight lanes: the four numbers from each of eight starts on. ``data`` points to float64."""
     rows = []
     for start in starts:
         row = builder.load(builder.bitcast(builder.gep(data, [start]), _FOUR.as_pointer()))
         row.align = 8
         rows.append(row)
-    return context.make_tuple(builder, sig.return_type, _transposed(builder, rows))
+    return _transposed(builder, rows)
+
+
+def places_in(context: Any, builder: Any, kind: types.Type, places: Any, first: ir.Value) -> list[ir.Value]:
+    """Emit the eight numbers of an array of int32 from ``first`` on."""
+    listed = context.make_array(kind)(context, builder, places).data
+    found = (builder.load(builder.gep(listed, [builder.add(first, _WHOLE(k))])) for k in range(WIDTH))
+    return [builder.sext(place, _WHOLE) for place in found]
+
+
+def _columns(context: Any, builder: Any, sig: Any, table: Any, starts: list[ir.Value]) -> Any:
+    data = context.make_array(sig.args[0])(context, builder, table).data
+    return context.make_tuple(builder, sig.return_type, gathered(builder, data, starts))
 
 
 @intrinsic
@@ -48,12 +60,9 @@ def rows_at(typingctx, table, places, first):
     a row. ``places`` holds int32."""
 
     def codegen(context, builder, sig, args):
-        listed = context.make_array(sig.args[1])(context, builder, args[1]).data
-        starts = []
-        for k in range(WIDTH):
-            place = builder.load(builder.gep(listed, [builder.add(args[2], _WHOLE(k))]))
-            starts.append(builder.mul(builder.sext(place, _WHOLE), _WHOLE(ROW)))
-        return _gathered(context, builder, sig, args[0], starts)
+        places = places_in(context, builder, sig.args[1], args[1], args[2])
+        starts = [builder.mul(place, _WHOLE(ROW)) for place in places]
+        return _columns(context, builder, sig, args[0], starts)
 
     return _FOUR_LANES(table, places, types.intp), codegen
 
@@ -68,7 +77,7 @@ def rows_of(typingctx, table, rows, stride, column):
         starts = [
             builder.add(builder.mul(builder.extract_element(whole, I32(k)), args[2]), args[3]) for k in range(WIDTH)
         ]
-        return _gathered(context, builder, sig, args[0], starts)
+        return _columns(context, builder, sig, args[0], starts)
 
     return _FOUR_LANES(table, lanes_type, types.intp, types.intp), codegen
 
@@ -78,11 +87,10 @@ def numbers_at(typingctx, table, places, first):
     """Return lanes: the numbers of a table at ``places[first:first + 8]``, which holds int32."""
 
     def codegen(context, builder, sig, args):
-        data, listed = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 1))
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
         made = ir.Constant(F64X8, ir.Undefined)
-        for k in range(WIDTH):
-            place = builder.load(builder.gep(listed, [builder.add(args[2], _WHOLE(k))]))
-            made = builder.insert_element(made, builder.load(builder.gep(data, [builder.sext(place, _WHOLE)])), I32(k))
+        for k, place in enumerate(places_in(context, builder, sig.args[1], args[1], args[2])):
+            made = builder.insert_element(made, builder.load(builder.gep(data, [place])), I32(k))
         return made
 
     return lanes_type(table, places, types.intp), codegen

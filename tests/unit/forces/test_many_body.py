@@ -14,9 +14,11 @@ from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.setfl import hermite
 from kickdrift.forces.stillinger_weber import SiliconOf1985
 from kickdrift.forces.tersoff import SiliconOf1988
+from kickdrift.forces.variations import varied
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation import zhou_copper
 from kickdrift_validation.example_forces import crystal, example
+from tests.long import shortened
 from tests.oracle import many_body as oracle
 
 LEANING = np.array([[14.1, 0, 0], [-5.0, 14.3, 0], [3.3, 4.0, 13.5]])
@@ -149,6 +151,39 @@ def test_energy_forces_and_virial_are_those_of_the_papers(name, shape, tmp_path)
         assert -along == pytest.approx(float((forces * way).sum()), rel=1e-11, abs=1e-11 * np.linalg.norm(forces))
     grown = oracle.slope(lambda w: energy(d + w, names), d)
     assert measured.virial == pytest.approx(-grown, rel=1e-11)
+
+
+SLOPES = [(name, shape) for name in CASES for shape in ("open", "leaning")]
+
+
+@pytest.mark.parametrize("each", shortened(SLOPES, [SLOPES[3], SLOPES[7], SLOPES[13]]), ids=str)
+def test_slopes_are_those_of_the_papers(each, tmp_path):
+    """Differences of order 6 of derivatives by a complex step. With tables h is small, so that no distance passes a
+    point of its table, and rounding is what is left."""
+    name, shape = each
+    if tables := name.startswith("eam"):
+        pytest.importorskip("ase")
+    force, species, energy = case(name, tmp_path)
+    system = particles(species, BOXES[shape], force)
+    names = [system.species[k] for k in system.species_index]
+    n, rng = len(system), np.random.default_rng(7)
+    deviations, h, bound = rng.normal(size=(2, 3, n, 2)), 1e-6 if tables else 3e-4, 1e-9 if tables else 3e-11
+    made = varied(system, deviations.reshape(2, 3, -1))
+    found = BoundForces(made).measure(0.0, made.state.phase).accelerations
+    plain = BoundForces(system).measure(0.0, system.state.phase)
+    np.testing.assert_array_equal(found[:, :n], plain.accelerations)
+    slopes = found[:, n:].reshape(3, n, 2) * system.coherent_masses[:, None]
+    d = oracle.separations(system.state.positions, system.box)
+    for k in range(2):
+        along, way = deviations[0, :, :, k].T, rng.normal(size=(n, 3))
+        ahead, apart = along[None, :] - along[:, None], way[None, :] - way[:, None]
+
+        def there(m: int, ahead=ahead, apart=apart) -> float:
+            return -oracle.slope(lambda w: energy(d + m * h * ahead + w, names), apart)
+
+        wanted = (45 * (there(1) - there(-1)) - 9 * (there(2) - there(-2)) + (there(3) - there(-3))) / (60 * h)
+        size = np.linalg.norm(slopes[..., k]) * np.linalg.norm(way)
+        assert float((slopes[..., k].T * way).sum()) == pytest.approx(wanted, rel=0, abs=bound * size)
 
 
 @pytest.mark.parametrize("name", ["eam", "stillinger-weber"])

@@ -11,9 +11,11 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
 from kickdrift.forces.bound import BoundForces
 from kickdrift.forces.pair_law import TRUNCATIONS
 from kickdrift.forces.variations import varied
+from kickdrift.model.starts.builders import lattice
 from tests.long import shortened
 from tests.oracle.forces import pair_slopes
 from tests.systems import PAIRS, SPECIES, liquid
@@ -57,7 +59,7 @@ def moved(system: kd.System, along: np.ndarray, masses=None) -> kd.System:
     """The system with its phase (2, 3, n) moved, and perhaps other masses."""
     (x, v), names = system.state.phase + along, [system.species[k] for k in system.species_index]
     masses = system.state.masses if masses is None else masses
-    return kd.System(x.T, v.T, masses, system.box, system.forces, topology=system.topology, species=names)
+    return kd.System(x.T, v.T, masses, system.box, system.forces, system.units, topology=system.topology, species=names)
 
 
 def ends(of, h: float) -> np.ndarray:
@@ -153,24 +155,19 @@ def test_threads_do_not_change_the_bits():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["silicon-512", "tersoff"])
-def test_many_body_forces_take_central_differences(name):
-    system = kd.load("silicon-512")
-    if name == "tersoff":
-        system = system.with_forces(kd.Tersoff())
-    rng, n, h = np.random.default_rng(2), len(system), 3e-4
-    phase = system.state.phase + 0.05 * rng.normal(size=(2, 3, n))
-    deviations = rng.normal(size=(2, 3, n))
-    made = varied(system, deviations)
-    found = BoundForces(made).measure(0.0, np.concatenate([phase, deviations], axis=2)).accelerations[:, n:]
-    assert made.forces[0].differs
-    plain = BoundForces(system)
-
-    def there(k: int) -> np.ndarray:
-        return plain.measure(0.0, phase + k * h * deviations).accelerations
-
-    wanted = (45 * (there(1) - there(-1)) - 9 * (there(2) - there(-2)) + (there(3) - there(-3))) / (60 * h)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+@pytest.mark.parametrize("name", ["stillinger-weber", "tersoff"])
+def test_matrices_of_many_body_forces_are_those_of_their_runs_and_symplectic(name):
+    force, rng = FORCES[name](), np.random.default_rng(2)
+    x, edges = lattice("diamond", 64, 8 / 5.431**3)
+    x = x + 0.1 * rng.normal(size=x.shape)
+    system = kd.System(x, rng.normal(size=x.shape), 28.0855, edges, [force], "metal", species=["Si"] * 64)
+    found = kd.transition_matrix(system, 0.04, "velocity-verlet", 0.002)
+    assert found.by_differences == ()
+    assert found.symplectic_error < 1e-15
+    along = rng.normal(size=(2, 3, len(system)))
+    wanted = ends(lambda h: moved(system, h * along), 1e-4)
+    got = found.matrix @ along.swapaxes(1, 2).ravel()
+    np.testing.assert_allclose(got, wanted, rtol=0, atol=3e-10 * np.abs(wanted).max())
 
 
 def test_what_has_no_derivative_is_said():
