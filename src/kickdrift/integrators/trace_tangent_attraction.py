@@ -29,15 +29,17 @@ class DualMeeting(NamedTuple):
     x: NDArray[np.float64]  # (width,) duals, three rows of as many as there are bodies
     v: NDArray[np.float64]
     a: NDArray[np.float64]
+    lost_x: NDArray[np.float64]  # what rounding took from x
+    lost_v: NDArray[np.float64]
     work: NDArray[np.float64]  # (ROWS width,) as in ``gauss_radau_series``
 
 
 def dual_meeting(room: int) -> DualMeeting:
     """Room for so many bodies."""
     width = BLOCK * -(-3 * room * SLOT // BLOCK)
-    x, v, a = (aligned((width,)) for _ in range(3))
+    rows = (aligned((width,)) for _ in range(5))
     whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(*whole, x, v, a, aligned((ROWS * width,)))
+    return DualMeeting(*whole, *rows, aligned((ROWS * width,)))
 
 
 @jit
