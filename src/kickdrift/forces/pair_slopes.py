@@ -2,8 +2,8 @@
 
 A pair at the distance d with the force g d has the variation g w + h (d . w) d, where w is the difference of the two
 deviations, and h is twice the derivative of g by r^2. The law's own formula on duals of lanes gives g and h, so they
-are exact. They are computed once for up to ``MOST`` deviations. A single deviation takes part in the sweep that sums the
-forces (see `pair_variation`).
+are exact. They are computed once for up to ``MOST`` deviations. A single deviation takes part in the sweep that sums
+the forces (see `pair_variation`).
 
 A truncation that lets the force jump at the cutoff has no derivative there. Pairs on each side of the jump have theirs.
 """

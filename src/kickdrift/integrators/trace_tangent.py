@@ -26,7 +26,18 @@ from kickdrift.integrators.trace_tangent_meeting import (
     meet_again,
 )
 from kickdrift.integrators.trace_tangent_others import kick_by_others_duals
-from kickdrift.integrators.trace_tangent_rows import AFTER_V, AFTER_X, MASSES, MIDDLE_V, MIDDLE_X, ROWS, V, X
+from kickdrift.integrators.trace_tangent_rows import (
+    AFTER_V,
+    AFTER_X,
+    LOST_V,
+    LOST_X,
+    MASSES,
+    MIDDLE_V,
+    MIDDLE_X,
+    ROWS,
+    V,
+    X,
+)
 from kickdrift.integrators.wisdom_holman_tangent_drift import drift_duals, fill_kepler
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
 from kickdrift.jit.by_address import status_at
@@ -205,6 +216,7 @@ def until_drift(hybrid, own, rows, t, h, heavy):
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
     if not heavy:
         jump_duals(hybrid, own, rows, 0.5 * h)
+        rows[LOST_X] = rows[LOST_V] = 0.0
     if hybrid.counts[POINTS] > 0:
         rows[MIDDLE_X], rows[MIDDLE_V] = rows[X], rows[V]
     if heavy:
@@ -235,9 +247,18 @@ def from_drift(hybrid, own, rows, t, h, heavy):
 
 @jit
 def pass_duals(hybrid, own, rows):
-    """AFTER_X and AFTER_V <- the end of the passage of all massive bodies, whose path is the first. Return a status."""
+    """AFTER_X and AFTER_V <- the end of the passage of all massive bodies, whose path is the first. Return a status.
+
+    Deviations grow in a passage and shrink after it. So each rounding at a step's end near the pericentre would remain,
+    enlarged; the next step takes what rounding has taken."""
     meeting, count = own.meeting, own.slot.size
+    lost_x, lost_v = dual_rows(rows[LOST_X], count), dual_rows(rows[LOST_V], count)
     n = enter_meeting(hybrid, meeting, own.number, 0)
+    left_x, left_v = dual_rows(meeting.lost_x, n), dual_rows(meeting.lost_v, n)
+    for i in range(n):
+        body = meeting.members[i]
+        put_vector(left_x, i, vector_at(lost_x, body))
+        put_vector(left_v, i, vector_at(lost_v, body))
     status = meet_again(hybrid, own, rows, n, 0, hybrid.counts[POINTS])
     if status != OK:
         return status
@@ -249,6 +270,8 @@ def pass_duals(hybrid, own, rows):
         body = meeting.members[i]
         put_vector(after_x, body, vector_at(x, i))
         put_vector(after_v, body, vector_at(v, i))
+        put_vector(lost_x, body, vector_at(left_x, i))
+        put_vector(lost_v, body, vector_at(left_v, i))
         moved = moved + masses[2, body] * (vector_at(x, i) - vector_at(middle, body))
         mass += masses[2, body]
     put_vector(after_x, 0, (as_dual(1.0) / mass) * moved)
@@ -276,6 +299,7 @@ def meet_duals(hybrid, own, rows):
     while row < points:
         n = enter_meeting(hybrid, meeting, own.number, row)
         if not passed:
+            meeting.lost_x[:] = meeting.lost_v[:] = 0.0
             status = meet_again(hybrid, own, rows, n, row, points)
             if status != OK:
                 return status

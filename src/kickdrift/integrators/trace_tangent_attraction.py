@@ -30,6 +30,8 @@ class DualMeeting(NamedTuple):
     x: NDArray[np.float64]  # (width,), to second order (width / 2, 2): duals, three rows of as many as there are bodies
     v: NDArray[np.float64]
     a: NDArray[np.float64]
+    lost_x: NDArray[np.float64]  # what rounding took from x
+    lost_v: NDArray[np.float64]
     work: NDArray[np.float64]  # (ROWS width,) as in ``gauss_radau_series``
 
 
@@ -37,9 +39,9 @@ def dual_meeting(room: int, twice: bool) -> DualMeeting:
     """Room for so many bodies, with second derivatives if ``twice``."""
     numbers = 2 * SLOT if twice else SLOT
     width = BLOCK * -(-3 * room * numbers // BLOCK)
-    x, v, a = (aligned((width // 2, 2) if twice else (width,)) for _ in range(3))
+    rows = (aligned((width // 2, 2) if twice else (width,)) for _ in range(5))
     whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(numbers, *whole, x, v, a, aligned((ROWS * width,)))
+    return DualMeeting(numbers, *whole, *rows, aligned((ROWS * width,)))
 
 
 @jit

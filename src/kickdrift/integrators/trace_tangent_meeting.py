@@ -37,7 +37,7 @@ from kickdrift.integrators.trace_tangent_attraction import attract_duals
 from kickdrift.integrators.trace_tangent_extrapolation import replay_extrapolation
 from kickdrift.integrators.trace_tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
-from kickdrift.jit.compile import is_finite, jit, never_inline
+from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.dual import as_dual, dual_rows
 from kickdrift.jit.dual_operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes import lane_max, plus, splat
@@ -112,10 +112,12 @@ def replay(hybrid, own, rows, n, everyone, first, points):
     width = BLOCK * ((size + BLOCK - 1) // BLOCK)
     for i in range(ROWS * width):
         work[i] = 0.0
+    lost_x, lost_v = flat(meeting.lost_x), flat(meeting.lost_v)
     for i in range(size, width):
         x[i] = a[i] = 0.0
     for i in range(size):
         work[X * width + i], work[V * width + i] = x[i], v[i]
+        work[LOST_X * width + i], work[LOST_V * width + i] = lost_x[i], lost_v[i]
     at, done, last, before = first + n, 0.0, 0.0, 0.0
     while done < h:
         if at >= points or not path[at, 0] > done:
@@ -144,7 +146,18 @@ def replay(hybrid, own, rows, n, everyone, first, points):
         last, before, at = step, ratio, at + n
     for i in range(size):
         x[i], v[i] = work[X * width + i], work[V * width + i]
+        lost_x[i], lost_v[i] = work[LOST_X * width + i], work[LOST_V * width + i]
     return OK
+
+
+@as_written
+def add_exactly(x, lost, i, change):
+    """Add a vector and the lost part to x of body i; the lost part <- the rounding error (Knuth 1969)."""
+    before, change = vector_at(x, i), change + vector_at(lost, i)
+    after = before + change
+    taken = after - before
+    put_vector(x, i, after)
+    put_vector(lost, i, (before - (after - taken)) + (change - taken))
 
 
 @jit
@@ -180,18 +193,19 @@ def heavy_passes(hybrid):
 
 @jit
 def meet_again(hybrid, own, rows, n, first, points):
-    """Move the bodies of ``meeting`` together from their places before the drift. Return a status."""
+    """Move the bodies of ``meeting`` together from their places before the drift, to which the lost parts of
+    ``meeting`` belong. Return a status."""
     meeting, count = own.meeting, own.slot.size
     masses = dual_rows(rows[MASSES], count)
     middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
-    x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
+    x, v, lost = dual_rows(meeting.x, n), dual_rows(meeting.v, n), dual_rows(meeting.lost_v, n)
     for i in range(n):
         put_vector(x, i, vector_at(middle_x, meeting.members[i]))
         put_vector(v, i, vector_at(middle_v, meeting.members[i]))
     move = momentum_duals(meeting, masses, n)
     for i in range(n):
         if meeting.jumps[i]:
-            put_vector(v, i, vector_at(v, i) + move)
+            add_exactly(v, lost, i, move)
     everyone = hybrid.way == FULL and heavy_passes(hybrid)
     if hybrid.inner == GAUSS_RADAU:
         status = replay(hybrid, own, rows, n, everyone, first, points)
@@ -206,5 +220,5 @@ def meet_again(hybrid, own, rows, n, first, points):
     move = (as_dual(1.0) / mass) * momentum_duals(meeting, masses, n)
     for i in range(n):
         if meeting.jumps[i]:
-            put_vector(v, i, vector_at(v, i) - move)
+            add_exactly(v, lost, i, -move)
     return OK

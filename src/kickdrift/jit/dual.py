@@ -1,11 +1,11 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
 A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
-lanes of numbers, and one slope for each; `SINGLE` is one of these lanes. A dual of duals carries second derivatives: its
-value is a dual along eight directions, and its slope is the change of this dual along one more. `dual_operators` and
-`dual_functions` teach numba the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
-doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is computed once
-for eight directions.
+lanes of numbers, and one slope for each; `SINGLE` is one of these lanes. A dual of duals carries second derivatives:
+its value is a dual along eight directions, and its slope is the change of this dual along one more. `dual_operators`
+and `dual_functions` teach numba the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating
+Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is
+computed once for eight directions.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ lower_cast(Dual, Dual)(_without_slopes)
 
 @lower_cast(Lanes, Dual)
 def _lanes_without_slopes(context, builder, fromty, toty, value):
-    return made(builder, value, constant(0.0, toty.slope.vector))
+    return made(builder, value, context.get_constant_null(toty.slope))
 
 
 @intrinsic

@@ -96,8 +96,10 @@ def load(array: Any, index: int) -> Any:
 
 @overload(load)
 def _load_either(array, index):
-    return (lambda array, index: _load(array, index)) if _of_duals(array) else (
-        lambda array, index: memory.load(array, index)
+    return (
+        (lambda array, index: _load(array, index))
+        if _of_duals(array)
+        else (lambda array, index: memory.load(array, index))
     )
 
 
@@ -185,9 +187,7 @@ def _select(mask, yes, no):
         return lambda mask, yes, no: dual(
             masks.select(mask, yes, no.value), masks.select(mask, lanes.splat(0.0), no.slope)
         )
-    return lambda mask, yes, no: dual(
-        masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope)
-    )
+    return lambda mask, yes, no: dual(masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope))
 
 
 def lane_sum(x: Any) -> Any:

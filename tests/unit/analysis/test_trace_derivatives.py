@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators.trace_tangent_meeting import add_exactly
+from kickdrift.jit.compile import driver
+from kickdrift.jit.dual import SLOT, dual_rows
+from kickdrift.jit.dual_operators import vector_at
 
 DT, STEPS = 0.4, 16
 
@@ -327,6 +332,25 @@ def test_transits_under_a_map():
     np.testing.assert_array_equal(kd.transits(sim, "b", **given).times, found.times)
     with pytest.raises(InputError, match=r"dt: b turns by 1\.7 radians in a step of trace; transits"):
         kd.transits(system, "b", **given, integrator="trace", dt="0.4 day")
+
+
+@driver
+def added(x, lost, changes):
+    for i in range(x.size // (3 * SLOT)):
+        add_exactly(dual_rows(x, 2), dual_rows(lost, 2), i, vector_at(dual_rows(changes, 2), i))
+
+
+def test_what_rounding_takes_from_deviations_is_kept():
+    rng = np.random.default_rng(5)
+    x, changes = (rng.standard_normal(6 * SLOT) * scale for scale in (1.0, 1e-5))
+    lost = np.zeros_like(x)
+    wanted = [Fraction(a) + Fraction(b) for a, b in zip(x, changes, strict=True)]
+    added(x, lost, changes)
+    assert [Fraction(a) + Fraction(b) for a, b in zip(x, lost, strict=True)] == wanted
+    assert np.count_nonzero(lost) > lost.size // 2
+    before = lost.copy()
+    added(x, lost, np.zeros_like(x))
+    np.testing.assert_array_equal(lost, before)
 
 
 def test_the_systems_own_method_serves_where_it_can():
