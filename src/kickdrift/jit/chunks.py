@@ -17,7 +17,8 @@ from numba.extending import intrinsic
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.handle import Handle, address
 from kickdrift.jit.inner import overload
-from kickdrift.jit.team import TASK, call_task, team_of
+from kickdrift.jit.task import TASK, call_task
+from kickdrift.jit.team import team_of
 
 TASKS: dict[str, Any] = {}
 _WHOLE = ir.IntType(64)

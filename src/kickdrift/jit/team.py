@@ -11,6 +11,8 @@ that is over.
 A helper without work looks out for the next task for a short time, then sleeps. Two things happen on a busy machine,
 and after both the master works alone for some milliseconds. The system may put a helper on the master's own core. The
 helper then sleeps at once. Or a helper may lose its core within a chunk, and the master waits until it runs again.
+
+Only Linux has these teams. Elsewhere `team_of` returns a team of numba's threads.
 """
 
 from __future__ import annotations
@@ -25,18 +27,17 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.jit.atomic import add, core, lock, nanoseconds, pause, read, replace, sleep, unlock, wake, write
 from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
 from kickdrift.jit.memory import aligned
+from kickdrift.jit.numba_threads import NumbaTeam
+from kickdrift.jit.task import call_task
 
-_WHOLE = ir.IntType(64)
-TASK = ir.FunctionType(ir.VoidType(), [_WHOLE, _WHOLE])  # type of a task: address of its handle, chunk
+SLEEPING = sys.platform == "linux"  # whether teams are of sleeping threads; the others are of numba's threads
 
 LINE = 64  # bytes that cores exchange at once: numbers of different threads lie apart
 (
@@ -65,28 +66,25 @@ CROWDED = 10_000_000  # nanoseconds in which the master works alone after a help
 
 
 class Team:
-    """A number of threads: the caller and its helpers. ``address`` is the team's memory for compiled code; 0 where
-    the system has no such threads."""
+    """A number of threads: the caller and its helpers. ``address`` is the team's memory for compiled code."""
 
     def __init__(self, threads: int) -> None:
-        self._helpers, self.address = threads - 1, 0
-        if sys.platform == "linux":
-            self._memory: NDArray[np.int64] = aligned((SIZE // 8,), 0, np.int64)
-            self._memory[CODE // 8] = _kept(_share, types.void(*4 * [types.intp])).address
-            self.address = int(self._memory.ctypes.data)
-            os.register_at_fork(after_in_child=self._begin)
+        self._helpers = threads - 1
+        self._memory: NDArray[np.int64] = aligned((SIZE // 8,), 0, np.int64)
+        self._memory[CODE // 8] = _kept(_share, types.void(*4 * [types.intp])).address
+        self.address = int(self._memory.ctypes.data)
+        os.register_at_fork(after_in_child=self._begin)
         self._begin()
 
     def _begin(self) -> None:
         """Begin without helpers, as in a forked process. A master without helpers works alone, with the same bits."""
         self._lock, self._started = Lock(), False
-        if self.address:
-            self._memory[TICKET // 8 :] = 0
+        self._memory[TICKET // 8 :] = 0
 
     def start(self) -> None:
         """Start the helpers, unless they run."""
         with self._lock:
-            if self._started or not self.address:
+            if self._started:
                 return
             library, name = ctypes.CDLL(None), ctypes.c_ulong()
             serve = ctypes.c_void_p(_kept(_serve, types.intp(types.intp)).address)
@@ -105,19 +103,18 @@ class Team:
 
     def insist(self) -> None:
         """Use the helpers on a busy machine too, for tests: they then run beside the master, however slowly."""
-        if self.address:
-            self._memory[INSISTS // 8] = 1
+        self._memory[INSISTS // 8] = 1
 
     @property
     def helped(self) -> int:
         """Number of chunks that helpers have run."""
-        return int(self._memory[HELPED // 8]) if self.address else 0
+        return int(self._memory[HELPED // 8])
 
 
 @cache
-def team_of(threads: int) -> Team:
+def team_of(threads: int) -> Team | NumbaTeam:
     """Return the team of this number of threads, which all runs of the process share."""
-    return Team(threads)
+    return Team(threads) if SLEEPING else NumbaTeam(threads)
 
 
 @cache
@@ -133,17 +130,6 @@ def _share(team, code, place, count):
 def _serve(team):
     serve(team)
     return 0
-
-
-@intrinsic
-def call_task(typingctx, code, place, c):
-    """Run the task at an address on chunk c."""
-
-    def codegen(context, builder, sig, args):
-        builder.call(builder.inttoptr(args[0], TASK.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.intp, types.intp), codegen
 
 
 @jit
