@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from kickdrift.forces.box_change import changed_since, largest_own_move
 from kickdrift.forces.clusters import LANES, STRIDE, chunk_clusters, copy, load_vector, unsigned
+from kickdrift.forces.pair_rows import copy_to_single
 from kickdrift.jit.chunks import chunk_task
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.lanes import lane_max, lane_sum, splat
@@ -23,7 +24,8 @@ class Loading(NamedTuple):
 
 @chunk_task
 def load_chunk(loading, c):
-    """Copy chunk c's positions to their places, and note the moves since the last pruning."""
+    """Copy chunk c's positions to their places, in mixed precision also as float32, and note the moves since the last
+    pruning."""
     never_inline()
     pairs = loading.pairs
     begin, end = chunk_clusters(pairs, c)
@@ -31,6 +33,7 @@ def load_chunk(loading, c):
     for block in range(begin, end, AT_ONCE):
         last = min(block + AT_ONCE, end)
         copy_positions(pairs, loading.x, block, last)
+        copy_to_single(pairs, block, last)
         largest, total = add_moves(pairs, pairs.inner_reference, block, last, largest, total)
     note_moves(pairs, c, largest, total)
 

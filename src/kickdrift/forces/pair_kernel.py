@@ -21,7 +21,6 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
-from kickdrift.forces.pair_rows import copy_to_single
 from kickdrift.forces.row_lanes import RowLanes
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.chunks import Chunks, each_chunk
@@ -169,7 +168,6 @@ def add_forces(force, wanted, x, a, sums):
     status = refresh_force(force, x)
     if status != OK:
         return status
-    prepare(force.mixed, pairs)
     if not wanted:
         each_chunk(force, chunks, "chunk_forces")
     else:
@@ -183,19 +181,6 @@ def add_forces(force, wanted, x, a, sums):
         sums[1] += scaled * force.tail[1]
     add_accelerations(force.mixed, force, a)
     return OK
-
-
-def prepare(mixed: Any, pairs: ClusterList) -> None:
-    """Copy the positions to float32 in mixed precision."""
-
-
-@overload(prepare)
-def _prepare(mixed, pairs):
-    return (
-        (lambda mixed, pairs: None)
-        if isinstance(mixed, types.NoneType)
-        else (lambda mixed, pairs: copy_to_single(pairs))
-    )
 
 
 def spread(tables: Any, pairs: ClusterList) -> None:

@@ -12,9 +12,9 @@ from numba import types
 
 from kickdrift.forces.clusters import (
     APART,
-    N_CLUSTERS,
     SHIFTS,
     STRIDE,
+    chunk_clusters,
     load_vector,
     store_vector,
     table_place,
@@ -64,6 +64,25 @@ def _working_arrays(zero, pairs, c):
     return tiles if zero == single_type else single
 
 
+def shared_reactions(zero: Any, reactions: Any, force: Any, c: int) -> Any:
+    """Return the reactions of chunk c, or in rows of tiles without threads memory that all chunks share.
+
+    All reactions are zero between two chunks. The shared memory begins with the chunk's own clusters, so each chunk
+    finds it in the cache."""
+
+
+@overload(shared_reactions)
+def _shared_reactions(zero, reactions, force, c):
+    def tiles(zero, reactions, force, c):
+        pairs, chunks = force.pairs, force.chunks
+        if chunks.team != 0 or chunks.number == 1:
+            return reactions
+        begin, _ = chunk_clusters(pairs, c)
+        return pairs.force_single.ravel()[reactions.size - ROW * STRIDE * begin :]
+
+    return tiles if zero == single_type else (lambda zero, reactions, force, c: reactions)
+
+
 @as_written
 def tile_table():
     """Return an empty table for rows of tiles, on a boundary of cache lines."""
@@ -71,9 +90,11 @@ def tile_table():
 
 
 @jit
-def copy_to_single(pairs):
-    """Copy the positions relative to the origin to float32."""
-    for cluster in range(pairs.counts[N_CLUSTERS]):
+def copy_to_single(pairs, begin, end):
+    """In mixed precision, copy the positions of these clusters, relative to the origin, to float32."""
+    if pairs.x_single.size == 0:
+        return
+    for cluster in range(begin, end):
         for k in range(3):
             p = STRIDE * cluster + WIDTH * k
             store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])

@@ -21,6 +21,7 @@ from kickdrift.forces.pair_rows import (
     in_float64,
     particle_of,
     row_forces,
+    shared_reactions,
     slot_of,
     store_row_force,
     subtract_reactions,
@@ -65,6 +66,7 @@ def sum_pairs(force, sums, deviation, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
     x, reactions, table, row_sums = working_arrays(zero, pairs, c)
+    reactions = shared_reactions(zero, reactions, force, c)
     rows, start, used, touched, forces = (
         pairs.rows[c],
         pairs.row_start[c],

@@ -104,7 +104,7 @@ def search(pairs, chunks):
 @jit
 def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
-    ready_positions(pairs.block, pairs)
+    copy_to_single(pairs, 0, pairs.counts[N_CLUSTERS])
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     keep_lengths(pairs, PRUNED)
@@ -206,17 +206,6 @@ def first_above(pairs, begin, end, height):
         else:
             end = middle
     return begin
-
-
-def ready_positions(block: Any, pairs: Any) -> None:
-    """Make the positions that the pruning reads."""
-
-
-@overload(ready_positions)
-def _ready_positions(block, pairs):
-    if block.instance_class is Tiles:
-        return lambda block, pairs: copy_to_single(pairs)
-    return lambda block, pairs: None
 
 
 @chunk_task

@@ -1,6 +1,7 @@
 """Where the time of a Lennard-Jones step goes, by size: nanoseconds per particle and step.
 
     python -m kickdrift_validation.performance.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
+        [--precision double mixed]
 
 The liquid is that of melt.py. Each part of a step is run by itself, many times over, on the state of a real run, and
 its median turn counts, on one thread in processor time. Parts of a new pair list count as often as the run makes and
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from itertools import product
 from time import perf_counter, process_time
 from typing import Any
 
@@ -130,20 +132,20 @@ def timed(run: Callable[[int], object], count: int, clock: Callable[[], float], 
     return float(np.median(found))
 
 
-def started(n: int, threads: int, shuffled: bool) -> kd.Simulation:
+def started(n: int, threads: int, shuffled: bool, precision: str = "double") -> kd.Simulation:
     """The liquid at work, with particles in the order of the lattice or in a random order."""
     sim = melt(n, MELT)
     order = np.random.default_rng(1).permutation(n) if shuffled else np.arange(n)
     state, system = sim.state, sim.system
     moved = kd.System(state.positions[order], state.velocities[order], box=system.box, forces=system.forces)
-    other = kd.Simulation(moved, dt=sim.dt, threads=threads)
+    other = kd.Simulation(moved, dt=sim.dt, threads=threads, precision=precision)
     other.run(MELT, every=MELT)
     return other
 
 
-def budget(n: int, threads: int, shuffled: bool, count: int) -> dict[str, float]:
+def budget(n: int, threads: int, shuffled: bool, count: int, precision: str) -> dict[str, float]:
     """Nanoseconds per particle and step of each part, of their sum, and of a whole step."""
-    sim = started(n, threads, shuffled)
+    sim = started(n, threads, shuffled, precision)
     forces = sim.integration.flow.forces
     clock = process_time if threads == 1 else perf_counter
     before, begun = forces.list_builds, sim.steps_done
@@ -172,12 +174,13 @@ def main() -> int:
     parser.add_argument("--threads", type=int, nargs="+", default=[1])
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--shuffled", action="store_true")
+    parser.add_argument("--precision", nargs="+", default=["double"], choices=["double", "mixed"])
     parser.add_argument("--turns", type=int, default=5)
     given = parser.parse_args()
     print(where(), flush=True)
-    for threads in given.threads:
-        found = [budget(n, threads, given.shuffled, given.turns) for n in given.sizes]
-        print(f"{threads} threads, ns per particle and step{', shuffled' * given.shuffled}")
+    for threads, precision in product(given.threads, given.precision):
+        found = [budget(n, threads, given.shuffled, given.turns, precision) for n in given.sizes]
+        print(f"{threads} threads, {precision}, ns per particle and step{', shuffled' * given.shuffled}")
         print(f"{'particles':30}" + "".join(f"{n:>10}" for n in given.sizes))
         for name in found[0]:
             print(f"{name:30}" + "".join(f"{each[name]:10.2f}" for each in found), flush=True)
