@@ -26,6 +26,8 @@ from kickdrift_validation.performance.melt import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Phase, Runner
 
 INSTALL = "gmx is not on PATH; Debian and Ubuntu: apt install gromacs"
+NATIVE = "KICKDRIFT_GMX"  # variable with the path of a gmx that was built for this processor
+BUILD = f"{NATIVE} names no program gmx that was built for this processor; docs/speed.md shows how to build it"
 LEAST = 1e6  # steps of a particle, below which its clock and its first steps are felt
 MDP = """integrator = md-vv
 dt = {dt!r}
@@ -66,12 +68,15 @@ A {count}
 
 
 class Gromacs(Runner):
-    """GROMACS' md-vv, velocity Verlet; pair lists are made at the ``interval`` of steps that is the fastest."""
+    """GROMACS' md-vv, velocity Verlet; pair lists are made at the ``interval`` of steps that is the fastest. With
+    ``native`` the program is the one that the variable KICKDRIFT_GMX names."""
 
-    def __init__(self, start: Liquid, threads: int = 1, tolerance: float = 1e-5, interval: int = 10) -> None:
-        program = shutil.which("gmx")
+    def __init__(
+        self, start: Liquid, threads: int = 1, tolerance: float = 1e-5, interval: int = 10, native: bool = False
+    ) -> None:
+        program = shutil.which(os.environ.get(NATIVE) or "." if native else "gmx")
         if program is None:
-            raise Missing(INSTALL)
+            raise Missing(BUILD if native else INSTALL)
         self.program, self.start, self.threads = program, start, threads
         self.least = max(20.0, LEAST / len(start.positions))
         self.lists = {"tolerance": tolerance, "interval": interval}
