@@ -28,7 +28,7 @@ class Contestant(NamedTuple):
     make: Callable[[Any], Runner]
     horizon: float = inf
     starts: int = 100
-    bath: bool = False
+    alone: bool = False
 
 
 class Goal(NamedTuple):
@@ -91,7 +91,7 @@ def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
 def in_bath(integrator: str, **options: float) -> Contestant:
     """kickdrift in a liquid at constant temperature."""
     make = partial(liquids.in_bath, integrator=integrator, **options)
-    return Contestant(f"kickdrift {integrator}", make, bath=True)
+    return Contestant(f"kickdrift {integrator}", make, alone=True)
 
 
 def moved_by(integrator: str, name: str = "kickdrift", **options: Any) -> Contestant:
@@ -240,8 +240,8 @@ ENTRIES: tuple[Group | Command, ...] = (
             in_bath("nose-hoover", tau=0.5),
             in_bath("csvr", tau=0.5),
             Contestant("LAMMPS opt", partial(Lammps, style="opt")),
-            Contestant("fix langevin, LAMMPS plain", partial(Lammps, friction=1.0), bath=True),
-            Contestant("fix langevin, LAMMPS opt", partial(Lammps, style="opt", friction=1.0), bath=True),
+            Contestant("fix langevin, LAMMPS plain", partial(Lammps, friction=1.0), alone=True),
+            Contestant("fix langevin, LAMMPS opt", partial(Lammps, style="opt", friction=1.0), alone=True),
         ),
         (
             Goal("kickdrift", 0.85, ours="kickdrift baoab"),

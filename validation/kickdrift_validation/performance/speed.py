@@ -142,7 +142,7 @@ def prepared(
     """A contestant ready for its turns, what is known of it by then (who it is, and how it errs), and positions after
     some fixed steps, which must be the ``first`` one's."""
     horizon, starts = min(group.horizon, contestant.horizon), min(group.starts, contestant.starts)
-    if contestant.bath:
+    if contestant.alone:
         runner = contestant.make(start)
         row = dict.fromkeys(("energy_error", "energy_error_at_end", "position_error"))
         return runner, row | named(contestant, runner) | {"horizon": 0.0, "starts": 1}, first
