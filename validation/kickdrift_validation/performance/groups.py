@@ -8,6 +8,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from kickdrift_validation.performance import bodies, crystals, liquids
+from kickdrift_validation.performance.batch import SYSTEMS, Together, Whfast512Together, one_by_one
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
@@ -22,7 +23,8 @@ MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
 class Contestant(NamedTuple):
     """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``.
 
-    A program with a heat bath has noise of its own, so its path and its energy are not compared with others'."""
+    With ``alone`` a program is only timed. Heat baths have noise of their own, and batches have systems of their own, so
+    paths and energies are not compared."""
 
     name: str
     make: Callable[[Any], Runner]
@@ -197,6 +199,21 @@ def liquid_mixed(side: int, name: str) -> Group:
     )  # fmt: skip
 
 
+def batches(planets: int) -> Group:
+    """Many small planetary systems side by side."""
+    theirs = SYSTEMS[planets]
+    return Group(
+        f"batch-{planets}", f"8 systems of {planets} planets side by side: Wisdom-Holman; steps of all systems",
+        partial(int, planets), "steps", 0,
+        (
+            Contestant("kickdrift", Together, alone=True),
+            Contestant("kickdrift, one by one", one_by_one, alone=True),
+            Contestant(f"rebound whfast512, {theirs} at once", Whfast512Together, alone=True),
+        ),
+        (Goal("rebound whfast512", 1.15),), usual=False,
+    )  # fmt: skip
+
+
 def crystal(name: str, system: str, title: str) -> Group:
     """A crystal under a many-body force."""
     return Group(
@@ -280,6 +297,7 @@ ENTRIES: tuple[Group | Command, ...] = (
     threads_gain(1000),
     threads_gain(4096),
     tree(100_000, 0.38, 5.0),
+    *(batches(planets) for planets in SYSTEMS),
     kepler(
         "jacobi", rebounds("whfast", safe_mode=0, coordinates="jacobi"), Contestant("rebound whfast512", Whfast512)
     ),
