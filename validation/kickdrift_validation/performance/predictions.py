@@ -3,8 +3,9 @@
     python -m kickdrift_validation.performance.predictions [--from FILE.json] [--page docs/roofline.md]
 
 The predictions follow from the step budget of one thread, from counted operations and from bytes. They were written
-before the measurement beside which the table shows them, but earlier measurements of most groups were known. With ``--from`` the measured numbers come from a file that
-`kickdrift bench speed --json` wrote. Otherwise the script measures these groups.
+before the measurement beside which the table shows them, but earlier measurements of most groups were known. With
+``--from`` the measured numbers come from a file that `kickdrift bench speed --json` wrote. Otherwise the script
+measures these groups.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ class Prediction(NamedTuple):
 PREDICTIONS = (
     Prediction(
         "lj-1000000", "LAMMPS", 4.4,
-        "its arrays of 210 MB exceed the last cache. 540 bytes a particle at 10 bytes/ns are 54 ns; if arithmetic hides "
-        "half, a step costs 128 ns and not 101. LAMMPS loses a tenth: 5.1 at 97,336 particles × 101 / 128 × 1.1",
+        "its arrays of 210 MB exceed the last cache. 540 bytes a particle at 10 bytes/ns are 54 ns. If arithmetic "
+        "hides half, a step costs 128 ns and not 101. LAMMPS loses a tenth: 5.1 at 97,336 particles × 101 / 128 × 1.1",
     ),
     Prediction(
         "lj-1000-threads", "kickdrift, 1 thread", 1.76,
@@ -78,7 +79,7 @@ PREDICTIONS = (
     ),
     Prediction(
         "batch-2", "rebound whfast512", 1.6,
-        "lanes are full in both. WHFast512 has one chain of 400 cycles; two planets are two chains, and each waits less",
+        "lanes are full in both. WHFast512 has one chain of 400 cycles; two planets are two chains that wait less",
     ),
     Prediction("batch-3", "rebound whfast512", 2.4, "three chains, and WHFast512 fills 6 of 8 lanes: 1.8 × 8 / 6"),
     Prediction("batch-4", "rebound whfast512", 1.9, "four chains; WHFast512's lanes are full"),

@@ -175,7 +175,7 @@ def strong_table(found: dict[str, Any]) -> str:
                 each["name"], f"{each['nanoseconds'] / each['particles']:.1f}", str(p), spread(measured),
                 f"{model:.2f}" if model else "–", apart(model, measured["median"]) if model else "–",
             ])  # fmt: skip
-    heading = ["system", "ns a particle and step, one thread", "threads", "speed-up, measured", "model", "model's error"]
+    heading = ["system", "ns a particle and step alone", "threads", "speed-up, measured", "model", "model's error"]
     return table(heading, rows)
 
 
