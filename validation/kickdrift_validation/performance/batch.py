@@ -1,12 +1,12 @@
-"""How many small systems a second, side by side in a Batch and one by one?
+"""Small systems a second, side by side in a Batch and one by one.
 
     python -m kickdrift_validation.performance.batch [--long]
 
-Planetary systems of 3 bodies (with --long of 5 and 9 as well), each different, 10,000 steps each (with --long, of 3
-bodies, 100,000 as well): everything counts, from the Systems on: setting up, the run with its 1000 samples, and the
-reports; for MEGNO 10,000 looks and the fit. Both take turns in one process on one core (BLAS too: its threads are kept
-to one), once all is compiled; the figure is the median of the ratios in the same round. "stepping" is the same without
-reports, every sample but the first and the last left out.
+Planetary systems of 3 bodies (with --long also of 5 and 9), each different, make 10,000 steps each (with --long, those
+of 3 bodies also 100,000). The time begins with the Systems: it includes setting up, the run with its 1000 samples, and
+the reports. For MEGNO it includes 10,000 looks and the fit. Both take turns in one process on one core, after
+compilation; BLAS has one thread. The figure is the median of the ratios in the same round. "stepping" is the same
+without reports, with only the first and the last sample.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from kickdrift_validation.runner import ONE_THREAD
 
 AT_LEAST = 4.0
 PAST = 1.15
-REPORT, KEPT = 1.0, 0.9  # ms; share of the speed that samples and reports leave
+REPORT, KEPT = 1.0, 0.9  # ms; share of the speed with samples and reports
 GROUP = 64  # members of a Batch
 SYSTEMS = {2: 4, 3: 2, 4: 2, 8: 1}  # systems in WHFast512, by their planets
 ROUNDS, SECONDS = 7, 0.4
@@ -50,7 +50,7 @@ def planets(seed: int, bodies: int) -> kd.System:
 
 
 class Each(Runner):
-    """So many members: ``go`` is given them in lists of ``size``."""
+    """A runner of members. ``go`` gets lists of ``size`` members."""
 
     def __init__(self, go: Callable[[list[kd.System]], object], systems: list[kd.System], size: int) -> None:
         self._go, self._systems, self.least = go, systems, float(size)
@@ -65,7 +65,7 @@ class Each(Runner):
 
 
 def runs(name: str, steps: int, whole: bool) -> tuple[Callable[..., object], Callable[..., object]]:
-    """One by one, and side by side."""
+    """Two functions: runs one by one, and runs side by side."""
     every = None if whole else steps
 
     def alone(systems: list[kd.System]) -> None:
@@ -83,7 +83,7 @@ def runs(name: str, steps: int, whole: bool) -> tuple[Callable[..., object], Cal
 
 
 def growths(name: str, steps: int) -> tuple[Callable[..., object], Callable[..., object]]:
-    """The same for MEGNO."""
+    """The same two functions for MEGNO."""
 
     def alone(systems: list[kd.System]) -> None:
         for system in systems:
@@ -96,7 +96,8 @@ def growths(name: str, steps: int) -> tuple[Callable[..., object], Callable[...,
 
 
 def with_reports(name: str, steps: int) -> tuple[Callable[..., object], Callable[..., object], list[float]]:
-    """Bare, with reports, and the processor time of the reports a member in ms, a number more for each turn."""
+    """Two functions, bare and with reports, and a list of the reports' processor time in ms a member, one for each
+    turn."""
     costs: list[float] = []
 
     def reported(systems: list[kd.System]) -> None:
@@ -112,7 +113,7 @@ def with_reports(name: str, steps: int) -> tuple[Callable[..., object], Callable
 
 
 def report_claims() -> Iterator[Claim]:
-    """Cost of the members' reports, and what they leave of the speed."""
+    """Cost of the members' reports, and the share of the speed that remains."""
     systems = [planets(seed, 3) for seed in range(GROUP)]
     for name in ("leapfrog", "rk4", "wisdom-holman"):
         for steps in (10_000, 100_000, 1_000_000):
@@ -191,7 +192,7 @@ def whfast512_claims() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Each method, by the number of bodies and of steps; then the reports."""
+    """Claims for each method by the numbers of bodies and steps, then for the reports."""
     cases = [("leapfrog", "run"), ("rk4", "run"), ("wisdom-holman", "run"), ("leapfrog", "megno"), ("rk4", "megno")]
     cases += [(name, "stepping") for name in ("leapfrog", "rk4", "wisdom-holman")]
     print(f"{'bodies':>6} {'steps':>7}  {'what':24} {'one by one':>12} {'in a Batch':>12}  members/s; ratio, quartiles")
@@ -216,6 +217,6 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    if not os.environ.items() >= ONE_THREAD.items():  # which is read where NumPy is imported
+    if not os.environ.items() >= ONE_THREAD.items():  # NumPy reads these variables at its import
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
     sys.exit(main(claims, __doc__))

@@ -1,4 +1,4 @@
-"""What is timed: the same system on every program, a row for each. A row more is a contestant more."""
+"""Groups of `kickdrift bench speed`: a system for several programs. Another program is another contestant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
 
 
 class Contestant(NamedTuple):
-    """A program and how it is used; one that is slow errs over a shorter ``horizon`` and fewer ``starts``.
+    """A program and its options. A slow program has a shorter ``horizon`` and fewer ``starts`` for its errors.
 
     With ``alone`` a program is only timed. Heat baths have noise of their own, and batches have systems of their own.
     So their paths and energies are not compared."""
@@ -34,8 +34,8 @@ class Contestant(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """How many times as fast as ``against``, or as the fastest whose name begins so, one of ours is to be; with
-    ``error``, while its energy error is no larger."""
+    """Bound for the ratio of our speed to the speed of ``against``, or of the fastest program whose name begins so.
+    With ``error`` our energy error must be no larger."""
 
     against: str
     at_least: float
@@ -44,19 +44,19 @@ class Goal(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Contestants of which the first is ours, and what all others are compared with.
+    """Contestants. The first is ours, and all others are compared with it.
 
     Attributes
     ----------
-    name : that it is asked for by
-    start : the state from which all begin
-    unit : of the amounts: steps, or of time where methods choose their steps
-    horizon : the amount over which energy errors are taken
-    looks : at the energy, evenly over it
-    starts : a rounding apart from each other, over which they are taken
-    agree : how far apart positions may be after ten steps in float64
-    overhead : seconds that it takes beside the turns
-    usual : whether it is among those that run by default
+    name : name for ``--only``
+    start : state from which all begin
+    unit : unit of the amounts: steps, or time where methods choose their steps
+    horizon : amount for the energy errors
+    looks : number of samples of the energy, evenly over the horizon
+    starts : number of starts that differ by a rounding, for the energy errors
+    agree : bound for the difference of positions after ten steps in float64
+    overhead : seconds besides the turns
+    usual : whether the group runs by default
     """
 
     name: str
@@ -75,7 +75,7 @@ class Group(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command that is timed as a whole, in a process of its own, with everything compiled before."""
+    """A command, timed as a whole in its own process, with everything compiled beforehand."""
 
     name: str
     title: str
@@ -86,12 +86,12 @@ class Command(NamedTuple):
 
 
 def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
-    """kickdrift in a liquid."""
+    """kickdrift with a liquid."""
     return Contestant(name, partial(liquids.kickdrift, **options))
 
 
 def in_bath(integrator: str, **options: float) -> Contestant:
-    """kickdrift in a liquid at constant temperature."""
+    """kickdrift with a liquid at constant temperature."""
     make = partial(liquids.in_bath, integrator=integrator, **options)
     return Contestant(f"kickdrift {integrator}", make, alone=True)
 
@@ -107,7 +107,7 @@ def rebounds(integrator: str, **settings: Any) -> Contestant:
 
 
 def on_threads(threads: int) -> tuple[Contestant, ...]:
-    """The fast programs for liquids on more than one."""
+    """Fast programs for liquids on several threads."""
     return (
         Contestant("LAMMPS omp", partial(Lammps, style="omp", threads=threads)),
         Contestant(f"LAMMPS MPI, {threads} processes", partial(Lammps, style="opt", processes=threads)),
@@ -118,7 +118,7 @@ def on_threads(threads: int) -> tuple[Contestant, ...]:
 
 
 def leapfrog(count: int, at_least: float, horizon: float, usual: bool = True) -> Group:
-    """Direct summation over so many bodies: the planets, or stars."""
+    """Direct summation over this number of bodies: the planets, or stars."""
     start = partial(bodies.planets, dt=0.5 / 365.25) if count == 9 else partial(bodies.stars, count)
     title = "Sun and 8 planets, half a day a step" if count == 9 else f"{count} stars, softened"
     return Group(
@@ -154,7 +154,7 @@ def kernel(name: str, there: str) -> Group:
 
 
 def threads_gain(count: int) -> Group:
-    """A second thread for stars."""
+    """Two threads beside one for stars."""
     return Group(
         f"leapfrog-{count}-threads", f"{count} stars, softened: leapfrog on 2 threads", partial(bodies.stars, count),
         "steps", 100, (moved_by("leapfrog-dkd", threads=2), moved_by("leapfrog-dkd", "kickdrift, 1 thread")),
@@ -163,8 +163,8 @@ def threads_gain(count: int) -> Group:
 
 
 def tree(count: int, opening_angle: float, at_least: float) -> Group:
-    """Stars by trees, with rebound's opening angle. The root mean square of the relative errors of ours is 8e-4, and of
-    rebound's no less."""
+    """Stars under trees. rebound has the opening angle. The root mean square of our relative errors is 8e-4, and of
+    rebound's errors no less."""
     return Group(
         f"plummer-{count}", f"{count} stars, softened, sorted in space: gravity by a tree, leapfrog, two threads",
         partial(bodies.tree_stars, count), "steps", 2,
@@ -180,7 +180,7 @@ def tree(count: int, opening_angle: float, at_least: float) -> Group:
 
 
 def liquid_threads(side: int, name: str, at_least: float) -> Group:
-    """A second thread for a liquid of ``side``^3 particles."""
+    """Two threads beside one for a liquid of ``side``^3 particles."""
     return Group(
         f"lj-{name}-threads", f"{side**3:,} Lennard-Jones particles: two threads beside one",
         partial(liquid, side**3, MELT_LARGE, threads=2), "steps", 50,
