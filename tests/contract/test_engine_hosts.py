@@ -9,28 +9,19 @@ import subprocess
 import sys
 import threading
 from multiprocessing import AuthenticationError
-from pathlib import Path
 
 import pytest
 
 import kickdrift as kd
 from kickdrift.engines import hosts as other_machines
+from kickdrift_validation.performance.scaling_engine import two_namespaces, way_there
 
 HOW = {"engine": "lammps", "integrator": "velocity-verlet"}
-WAY = '#!/bin/sh\n[ "$1" = -x ] && shift\nshift\nexec {} sh -c "$*"\n'  # like ssh: -x, a machine's name, a command
-
-
-def way_there(folder: Path, monkeypatch, before: str = "") -> None:
-    """Let mpiexec start processes on other machines by a script."""
-    way = folder / "way"
-    way.write_text(WAY.format(before))
-    way.chmod(0o700)
-    monkeypatch.setenv("HYDRA_LAUNCHER_EXEC", str(way))
 
 
 def test_a_hosts_file_gives_the_processes_and_a_resumed_run_takes_one_again(monkeypatch, tmp_path):
     """127.0.0.2 is this machine, but mpiexec takes it for another."""
-    way_there(tmp_path, monkeypatch)
+    monkeypatch.setenv("HYDRA_LAUNCHER_EXEC", str(way_there(tmp_path)))
     hosts, path, system = tmp_path / "hosts", tmp_path / "run.h5md", kd.load("lj-1000")
     hosts.write_text("127.0.0.1  # this machine\n127.0.0.2:1\n")
     sim = kd.Simulation(system, **HOW, hosts=hosts)
@@ -89,31 +80,13 @@ def test_machines_that_cannot_be_reached_and_engines_without_processes(tmp_path)
 
 @pytest.mark.long
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("ip"), reason="needs root and the command ip")
-def test_a_run_on_two_network_namespaces(monkeypatch, tmp_path):
+def test_a_run_on_two_network_namespaces(tmp_path):
     """Two namespaces share no address: all connections go over a virtual cable, as between two machines."""
-    mark = f"kd{os.getpid()}"
-    names = [f"{mark}a", f"{mark}b"]
-
-    def ip(*words: str) -> None:
-        subprocess.run(["ip", *words], check=True)
-
-    try:
-        for name in names:
-            ip("netns", "add", name)
-        ip("link", "add", names[0], "netns", names[0], "type", "veth", "peer", "name", names[1], "netns", names[1])
-        for k, name in enumerate(names):
-            ip("-n", name, "addr", "add", f"10.99.0.{k + 1}/24", "dev", name)
-            ip("-n", name, "link", "set", "lo", "up")
-            ip("-n", name, "link", "set", name, "up")
-        way_there(tmp_path, monkeypatch, f"ip netns exec {names[1]}")
-        (tmp_path / "hosts").write_text("10.99.0.1:1\n10.99.0.2:2\n")
+    with two_namespaces(tmp_path, there=2) as (before, more):
         ran = subprocess.run(
-            ["ip", "netns", "exec", names[0], sys.executable, "-m", "kickdrift", "run", "lj-1000", "--engine", "lammps",
-             "--hosts", str(tmp_path / "hosts"), "--steps", "20"],
-            capture_output=True, text=True,
+            [*before, sys.executable, "-m", "kickdrift", "run", "lj-1000", "--engine", "lammps", "--hosts",
+             str(tmp_path / "hosts"), "--steps", "20"],
+            capture_output=True, text=True, env={**os.environ, **more},
         )  # fmt: skip
-    finally:
-        for name in names:
-            subprocess.run(["ip", "netns", "delete", name], check=False)
     assert ran.returncode == 0, ran.stderr
     assert "in 3 processes" in ran.stdout

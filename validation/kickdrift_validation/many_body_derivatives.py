@@ -3,8 +3,8 @@
     python -m kickdrift_validation.many_body_derivatives [--long]
 
 Energies of a few atoms in mpmath, written from the papers, and the cubics of LAMMPS' manual through the shipped table
-of copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of silicon:
-differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
+of copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of
+silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
 """
 
 from __future__ import annotations

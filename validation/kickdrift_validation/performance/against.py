@@ -1,11 +1,11 @@
-"""kickdrift beside another build of itself: an earlier commit, or code for another processor.
+"""Speed of kickdrift beside another build: an earlier commit, or code for another processor.
 
     python -m kickdrift_validation.performance.against COMMIT [--turns 9] [--only NAME …]
     python -m kickdrift_validation.performance.against --processor haswell
 
-Each build runs in a process of its own, on the systems of groups.py, from the same numbers. The two take turns (A B A B
-…); a ratio is the median over the turns of this build's speed over the other's. Runs on one thread are timed in
-processor time. The other commit comes with the groups.py of its time.
+Each build runs in its own process, on the systems of groups.py, from the same numbers. The two take turns (A B A B …).
+A ratio is the median over the turns of this build's speed over the other's. Runs on one thread are timed in processor
+time. The other commit uses its own groups.py.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TURNS, SECONDS = 9, 0.5
 
 
 class Case(NamedTuple):
-    """One of our contestants in a group, and the share of the other build's speed that it is to keep."""
+    """One of our contestants in a group, and the share of the other build's speed that it must keep."""
 
     group: str
     contestant: str = "kickdrift"
@@ -51,11 +51,11 @@ LOOPS = (
     Case("wisdom-holman-jacobi"), Case("wisdom-holman-heliocentric"), Case("planets"), Case("lj-100000"),
 )  # fmt: skip
 LIQUIDS = LOOPS[:2]
-NARROW, MIXED_GAIN = 0.85, 1.4  # of the widest vectors' speed with AVX2; of mixed precision's over float64's there
+NARROW, MIXED_GAIN = 0.85, 1.4  # bounds for AVX2: share of the widest vectors' speed; mixed precision over float64
 
 
 class Build(NamedTuple):
-    """A kickdrift: its folder, and what its processes find in their environment."""
+    """A build of kickdrift: its folder, and the environment of its processes."""
 
     name: str
     top: Path
@@ -63,13 +63,13 @@ class Build(NamedTuple):
 
 
 class Apart(Runner):
-    """A case in a process of its own, which is told by how much to go on and answers with how far it came and when."""
+    """A case in its own process. The process reads how far to go on, and answers with the distance and the time."""
 
     def __init__(self, build: Build, case: Case) -> None:
         scripts = build.top / "validation"
         if (scripts / "kickdrift_validation").is_dir():
             groups, folders = "kickdrift_validation.performance.groups", [build.top / "src", scripts]
-        else:  # a commit in which the scripts were no package
+        else:  # in older commits the scripts were no package
             groups, folders = "groups", [build.top / "src", scripts, scripts / "performance"]
         path = os.pathsep.join([*map(str, folders), os.environ.get("PYTHONPATH", "")])
         command = [sys.executable, "-P", str(CHILD), groups, case.group, case.contestant]
@@ -99,7 +99,7 @@ class Apart(Runner):
 
 
 def unpacked(commit: str, folder: Path) -> Path:
-    """All of a commit that is timed, in that folder."""
+    """Unpack all timed files of a commit into the folder."""
     packed = subprocess.run(
         ["git", "-C", str(checkout()), "archive", commit, "src", "systems", "validation"],
         capture_output=True,
@@ -113,7 +113,7 @@ def unpacked(commit: str, folder: Path) -> Path:
 
 
 def speeds(case: Case, builds: tuple[Build, Build], count: int) -> np.ndarray:
-    """(count, 2) amounts a second of both builds."""
+    """Return the amounts a second of both builds, (count, 2)."""
     with ExitStack() as stack:
         runners = []
         for build in builds:
@@ -123,7 +123,7 @@ def speeds(case: Case, builds: tuple[Build, Build], count: int) -> np.ndarray:
 
 
 def claims(cases: tuple[Case, ...], builds: tuple[Build, Build], count: int) -> Iterator[Claim]:
-    """Each case's ratio of speeds, as soon as it is known."""
+    """Yield each case's ratio of speeds as soon as it is known."""
     ours, other = builds
     for case in cases:
         found = speeds(case, builds, count)
@@ -134,7 +134,7 @@ def claims(cases: tuple[Case, ...], builds: tuple[Build, Build], count: int) -> 
 
 
 def mixed_gain(build: Build, count: int) -> Claim:
-    """Mixed precision beside float64, both of this build."""
+    """Return mixed precision's gain over float64, both of this build."""
     with ExitStack() as stack:
         runners = []
         for case in LIQUIDS:
@@ -147,7 +147,7 @@ def mixed_gain(build: Build, count: int) -> Claim:
 
 
 def main() -> int:
-    """Measure, print; the exit status, 1 where a bound is missed."""
+    """Measure and print. The exit status is 1 where a bound is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("commit", nargs="?", help="of the other build")
     parser.add_argument("--processor", choices=FEATURES, help="that this build's code is compiled for")

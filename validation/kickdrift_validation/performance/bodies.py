@@ -1,7 +1,7 @@
 """Programs that move bodies under Newton's gravity, each from the same numbers.
 
-The Sun and eight planets are JPL DE421's of J2000, the Earth with the Moon, in AU, years and solar masses; stars are a
-Plummer sphere in N-body units.
+The Sun and eight planets are from JPL's DE421 at J2000, the Earth with the Moon, in AU, years and solar masses. Stars
+are a Plummer sphere in N-body units.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from kickdrift_validation.performance.turns import Missing, Native, Phase, Runne
 
 FAR_AHEAD = DATA / "solar-system" / "sun-and-planets-100yr.json"
 HEYOKA = "pip install 'kickdrift[heyoka]'"
-NUDGE = 1e-15  # relative, of starts whose roundings differ
+NUDGE = 1e-15  # relative change of starts that differ by a rounding
 
 
 class Bodies(NamedTuple):
-    """Where programs begin; ``dt`` is of methods that do not choose their steps, ``pilot`` a time that others can well
-    be timed over, ``reference`` a later time and the positions (n, 3) then, known better than in float64."""
+    """The state from which programs begin. ``dt`` is for methods with fixed steps. ``pilot`` is a time that suits a
+    turn of other methods. ``reference`` is a later time with its positions (n, 3), known better than in float64."""
 
     system: kd.System
     G: float
@@ -51,7 +51,7 @@ class Bodies(NamedTuple):
         return self.system.state.masses
 
     def moved(self, seed: int) -> Bodies:
-        """The same, a rounding away; 0 is the start itself."""
+        """The same state, changed by a rounding. Seed 0 is the start itself."""
         if not seed:
             return self
         x = self.positions * (1 + NUDGE * np.random.default_rng(seed).standard_normal(self.positions.shape))
@@ -66,7 +66,7 @@ class Bodies(NamedTuple):
         return 0.5 * (m * (v**2).sum(axis=1)).sum() - self.G * (m[i] * m[j] / distances).sum()
 
     def apart(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The largest difference of two programs' coordinates."""
+        """Largest difference of two programs' coordinates."""
         return float(np.abs(x - y).max())
 
 
@@ -122,14 +122,14 @@ def tree_stars(count: int, softening: float = 0.01, dt: float = 1e-3) -> TreeSta
 
 
 def by_tree(start: TreeStars, accuracy: float, threads: int = 1) -> Native:
-    """Ours, with the tree."""
+    """kickdrift with the tree."""
     force = kd.GravityTree(accuracy, start.softening, start.G)
     system = kd.System(start.positions, start.velocities, start.masses, forces=[force], units="nbody")
     return Native(kd.Simulation(system, "leapfrog-dkd", start.dt, threads), least=1.0)
 
 
 def kickdrift(start: Bodies, integrator: str, threads: int = 1, **options: Any) -> Native:
-    """Ours."""
+    """kickdrift."""
     sim = kd.Simulation(start.system, integrator, start.dt, threads, **options)
     return Native(sim, least=start.pilot if start.dt is None else None)
 
@@ -138,7 +138,7 @@ def kickdrift(start: Bodies, integrator: str, threads: int = 1, **options: Any) 
 
 
 class Rebound(Runner):
-    """rebound, synchronised at the end of each turn; ``values`` are what an integrator has besides its name."""
+    """rebound, synchronised at the end of each turn. ``values`` are attributes of its integrator."""
 
     def __init__(self, start: Bodies, integrator: str, **values: Any) -> None:
         try:
@@ -197,7 +197,8 @@ class ReboundTree(Rebound):
 
 
 class Whfast512(Rebound):
-    """rebound's WHFast with its eight planets in AVX-512's lanes. It wants G = 1: time is in other units inside."""
+    """rebound's WHFast with eight planets in AVX-512's lanes. It needs G = 1, so its time is in other units
+    inside."""
 
     def __init__(self, start: Bodies) -> None:
         self.scale = float(np.sqrt(start.G))
@@ -225,7 +226,7 @@ class Whfast512(Rebound):
 
 
 class Heyoka(Runner):
-    """heyoka's adaptive Taylor method at its default tolerance, for its own N-body system; compiled before."""
+    """heyoka's adaptive Taylor method at its default tolerance, for its own N-body system, compiled beforehand."""
 
     def __init__(self, start: Bodies) -> None:
         try:
@@ -256,7 +257,8 @@ class Heyoka(Runner):
 
 @numba.njit
 def newton(t, y, gm, n):
-    """f(t, y) for positions and velocities in one array, as SciPy wants it; compiled, so that SciPy's own is timed."""
+    """f(t, y) for positions and velocities in one array, as SciPy needs it. It is compiled, so that the turn times
+    SciPy alone."""
     dy = np.empty_like(y)
     dy[: 3 * n] = y[3 * n :]
     dy[3 * n :] = 0.0
@@ -272,7 +274,7 @@ def newton(t, y, gm, n):
 
 
 class Scipy(Runner):
-    """A solver of scipy.integrate, step by step, without what solve_ivp adds; its f is compiled."""
+    """A solver of scipy.integrate, step by step, without the overhead of solve_ivp. Its f is compiled."""
 
     def __init__(self, start: Bodies, solver: str, rtol: float, atol: float) -> None:
         from scipy import integrate

@@ -1,9 +1,9 @@
-"""One build of kickdrift for against.py: a process that runs what it is told, and answers with how far it came.
+"""One build of kickdrift for against.py: a process that runs on command, and answers with how far it came.
 
     python build.py GROUPS GROUP CONTESTANT
 
-GROUPS is the module of the build's groups. The program runs as a file of its own, so that it times a commit in which
-these scripts were no package.
+GROUPS is the module of the build's groups. The program runs as its own file, so it can time commits in which these
+scripts were no package.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from time import perf_counter, process_time
 
 
 def main(groups: str, group_name: str, contestant_name: str) -> None:
-    """Run by the amounts that come on standard input; amounts and seconds go to standard output."""
+    """Read amounts from standard input and run them; write amounts and seconds to standard output."""
     out = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
     os.dup2(2, 1)
     entries = import_module(groups).ENTRIES

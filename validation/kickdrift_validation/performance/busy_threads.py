@@ -2,7 +2,7 @@
 
     python -m kickdrift_validation.performance.busy_threads [--turns 15] [--seconds 0.2]
 
-As many processes as there are cores count without end meanwhile. The liquid is that of melt.py, at three sizes. The
+Meanwhile as many processes as there are cores count without end. The liquid is that of melt.py, at three sizes. The
 same run on one and on two threads takes turns (A B A B …) in one process. A figure is the median of the ratios of
 neighbouring turns.
 """
@@ -27,7 +27,7 @@ MELT, LEAST = 100, 0.9
 
 @contextmanager
 def busy() -> Iterator[int]:
-    """A process that only counts for each core; their number."""
+    """Run one counting process for each core, and yield their number."""
     count = len(os.sched_getaffinity(0))
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:

@@ -1,8 +1,8 @@
-"""Crystals under many-body forces, which kickdrift and LAMMPS move at constant energy.
+"""Crystals under many-body forces at constant energy, in kickdrift and LAMMPS.
 
-Both take velocity Verlet's steps from the same numbers. LAMMPS checks at every step whether its list must be made anew;
-its skin is 1 angstrom, and 0.5 in another style: of 0.5, 1 and 2, its default for metals, 0.5 was its fastest in cold
-crystals."""
+Both take velocity Verlet's steps from the same numbers. LAMMPS checks at every step whether its list must be made anew.
+Its skin is 1 angstrom, and 0.5 in another style. Among 0.5, 1 and 2 (the default for metals), LAMMPS was fastest with
+0.5 in cold crystals."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from kickdrift.engines.many_body import style_of, text_of
 from kickdrift_validation.example_forces import crystal
 from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
 
-DT, SETTLE = 0.001, 500  # ps; steps until the energy is shared out
+DT, SETTLE = 0.001, 500  # ps; steps until the bonds have their share of the energy
 
 
 class Crystal(NamedTuple):
-    """Where programs begin."""
+    """The state from which programs begin."""
 
     system: kd.System
     dt: float = DT
 
     @property
     def positions(self) -> np.ndarray:
-        """(n, 3)."""
+        """Positions (n, 3)."""
         return np.asarray(self.system.state.positions)
 
     @property
     def velocities(self) -> np.ndarray:
-        """(n, 3)."""
+        """Velocities (n, 3)."""
         return np.asarray(self.system.state.velocities)
 
     def simulation(self) -> kd.Simulation:
-        """kickdrift from here."""
+        """Simulation from this state."""
         return kd.Simulation(self.system, "velocity-verlet", self.dt)
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
@@ -48,22 +48,22 @@ class Crystal(NamedTuple):
         return kd.Simulation(at, "velocity-verlet", self.dt).energy().total
 
     def apart(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The largest difference of two programs' coordinates, by the nearest images."""
+        """Largest difference of two programs' coordinates, by the nearest images."""
         return float(np.abs(self.system.box.minimum_image(x - y)).max())
 
 
 @lru_cache(maxsize=3)
 def settled(name: str) -> Crystal:
-    """A crystal at about 300 K: ``name`` is a shipped system, or "tersoff" for its silicon."""
+    """A crystal at about 300 K. ``name`` is a shipped system, or "tersoff" for the shipped silicon."""
     system = crystal(kd.Tersoff(), shaken=0.0) if name == "tersoff" else kd.load(name)
-    system = system.with_velocities(temperature=600.0, seed=1)  # half of it goes into the bonds
+    system = system.with_velocities(temperature=600.0, seed=1)  # half of the energy goes into the bonds
     sim = kd.Simulation(system, "velocity-verlet", DT)
     sim.run(SETTLE, every=SETTLE)
     return Crystal(sim.system.at(sim.state.phase, 0.0))
 
 
 def kickdrift(start: Crystal) -> Native:
-    """Ours."""
+    """kickdrift with the crystal."""
     return Native(start.simulation(), "float64")
 
 

@@ -1,13 +1,13 @@
-"""What does an ensemble cost beside its runs, and how much do two workers gain?
+"""Cost of an ensemble beside its runs, and gain from two workers.
 
     python -m kickdrift_validation.performance.ensembles [--long]
 
-Members are three bodies on a figure of eight, each pushed a little, run one by one (a function is measured on each). On
-members of about 0.1 s one worker and two take turns; the figure is the median of the ratios in the same round. What a
-member costs beside its run is the wall time of one worker less that of the runs, over the members: it holds reading the
-file, setting up, the samples' report, and all that Dask does. 10,000 members (1000 in the short set) of 10 ms show
-whether memory stays bounded: the resident memory of the process that asks, and of its workers, a tenth of the way and
-at the end.
+Members are three bodies on a figure of eight, each pushed a little, run one by one (a function is measured on each).
+With members of about 0.1 s, one worker and two workers take turns. The figure is the median of the ratios in the same
+round. The cost of a member is the wall time of one worker less the time of the runs, over the number of members. This
+cost includes reading the file, setting up, the samples' report, and Dask. 10,000 members (1000 in the short set) of
+10 ms show whether memory stays bounded. The script compares the resident memory of its process and of the workers at
+a tenth of the way and at the end.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ GAIN, COST, GROWTH = 1.8, 10.0, 1.5  # times, ms a member, times the memory
 
 
 def last(sim: kd.Simulation) -> float:
-    """Where a body ends; whatever the function is, members run one by one for it."""
+    """Return where a body ends. Any function makes members run one by one."""
     return float(sim.state.positions[0, 0])
 
 
 def ensemble(members: int, seconds: float) -> kd.Ensemble:
-    """Runs of about so many seconds."""
+    """An ensemble of runs of about this many seconds."""
     steps = round(seconds * STEPS_A_SECOND)
     vary = {"particles.positions[0][0]": "normal:0.97000436:0.001"}
     return kd.Ensemble(
@@ -45,7 +45,7 @@ def ensemble(members: int, seconds: float) -> kd.Ensemble:
 
 
 def timed(planned: kd.Ensemble, client: Any, progress: Any = None) -> tuple[float, float]:
-    """Seconds of wall time, and of the runs of all members together."""
+    """Seconds of wall time, and seconds of the runs of all members together."""
     began = perf_counter()
     table = planned.run(client, progress=progress)
     assert (table["status"] == "done").all()
@@ -53,7 +53,7 @@ def timed(planned: kd.Ensemble, client: Any, progress: Any = None) -> tuple[floa
 
 
 def memory() -> np.ndarray:
-    """MB of this process, and of the largest of its workers."""
+    """Memory of this process and of its largest worker, in MB."""
     own = psutil.Process()
     kept = [child.memory_info().rss for child in own.children(recursive=True)]
     return np.array([own.memory_info().rss, max(kept)]) / 1e6
@@ -64,7 +64,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     with ExitStack() as stack:
         one, two = (stack.enter_context(workers(count)) for count in (1, 2))
         for client in (one, two):
-            timed(ensemble(8, 0.1), client)  # compiled, and everything loaded
+            timed(ensemble(8, 0.1), client)  # compiles and loads everything
         planned = ensemble(MEMBERS, 0.1)
         pairs = [(timed(planned, one), timed(planned, two)) for _ in range(ROUNDS)]
     gains = [alone[0] / together[0] for alone, together in pairs]

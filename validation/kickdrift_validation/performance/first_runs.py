@@ -1,11 +1,11 @@
-"""How long the first run ever of a new pair law takes, and that of a second method.
+"""Time of the very first run of a new pair law, and of the first run of a second method.
 
     python -m kickdrift_validation.performance.first_runs
 
-Each run is a process of its own, of one copy of the package, in which nothing is compiled. First comes lj-1000 with
-velocity-verlet, which compiles its loop and its force. Then a pair law that nobody has compiled runs with the same
-method; then other methods run the system whose force is compiled. What is timed is making the Simulation and ten steps,
-in processor time.
+Each run has its own process and shares one copy of the package, in which nothing is compiled. First lj-1000 runs with
+velocity-verlet, which compiles its loop and its force. Then a new pair law runs with the same method. Then other
+methods run the system whose force is compiled. The script times the making of the Simulation and ten steps, in
+processor time.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class SixTwelve(NamedTuple):
 
 
 def child(method: str, law: bool) -> None:
-    """Print the seconds that a first run takes."""
+    """Print the seconds of a first run."""
     import kickdrift as kd
 
     system = kd.load("plummer-1000" if method == "hermite4" else "lj-1000")
@@ -58,7 +58,7 @@ def child(method: str, law: bool) -> None:
 
 
 def seconds(path: str, method: str, law: bool = False) -> float:
-    """The seconds of a run in a process of its own, with the packages and the law on that PYTHONPATH."""
+    """Seconds of a run in its own process, with the packages and the law on this PYTHONPATH."""
     command = [sys.executable, "-P", "-m", "kickdrift_validation.performance.first_runs", "--child", method]
     command += ["--law"] * law
     environment = {**os.environ, "PYTHONPATH": path}
@@ -69,7 +69,7 @@ def seconds(path: str, method: str, law: bool = False) -> float:
 
 
 def claims() -> Iterator[Claim]:
-    """Each first run, as soon as it is known."""
+    """Yield each first run as soon as it is known."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path = os.pathsep.join([copied(folder, None), str(folder)])
@@ -90,7 +90,7 @@ def claims() -> Iterator[Claim]:
 
 
 def main() -> int:
-    """Measure, print; the exit status, 1 where a bound is missed."""
+    """Measure and print. The exit status is 1 where a bound is missed."""
     print(where("numpy"), flush=True)
     return show(list(claims()))
 

@@ -1,13 +1,13 @@
-"""GROMACS, the program ``gmx`` of a system's own package or build: files in a temporary folder, and runs of it.
+"""GROMACS, the program ``gmx`` of a system's package or of an own build: files in a temporary folder, and its runs.
 
-Its md-vv takes the velocities of an input for those of half a step before, and is given such. How far its pair lists
-reach it finds from a tolerance of the drift that missed pairs cause, in kJ/mol/ps a particle. The default, 0.005, is
-large in reduced units: the energy of this liquid then changes by a hundredth in ten units of time, a hundred times what
-the step does to it. With 1e-5 it errs as little as the others do.
+md-vv takes the velocities of an input for those of half a step earlier, so the input has such velocities. GROMACS
+chooses the reach of its pair lists by a tolerance for the drift that missed pairs cause, in kJ/mol/ps a particle. The
+default, 0.005, is large in reduced units: the energy of this liquid then changes by a hundredth in ten units of time,
+which is a hundred times the error of the step. With 1e-5 GROMACS errs as little as the other programs.
 
-In its units 1 nm stands for sigma, 1 kJ/mol for epsilon and 1 ps for the unit of time, so that the reduced numbers
-stand in its files as they are. Forces and coordinates of the usual builds are float32 ("mixed" precision). Every turn
-begins at the same start; its time is what GROMACS itself says of its steps, without what it needs to come up.
+In GROMACS' units 1 nm stands for sigma, 1 kJ/mol for epsilon and 1 ps for the unit of time. So the reduced numbers
+stand in its files unchanged. Forces and coordinates of the usual builds are float32 ("mixed" precision). Every turn
+begins at the same start. Its time is the time that GROMACS itself reports for its steps, without start-up.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from kickdrift_validation.performance.melt import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Phase, Runner
 
 INSTALL = "gmx is not on PATH; Debian and Ubuntu: apt install gromacs"
-LEAST = 1e6  # steps of a particle, below which its clock and its first steps are felt
+NATIVE = "KICKDRIFT_GMX"  # variable with the path of a gmx that was built for this processor
+BUILD = f"{NATIVE} names no program gmx that was built for this processor; docs/speed.md shows how to build it"
+LEAST = 1e6  # particle steps; in shorter runs its clock and its first steps matter
 MDP = """integrator = md-vv
 dt = {dt!r}
 nsteps = -1
@@ -66,12 +68,15 @@ A {count}
 
 
 class Gromacs(Runner):
-    """GROMACS' md-vv, velocity Verlet; pair lists are made at the ``interval`` of steps that is the fastest."""
+    """GROMACS' md-vv, velocity Verlet. Pair lists are made at the fastest ``interval`` of steps. With ``native`` the
+    variable KICKDRIFT_GMX names the program."""
 
-    def __init__(self, start: Liquid, threads: int = 1, tolerance: float = 1e-5, interval: int = 10) -> None:
-        program = shutil.which("gmx")
+    def __init__(
+        self, start: Liquid, threads: int = 1, tolerance: float = 1e-5, interval: int = 10, native: bool = False
+    ) -> None:
+        program = shutil.which(os.environ.get(NATIVE) or "." if native else "gmx")
         if program is None:
-            raise Missing(INSTALL)
+            raise Missing(BUILD if native else INSTALL)
         self.program, self.start, self.threads = program, start, threads
         self.least = max(20.0, LEAST / len(start.positions))
         self.lists = {"tolerance": tolerance, "interval": interval}
@@ -89,7 +94,7 @@ class Gromacs(Runner):
         self._last: Phase = start.positions, start.velocities
 
     def _gmx(self, *words: str, answer: str = "") -> str:
-        """What it says; a RuntimeError with its last words where it fails."""
+        """Run gmx and return its output. Raises RuntimeError with the last words of gmx if it fails."""
         environment = {**os.environ, "GMX_MAXBACKUP": "-1", "OMP_NUM_THREADS": str(self.threads)}
         done = subprocess.run(
             [self.program, *words], cwd=self.folder, input=answer, env=environment, stdout=subprocess.PIPE,
@@ -101,7 +106,7 @@ class Gromacs(Runner):
         return done.stdout
 
     def _prepare(self, name: str, every: int) -> None:
-        """The input of a run that writes a frame every so many steps, 0 for none."""
+        """Write the input of a run with a frame every so many steps, or without frames for 0."""
         (self.folder / f"{name}.mdp").write_text(MDP.format(dt=self.start.dt, cutoff=CUTOFF, every=every, **self.lists))
         self._gmx(
             "grompp", "-f", f"{name}.mdp", "-c", "start.gro", "-p", "melt.top", "-o", f"{name}.tpr", "-po", "all.mdp",
@@ -109,7 +114,7 @@ class Gromacs(Runner):
         )  # fmt: skip
 
     def _run(self, name: str, steps: int) -> str:
-        """Its log."""
+        """Run and return the log."""
         self._gmx(
             "mdrun", "-s", f"{name}.tpr", "-nsteps", str(steps), "-ntmpi", "1", "-ntomp", str(self.threads), "-nb",
             "cpu", "-noconfout", "-g", "log", "-o", "frames.trr", "-e", "e.edr", "-cpo", "state.cpt",
@@ -135,7 +140,7 @@ class Gromacs(Runner):
         return self._last
 
     def looks(self, amount: float, count: int) -> list[Phase]:
-        """From the start."""
+        """Phases of a run from the start."""
         every = round(amount / count)
         self._prepare("look", every)
         self._run("look", count * every)
@@ -147,7 +152,7 @@ class Gromacs(Runner):
 
 
 def gro(start: Liquid) -> str:
-    """A .gro file with more digits than float32 has."""
+    """Text of a .gro file with more digits than float32 has."""
     lines = ["melt", str(len(start.positions))]
     for k, (x, v) in enumerate(zip(start.positions, start.velocities, strict=True)):
         number = (k + 1) % 100_000
@@ -157,7 +162,7 @@ def gro(start: Liquid) -> str:
 
 
 def frames(text: str) -> list[Phase]:
-    """Of a .g96 file with positions and velocities."""
+    """Frames of a .g96 file with positions and velocities."""
     blocks = re.findall(r"^(POSITION|VELOCITY)(?:RED)?\n(.*?)^END", text, re.M | re.S)
     kinds: dict[str, list[np.ndarray]] = {"POSITION": [], "VELOCITY": []}
     for kind, lines in blocks:

@@ -3,8 +3,8 @@
     python -m kickdrift_validation.performance.laws [--turns 15]
 
 Both run in turns (A B A B …) in one process, on one thread and on two. A ratio compares the fastest turn of each. The
-paths must have the same bits, but for the body law,
-whose formula is written in another way. Everything is compiled before the first turn.
+paths must have the same bits. The body law is an exception, because its formula is written in another way. Everything
+is compiled before the first turn.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from kickdrift.forces.bound import most_threads
 from kickdrift_validation.claim import Claim, claim, show
 from kickdrift_validation.performance.melt import liquid
 
-LEAST = 0.9  # of the shipped force's speed
-TURN = 0.01  # seconds of a turn, about
-PLACES = 4  # new Simulations, since the place of their arrays in memory changes the speed
+LEAST = 0.9  # bound: share of the shipped force's speed
+TURN = 0.01  # seconds of a turn
+PLACES = 4  # Simulations are made anew, because the place of their arrays in memory changes the speed
 OURS = "the shipped force, in turns"
 
 
 class Case(NamedTuple):
-    """A law, and the systems and the method that it runs in."""
+    """A law, its systems and its method."""
 
     name: str
     own: Any
@@ -62,7 +62,7 @@ def fluid(force: Any) -> kd.System:
 
 
 def cases() -> tuple[Case, ...]:
-    """Laws as a user writes them; made in a function, they do not enter the registry of forces."""
+    """Laws as a user writes them. They are made in a function, so they do not enter the registry of forces."""
 
     @kd.field_law
     class OwnTrap(NamedTuple):

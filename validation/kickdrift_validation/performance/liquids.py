@@ -1,8 +1,8 @@
-"""Programs that move a Lennard-Jones liquid, most at constant energy, each as a good user of it would set it up.
+"""Programs that move a Lennard-Jones liquid, most at constant energy, each set up as an experienced user would.
 
 All take velocity Verlet's steps or the same in leapfrog's form, cut the potential at 2.5 sigma and find every pair at
-every step: LAMMPS checks at every step whether its list must be made anew, which is its default. What each prints of
-itself while it runs is nothing; what it computes for that, at the start and at the end of a turn alone, is its own.
+every step. LAMMPS checks at every step whether its list must be made anew, which is its default. No program prints
+while it runs. Programs that compute energies at the start and at the end of a turn include this in their time.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from kickdrift_validation.performance.turns import Missing, Native, Phase, Runne
 
 
 def kickdrift(start: Liquid, threads: int = 1, precision: str = "float64", **options: Any) -> Native:
-    """Ours; ``precision`` is Simulation's where it is not the default, and ``options`` are its others."""
+    """kickdrift. ``precision`` is Simulation's where it is not the default, and ``options`` are the other arguments."""
     options |= {} if precision == "float64" else {"precision": precision}
     return Native(start.simulation(threads, **options), precision)
 
 
 def in_bath(start: Liquid, **options: Any) -> Native:
-    """Ours at the temperature that the liquid has."""
+    """kickdrift at the liquid's temperature."""
     return kickdrift(start, temperature=start.temperature, **options)
 
 
 class Lammps(Runner):
-    """LAMMPS' lj/cut of a style: plain (""), opt or omp; or in several processes, then with opt. A ``friction`` adds
-    fix langevin, without the tally of the heat."""
+    """LAMMPS' lj/cut of a style: plain (""), opt or omp. Several processes take opt. A ``friction`` adds fix langevin,
+    without the tally of the heat."""
 
     def __init__(
         self, start: Liquid, style: str = "", threads: int = 1, processes: int = 1, friction: float = 0.0
@@ -80,7 +80,8 @@ class Lammps(Runner):
 class Openmm(Runner):
     """OpenMM's NonbondedForce and VerletIntegrator on its CPU platform; lengths in nm stand for sigma, and so on.
 
-    The integrator is leapfrog, with velocities half a step behind: it is given such, and ``phase`` makes up for it.
+    The integrator is leapfrog, with velocities half a step behind. It begins with such velocities, and ``phase`` moves
+    them by half a step.
     """
 
     precision = "float32 forces"
@@ -107,7 +108,7 @@ class Openmm(Runner):
         self.context.setVelocities(start.velocities - 0.5 * start.dt * self._get("Forces"))
 
     def _get(self, what: str) -> np.ndarray:
-        """As plain numbers in OpenMM's units."""
+        """Plain numbers in OpenMM's units."""
         state = self.context.getState(**{what.lower(): True})
         found = getattr(state, f"get{what}")(asNumpy=True)
         return found.value_in_unit(found.unit)
@@ -121,10 +122,11 @@ class Openmm(Runner):
 
 
 class Ase(Runner):
-    """ASE's VelocityVerlet with its LennardJones; dt and energies in its own units, which have no constants here."""
+    """ASE's VelocityVerlet with its LennardJones. dt and energies are in ASE's own units, which need no constants
+    here."""
 
     least = 2.0
-    skin = "0.3"  # of each particle, ASE's default
+    skin = "0.3"  # for each particle, ASE's default
 
     def __init__(self, start: Liquid) -> None:
         try:
@@ -141,7 +143,7 @@ class Ase(Runner):
         self.dynamics = VelocityVerlet(self.atoms, start.dt, logfile=None)
 
     def calculator(self, ases: type) -> object:
-        """ASE's own, or that of another program for ASE."""
+        """ASE's own calculator; a subclass returns another program's calculator for ASE."""
         return ases(sigma=1.0, epsilon=1.0, rc=CUTOFF, smooth=False)
 
     def run(self, amount: float) -> float:
@@ -156,7 +158,7 @@ class Asap(Ase):
     """ASAP's compiled LennardJones and VelocityVerlet, on ASE's Atoms."""
 
     least = 20.0
-    skin = ""  # it does not say
+    skin = ""  # ASAP does not tell
 
     def __init__(self, start: Liquid) -> None:
         try:
@@ -165,7 +167,7 @@ class Asap(Ase):
             raise Missing("pip install asap3, which needs a C++ compiler") from None
         super().__init__(start)
         self.version = version("asap3")
-        with redirect_stderr(io.StringIO()):  # it says which of its two it is
+        with redirect_stderr(io.StringIO()):  # ASAP prints which of its two versions runs
             self.dynamics = VelocityVerlet(self.atoms, start.dt, logfile=None)
 
     def calculator(self, ases: type) -> object:

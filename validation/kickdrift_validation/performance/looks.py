@@ -1,12 +1,12 @@
-"""What a run that looks at its energies as often as it does by default costs over its bare loop, and beside rebound.
+"""Cost of default samples beside the bare loop, and speed of default runs beside rebound.
 
     python -m kickdrift_validation.performance.looks [--turns 7]
 
-The bare loop looks at the start and at the end alone. Both take turns (A B A B …) in one process, each with a
-Simulation of its own, and are timed in processor time; a ratio is the median over the turns. None of the systems names
-an ``every`` of its own. The same runs take turns with rebound's, which looks at nothing: its ``steps`` and its
-``integrate``, whichever is faster. The cost of a look of nine bodies is that of 100,000 more of them in one run; the
-verdict's is that of reading it once, from 10^5 looks that show 40 waves.
+The bare loop looks only at the start and at the end. Both take turns (A B A B …) in one process, each with its own
+Simulation, and are timed in processor time. A ratio is the median over the turns. No system sets ``every``. The same
+runs take turns with rebound's ``steps`` or ``integrate``, whichever is faster; rebound takes no samples. The cost of a
+look of nine bodies comes from 100,000 further looks in one run. The cost of a verdict is that of one verdict from 10^5
+looks that show 40 waves.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LOOK, VERDICT = 3.0, 20.0  # bounds: microseconds, milliseconds
 
 
 class Rival(NamedTuple):
-    """rebound's integrator for a run, where it begins, and how many times its speed a default run is to have."""
+    """rebound's integrator for a run, rebound's start, and the bound for the ratio of speeds."""
 
     integrator: str
     start: Callable[[], Bodies]
@@ -40,7 +40,7 @@ class Rival(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A run, and the share of its bare loop's speed that it is to keep."""
+    """A run, and the share of its bare loop's speed that the run must keep."""
 
     name: str
     make: Callable[[], kd.Simulation]
@@ -50,14 +50,14 @@ class Case(NamedTuple):
 
 
 def bare(name: str) -> kd.System:
-    """The system that ships, without the ``[run]`` of its file."""
+    """The shipped system without the ``[run]`` of its file."""
     own = kd.load(name)
     x, v, masses = own.state.positions, own.state.velocities, own.state.masses
     return kd.System(x, v, masses=masses, box=own.box, forces=own.forces, units=own.units, name=name)
 
 
 def cases() -> list[Case]:
-    """The rows of the table."""
+    """Rows of the table."""
     sun, crowd, eight, atoms = planets(), stars(1000, dt=1 / 1024), bare("figure-eight"), bare("lj-1000")
     steps = {"steps": 10**6}
     whfast = Rival("whfast", lambda: planets(0.005), 5.0, {"safe_mode": 0})
@@ -110,7 +110,7 @@ def ratio_claims(turns: int) -> list[Claim]:
 
 
 def rebounds(rival: Rival, length: dict[str, Any]) -> float:
-    """Processor time of the same run by rebound, by the faster of its ways to go on."""
+    """Processor time of the same run by rebound, by the faster of its two calls."""
     spent = []
     for way in ("integrate", "steps") if "steps" in length else ("integrate",):
         runner = Rebound(rival.start(), rival.integrator, **rival.settings)
@@ -127,7 +127,7 @@ def rebounds(rival: Rival, length: dict[str, Any]) -> float:
 
 
 def rebound_claims(turns: int) -> list[Claim]:
-    """Default runs beside rebound's."""
+    """Default runs beside rebound's runs."""
     rows = []
     for case in cases():
         if (rival := case.rival) is None:
@@ -152,7 +152,7 @@ def rebound_claims(turns: int) -> list[Claim]:
 
 
 def look_claim(turns: int) -> Claim:
-    """Microseconds of one look of nine bodies, with all that comes with it."""
+    """Microseconds of one look of nine bodies, all parts included."""
     nine, count = planets().system, 10**5
     costs = []
     for k in range(turns + 1):
@@ -182,12 +182,12 @@ def verdict_claim(turns: int) -> Claim:
 
 
 def claims(turns: int = 7) -> list[Claim]:
-    """All of them."""
+    """All claims."""
     return [*ratio_claims(turns), *rebound_claims(turns), look_claim(turns), verdict_claim(turns)]
 
 
 def main() -> int:
-    """Measure, print; the exit status, 1 where a bound is missed."""
+    """Measure and print. The exit status is 1 where a bound is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--turns", type=int, default=7)
     given = parser.parse_args()

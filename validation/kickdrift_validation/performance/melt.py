@@ -15,7 +15,8 @@ FORCE = kd.LennardJones(cutoff=CUTOFF, truncation="shift")
 
 
 class Liquid(NamedTuple):
-    """Where programs begin: positions and velocities (n, 3) of particles of mass 1, and the edges of the box."""
+    """The state from which programs begin: positions and velocities (n, 3) of particles of mass 1, and the edges of the
+    box."""
 
     positions: np.ndarray
     velocities: np.ndarray
@@ -23,7 +24,7 @@ class Liquid(NamedTuple):
     dt: float = DT
 
     def simulation(self, threads: int = 1, **options: Any) -> kd.Simulation:
-        """kickdrift from here; ``options`` are Simulation's."""
+        """Simulation from this state; ``options`` are Simulation's."""
         system = kd.System(self.positions, self.velocities, box=self.edges, forces=[FORCE])
         return kd.Simulation(system, **{"integrator": "velocity-verlet", "dt": self.dt, "threads": threads, **options})
 
@@ -37,7 +38,7 @@ class Liquid(NamedTuple):
         return self._replace(positions=x, velocities=v).simulation().energy().total
 
     def apart(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The largest difference of two programs' coordinates, by the nearest images."""
+        """Largest difference of two programs' coordinates, by the nearest images."""
         edges = np.array(self.edges)
         difference = x - y
         return float(np.abs(difference - edges * np.round(difference / edges)).max())
@@ -45,7 +46,7 @@ class Liquid(NamedTuple):
 
 @lru_cache(maxsize=2)
 def liquid(particles: int, steps: int, threads: int = 1) -> Liquid:
-    """What ``melt`` ends with."""
+    """Final state of ``melt``."""
     sim = melt(particles, steps, threads)
     state = sim.state
     return Liquid(state.wrapped(), state.velocities, sim.system.box.lengths)

@@ -1,11 +1,11 @@
-"""What does mixed precision do to forces, to the energy over 20,000 steps, and to momentum?
+"""Errors of mixed precision: forces, energy over 20,000 steps, and momentum.
 
     python -m kickdrift_validation.performance.mixed_precision [--long]
 
-1000 particles (in the long set 46^3 as well), rho* = 0.8442, cut at 2.5 sigma smoothly, brought to T* = 1.44 in 10
-units of time, then velocity Verlet at dt* = 0.005, once in float64 and once with ``precision="mixed"``. Positions
-are rounded to float32 within the box for the pairs, so the error of the forces grows as its edge does; what a report
-says of the energy is computed in float64 for both.
+The liquid has 1000 particles (in the long set also 46^3), rho* = 0.8442, and a smooth cutoff at 2.5 sigma. It reaches
+T* = 1.44 in 10 units of time. Velocity Verlet at dt* = 0.005 then runs once in float64 and once with
+``precision="mixed"``. For the pairs, positions are rounded to float32 within the box, so the error of the forces grows
+with the edge of the box. Both reports compute the energy in float64.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from kickdrift_validation.nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TI
 
 STEPS, SAMPLES = 20_000, 500
 SMALL, LARGE = 1000, 46**3
-FORCE_ERROR = 1e-5  # of a typical force, for an edge of ten sigma
+FORCE_ERROR = 1e-5  # bound: share of a typical force, for an edge of ten sigma
 REFERENCE = "float64, from the same start"
 
 
@@ -76,7 +76,7 @@ def study(particles: int, steps: int) -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The small liquid; in the long set the large one, too."""
+    """The small liquid; in the long set also the large liquid."""
     found = study(SMALL, STEPS)
     return found + study(LARGE, STEPS // 10) if long else found
 

@@ -1,15 +1,15 @@
-"""Is an adaptive solve of a small ODE at least twenty times as fast as SciPy's solve_ivp?
+"""Speed of an adaptive solve of a small ODE over SciPy's solve_ivp; the bound is twenty.
 
     python -m kickdrift_validation.performance.ode_scipy [--turns 9] [--seconds 0.4]
 
 Both use the same method and tolerances, and the same right-hand side, compiled by numba beforehand. They take turns
-(A B A B …), so that whatever else the machine does falls on both; a turn is as many solves as fit in its time, from the
-start to the state at the end. The figure is the median of the ratios of neighbouring turns; the claim is about the
-smallest of them.
+(A B A B …), so that other load of the machine falls on both. A turn is as many solves as fit in its time, from the
+start to the state at the end. The figure is the median of the ratios of neighbouring turns. The claim concerns the
+smallest figure.
 
-A solve is ``sim.state = …; sim.run(until=…)`` with a Simulation that was made before. Making one takes a tenth of a
-second or more, since it compiles the right-hand side for the step loop; that is printed beside. So is a solve with
-what ``run`` does by default, a thousand looks on the way.
+A solve is ``sim.state = …; sim.run(until=…)`` with an existing Simulation. Making a Simulation takes a tenth of a
+second or more, because it compiles the right-hand side for the step loop. The script prints this time too, and the
+time of a solve with the default of a thousand looks.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from kickdrift_validation.claim import Claim, claim, show, where
 from kickdrift_validation.performance.turns import Calls, turns
 
 METHODS = {"bogacki-shampine23": "RK23", "dormand-prince45": "RK45", "dop853": "DOP853"}
-# parameters, and the time to go to
+# parameters, and the final time
 PROBLEMS: dict[str, tuple[dict[str, float], float]] = {
     "lorenz": ({}, 10.0),
     "kepler": ({"eccentricity": 0.5}, 20.0),
@@ -42,12 +42,12 @@ CLAIM = "adaptive solve of a small ODE over SciPy's time"
 
 
 def compare(name: str, integrator: str, seconds: float, count: int) -> float:
-    """The ratio of SciPy's time for a solve to ours, printed with what belongs to it."""
+    """Return the ratio of SciPy's time for a solve to ours, and print the details."""
     parameters, time = PROBLEMS[name]
     made = ODES[name](**parameters)
     f = numba.njit(made.f)
     f(0.0, made.y0.copy())
-    f(0.0, made.y0)  # read-only, which numba holds for another type
+    f(0.0, made.y0)  # read-only; numba gives read-only arrays another type
     problem = kd.Problem(f, made.y0, name=name)
     began = perf_counter()
     sim = kd.Simulation(problem, integrator, rtol=TOLERANCE, atol=TOLERANCE)
@@ -82,7 +82,7 @@ def compare(name: str, integrator: str, seconds: float, count: int) -> float:
 
 
 def compare_all(seconds: float = 0.4, count: int = 9) -> list[Claim]:
-    """Every method on every problem."""
+    """Compare every method on every problem."""
     print(where("scipy"))
     print(f"rtol = atol = {TOLERANCE:g}, {count} turns of {seconds:g} s each")
     ratios = {(name, method): compare(name, method, seconds, count) for name in PROBLEMS for method in METHODS}
@@ -94,7 +94,7 @@ def compare_all(seconds: float = 0.4, count: int = 9) -> list[Claim]:
 
 
 def claims() -> list[Claim]:
-    """With the default options."""
+    """Claims with the default options."""
     return compare_all()
 
 

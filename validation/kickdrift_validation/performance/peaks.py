@@ -1,12 +1,12 @@
-"""What one core of this machine can do at most: fused multiply-adds a second, and bytes a second from each cache.
+"""Peaks of one core of this machine: fused multiply-adds a second, and bytes a second from each cache.
 
     python -m kickdrift_validation.performance.peaks [--turns 7] [--seconds 0.05]
 
-Measured with kickdrift's own eight-lane vectors, so what is counted as a peak is what its kernels could reach: ten
-independent chains of multiply-adds, one chain alone (its time per operation is the latency that a step of a few bodies
-waits for again and again), and sums over arrays that fit in half of the first, second and third cache (48 KiB, 2 MiB
-and 32 MiB where they are not known) and over one of 256 MiB. Each is the best of so many turns,
-of processor time. Prints JSON.
+The script uses kickdrift's own eight-lane vectors, so kernels could reach these peaks. It runs ten independent chains
+of multiply-adds, and one chain alone. The time of an operation in one chain is the latency for which a step of a few
+bodies often waits. Sums over arrays show the rates of memory. The arrays fit in half of the first, second and third
+cache (48 KiB, 2 MiB and 32 MiB where the sizes are not known), and one array has 256 MiB. Each peak is the best turn,
+in processor time. Prints JSON.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CHAINS, UNROLLED = 10, 4
 
 @jit
 def many_chains(rounds, start):
-    """Ten multiply-adds a round that do not wait for each other: four cycles' worth on two units need eight."""
+    """Ten multiply-adds a round that do not wait for each other: two units with four cycles of latency need eight."""
     b, c = splat(0.999), splat(0.001)
     v0, v1, v2, v3, v4 = splat(start), splat(start + 1), splat(start + 2), splat(start + 3), splat(start + 4)
     v5, v6, v7, v8, v9 = splat(start + 5), splat(start + 6), splat(start + 7), splat(start + 8), splat(start + 9)
@@ -46,7 +46,7 @@ def many_chains(rounds, start):
 
 @jit
 def one_chain(rounds, start):
-    """Four multiply-adds a round, each of which takes the last one's result."""
+    """Four multiply-adds a round, each of which takes the previous result."""
     value, b, c = splat(start), splat(0.999), splat(0.001)
     for _ in range(rounds):
         value = multiply_add(multiply_add(value, b, c), b, c)
@@ -56,7 +56,7 @@ def one_chain(rounds, start):
 
 @jit
 def read(array, rounds):
-    """The array's sum, so many times."""
+    """Sum of the array, this many times."""
     v0, v1, v2, v3 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     v4, v5, v6, v7 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     for _ in range(rounds):
@@ -69,8 +69,8 @@ def read(array, rounds):
 
 
 def per_second(work: Callable[[int], object], turns: int, seconds: float) -> float:
-    """Rounds of ``work(rounds)`` a second, the best of the turns, each about so long."""
-    work(1)  # compiled by that
+    """Rounds of ``work(rounds)`` a second, the best of the turns of about this length."""
+    work(1)  # compiles
     rounds = 1
     while True:
         began = process_time()
@@ -89,7 +89,7 @@ def per_second(work: Callable[[int], object], turns: int, seconds: float) -> flo
 
 
 def caches() -> dict[str, int]:
-    """Sizes in bytes of the data caches, as Linux tells them."""
+    """Sizes of the data caches in bytes, as Linux tells them."""
     found = dict(GUESSED)
     for folder in sorted(CACHES.glob("index*")):
         level, kind, size = ((folder / name).read_text().strip() for name in ("level", "type", "size"))
@@ -99,7 +99,7 @@ def caches() -> dict[str, int]:
 
 
 def measure(turns: int = 7, seconds: float = 0.05) -> dict[str, float]:
-    """GFLOP/s (a multiply-add counts twice), nanoseconds that one multiply-add takes, GB/s from each memory."""
+    """GFLOP/s (a multiply-add counts twice), nanoseconds of one multiply-add in a chain, and GB/s from each memory."""
     peaks = {
         "fma_gflops": 1e-9 * 2 * WIDTH * CHAINS * per_second(lambda rounds: many_chains(rounds, 1.0), turns, seconds),
         "fma_latency_ns": 1e9 / (UNROLLED * per_second(lambda rounds: one_chain(rounds, 1.0), turns, seconds)),
@@ -115,7 +115,7 @@ def measure(turns: int = 7, seconds: float = 0.05) -> dict[str, float]:
 def main() -> int:
     """Measure with the given options and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--turns", type=int, default=7, help="of each measurement, of which the best counts")
+    parser.add_argument("--turns", type=int, default=7, help="turns of each measurement; the best counts")
     parser.add_argument("--seconds", type=float, default=0.05, help="length of a turn")
     given = parser.parse_args()
     print(json.dumps({"processor": processor(), **measure(given.turns, given.seconds)}, indent=2))

@@ -1,10 +1,10 @@
-"""Write data/solar-system/sun-and-planets-100yr.json: where Sun and planets are after a hundred years, in binary128.
+"""Write data/solar-system/sun-and-planets-100yr.json: Sun and planets after a hundred years, in binary128.
 
     python -m kickdrift_validation.performance.planets_reference    takes some minutes and needs heyoka
 
-heyoka's Taylor method (Biscani & Izzo 2021, doi:10.1093/mnras/stab1032) at the tolerance of binary128, from the
-float64 numbers that all programs of bodies.py begin with. It is compared with the same in extended precision, and the
-difference is kept beside: it says how well the positions are known.
+heyoka's Taylor method (Biscani & Izzo 2021, doi:10.1093/mnras/stab1032) runs at the tolerance of binary128, from the
+float64 numbers with which all programs of bodies.py begin. The same run in extended precision differs a little. The
+file keeps the difference, which shows how well the positions are known.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TARGET = DATA / "solar-system" / "sun-and-planets-100yr.json"
 
 
 def positions(kind: Any) -> list[list[Any]]:
-    """At the end, (9, 3), in numbers of that kind."""
+    """Positions at the end, (9, 3), in this kind of numbers."""
     system = solar_system()
     state, count = system.state, len(system)
     bodies = heyoka.model.nbody(
@@ -37,7 +37,7 @@ def positions(kind: Any) -> list[list[Any]]:
 
 
 def main() -> int:
-    """Both, and the file."""
+    """Run in both precisions and write the file."""
     found, check = positions(heyoka.real128), positions(np.longdouble)
     apart = max(
         abs(float(a - heyoka.real128(str(b))))

@@ -1,12 +1,12 @@
-"""How near each kernel comes to what the processor can do, and what keeps it from more.
+"""Speed of each kernel beside the processor's peaks, and the limit of each kernel.
 
     python -m kickdrift_validation.performance.roofline [--turns 7] [--json FILE] [--page docs/roofline.md]
 
-Each kernel is run by itself on one core, many times over, and its best turn counts. The operations of a unit of its
-work (a pair, a list entry of eight pairs, a body, …) are counted by hand from its formulas, see KERNELS; a multiply-add
-is two, the estimate of 1/x or 1/sqrt(x) one. Bytes are what it loads and stores, from whichever cache they come. With
-the peaks of ``peaks.py`` that gives the fraction of the arithmetic peak that is reached. A comparison of a run's step
-with the sum of its parts is not made here: parts overlap.
+Each kernel runs by itself on one core, many times, and its best turn counts. The operations of a unit of work (a pair,
+a list entry of eight pairs, a body, …) are counted by hand from the formulas, see KERNELS. A multiply-add counts as
+two, the estimate of 1/x or 1/sqrt(x) as one. Bytes are loads and stores, from any cache. The peaks of ``peaks.py``
+then give the share of the arithmetic peak. The script does not compare a run's step with the sum of its parts, because
+parts overlap.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ WAITING = "room for operations that wait"
 
 
 class Kernel(NamedTuple):
-    """What a unit of work takes: ``operations`` and ``bytes`` a unit; ``limit`` says what it waits for."""
+    """Operations and bytes of a unit of work; ``limit`` names what the kernel waits for."""
 
     name: str
     unit: str
@@ -95,7 +95,7 @@ KERNELS = {
 
 @jit
 def evaluations(forces, x, a, rounds):
-    """Accelerations at x, so many times."""
+    """Accelerations at x, this many times."""
     bound, x, a = handle(forces), unowned(x), unowned(a)
     for _ in range(rounds):
         accelerate(bound, 0.0, x, x, a, None)
@@ -103,7 +103,7 @@ def evaluations(forces, x, a, rounds):
 
 @jit
 def drifts(bodies, dt, rounds):
-    """Kepler drifts, each from where the last one ended."""
+    """Kepler drifts, each from the end of the previous drift."""
     bound, status = handle(bodies), 0
     for _ in range(rounds):
         status += drift(bound, dt, 0.0)
@@ -112,7 +112,7 @@ def drifts(bodies, dt, rounds):
 
 @jit
 def kicks(bodies, dt, rounds):
-    """Kicks, and where there are any the jumps."""
+    """Kicks, and jumps in heliocentric coordinates."""
     bound = handle(bodies)
     for _ in range(rounds):
         if bound.jacobi:
@@ -124,7 +124,7 @@ def kicks(bodies, dt, rounds):
 
 @jit
 def series(workspace, numbers, found, trial, offset, h, rounds):
-    """What a node takes besides the forces, at node after node."""
+    """Work of a node besides the forces, at one node after the other."""
     work, width, own, worst = flat(unowned(workspace)), workspace.shape[1], handle(numbers), splat(0.0)
     found, trial = unowned(found), unowned(trial)
     for k in range(rounds):
@@ -136,18 +136,18 @@ def series(workspace, numbers, found, trial, offset, h, rounds):
 
 
 class Watch(NamedTuple):
-    """How long each measurement takes."""
+    """Length of each measurement."""
 
     turns: int
     seconds: float
 
     def nanoseconds(self, work: Callable[[int], object]) -> float:
-        """Of a round of ``work(rounds)``."""
+        """Nanoseconds of a round of ``work(rounds)``."""
         return 1e9 / per_second(work, self.turns, self.seconds)
 
 
 def lennard_jones(watch: Watch) -> dict[str, float]:
-    """Nanoseconds a unit, from one evaluation of 1000 particles' forces with the list as it is, pruned, and made."""
+    """Nanoseconds a unit, from forces of 1000 particles with the present list, a pruned list and a new list."""
     sim = melt(1000, 500)
     begin = np.array([sim.state.positions.T, sim.state.velocities.T])
     found = {}
@@ -162,7 +162,7 @@ def lennard_jones(watch: Watch) -> dict[str, float]:
         print(f"  1000 particles at r_c = {CUTOFF}: {entries} entries of rows; force {found[key] * entries:.0f} ns")
     near = int(np.ptp(pairs.near_span[:clusters], axis=1).sum())
     moved = begin.copy()
-    moved[0] += 0.6 * pairs.inner_skin  # every particle, along x, y and z: further than the inner list allows
+    moved[0] += 0.6 * pairs.inner_skin  # moves every particle along x, y and z by more than the inner list allows
 
     def search(rounds: int) -> None:
         for _ in range(rounds):
@@ -181,7 +181,7 @@ def lennard_jones(watch: Watch) -> dict[str, float]:
 
 
 def repeat(bound: BoundForces, points: list[np.ndarray], rounds: int) -> None:
-    """Evaluate the forces at one point after the other, so many times."""
+    """Evaluate the forces at one point after the other, this many times."""
     for k in range(rounds):
         bound.derivative(0.0, points[k % len(points)])
 
@@ -195,9 +195,9 @@ def gravity(watch: Watch, count: int) -> float:
 
 
 def wisdom_holman(watch: Watch) -> dict[str, float]:
-    """Nanoseconds a body; Mercury's orbit in a hundred steps."""
+    """Nanoseconds a body, with a hundred steps in Mercury's orbit."""
     dt, found = MERCURY / 100, {}
-    short = 1e-9 * dt  # of a kick: velocities stay what they are
+    short = 1e-9 * dt  # length of a kick, so that velocities hardly change
     for coordinates, name in (("jacobi", "jacobi-kick"), ("democratic-heliocentric", "heliocentric-kick")):
         sim = kd.Simulation(solar_system(), "wisdom-holman", dt=dt, coordinates=coordinates)
         sim.run(10)
@@ -208,16 +208,16 @@ def wisdom_holman(watch: Watch) -> dict[str, float]:
 
 
 def gauss_radau(watch: Watch) -> dict[str, float]:
-    """Nanoseconds a component and node, and a node with its forces."""
+    """Nanoseconds a component and node, and nanoseconds a node with its forces."""
     sim = kd.Simulation(planets().system, "gauss-radau15")
     sim.run(200, every=2**40)
     stepper: Any = sim.integration.stepper
     work = stepper._work
     size, components = stepper._flat.shape[1] - work.shape[1], stepper.y[0].size
-    own, (found, trial) = aligned(work.shape), aligned(stepper._flat.shape)  # zeros stay zeros, and take as long
+    own, (found, trial) = aligned(work.shape), aligned(stepper._flat.shape)  # zeros stay zeros, and take the same time
     alone = watch.nanoseconds(lambda rounds: series(own, tables(), found, trial, size, 0.0, rounds))
     count = sim.record.force_evaluations, sim.steps_done
-    nodes = count[0] / count[1] - 1  # all but the one at the step's start
+    nodes = count[0] / count[1] - 1  # without the node at the step's start
     step = watch.nanoseconds(lambda rounds: sim.run(1000 * rounds, every=2**40)) / 1000
     print(f"  Gauss-Radau step of the Sun and planets: {step:.0f} ns, {nodes:.2f} nodes corrected")
     return {"radau-series": alone / components, "radau-step": step / nodes}
@@ -233,7 +233,7 @@ def study(turns: int = 7, seconds: float = 0.1) -> dict[str, Any]:
 
 
 def rows(found: dict[str, Any]) -> list[list[str]]:
-    """The table's."""
+    """Rows of the table of kernels."""
     peak = found["peaks"]["fma_gflops"]
     listed = []
     for key, kernel in KERNELS.items():
@@ -269,7 +269,7 @@ def tables_of(found: dict[str, Any]) -> str:
 def main() -> int:
     """Measure with the given options and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--turns", type=int, default=7, help="of each measurement, of which the best counts")
+    parser.add_argument("--turns", type=int, default=7, help="turns of each measurement; the best counts")
     parser.add_argument("--seconds", type=float, default=0.1, help="length of a turn")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
     parser.add_argument("--page", type=Path, metavar="FILE", help="put the tables into that page")

@@ -1,18 +1,19 @@
-"""How fast is kickdrift beside every other program that is installed here, on the same systems?
+"""Speed of kickdrift beside every other installed program, on the same systems.
 
     python -m kickdrift_validation.performance.speed [--only GROUP …] [--turns 7] [--seconds 0.4]
     kickdrift bench speed                   the same with tables, and --json FILE
 
-All programs of a group begin with the same numbers, on as many threads, and take turns (A B C A B C …) in one process,
-once warmed up, so that whatever else the machine does falls on all of them. A figure is the median over the rounds of
-the ratio of kickdrift's speed to the other's, with its quartiles. Before, each goes over the same length of physical
-time (a slow one over less, which is said), and its energy is looked at on the way: the energies of all are computed by
-one function, from the positions and velocities that they hand out, in float64 or better, so that nobody is fast by
-being sloppy. With fixed steps positions must agree after ten steps, or a program is left out. Programs with a heat
-bath are timed alone: each has its own noise.
+All programs of a group begin with the same numbers and use the same number of threads. After warming up they take turns
+(A B C A B C …) in one process, so that other load of the machine falls on all of them. A figure is the median over the
+rounds of the ratio of kickdrift's speed to the other's, with quartiles.
 
-Compiling, setting up and reading files is not timed, of no program. groups.py says what takes part, and by how much
-kickdrift is to be ahead; with several styles of one program the fastest counts.
+Before the turns, each program runs over the same length of physical time. A slow program runs over a shorter time,
+which the table states. One function computes the energies of all programs, from their positions and velocities, in
+float64 or better. So no program gains speed by lower accuracy unseen. With fixed steps, positions must agree after ten
+steps, or a program is left out. Programs with a heat bath are only timed, because each has its own noise.
+
+Timings exclude compilation, set-up and file reading, for every program. groups.py lists the programs and the goals.
+Among several styles of one program the fastest counts.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ from kickdrift_validation.performance.groups import ENTRIES, Command, Contestant
 from kickdrift_validation.performance.turns import Missing, Runner, ratio_of, turns
 
 TURNS, SECONDS = 7, 0.4
-AGREE_STEPS, AGREE_SINGLE = 10, 1e-4  # how far apart after so many steps in float32; groups say it for float64
-MOST = 1.2  # times another's RMS energy error: what "no larger" means for what is drawn from few starts
+AGREE_STEPS, AGREE_SINGLE = 10, 1e-4  # steps, and how far positions may then differ in float32; see Group.agree
+MOST = 1.2  # bound for the ratio of RMS energy errors, which vary between sets of few starts
 Tell = Callable[[str], Callable[[int, int], object]]
 
 
 def chosen(names: Sequence[str] = ()) -> list[Group | Command]:
-    """The entries of these names, or those that run by default; an InputError lists the names."""
+    """Return the entries with these names, or the default entries. Raises InputError for an unknown name."""
     known = {entry.name: entry for entry in ENTRIES}
     for name in names:
         if name not in known:
@@ -53,13 +54,13 @@ def chosen(names: Sequence[str] = ()) -> list[Group | Command]:
 
 
 def listed() -> tuple[list[str], list[list[str]]]:
-    """All entries as columns and rows."""
+    """Columns and rows of a table of all entries."""
     rows = [[entry.name, "yes" if entry.usual else "", entry.title] for entry in ENTRIES]
     return ["group", "by default", "what"], rows
 
 
 def expected_seconds(entries: Sequence[Group | Command], count: int, seconds: float) -> float:
-    """About how long it will take, with everything compiled before."""
+    """Estimate of the time, with everything compiled beforehand."""
     contestants = sum(len(entry.contestants) for entry in entries if isinstance(entry, Group))
     return sum(entry.overhead for entry in entries) + contestants * (count + 2) * max(seconds, 0.1)
 
@@ -71,7 +72,7 @@ def measure(
     entries: Sequence[Group | Command], count: int = TURNS, seconds: float = SECONDS,
     tell: Tell = lambda label: lambda done, of: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """All entries as one object for JSON; ``tell(name)`` gives what hears of the progress of each."""
+    """Measure all entries and return one object for JSON. ``tell(name)`` returns a function that shows progress."""
     began, load = perf_counter(), os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     groups = []
     for entry in entries:
@@ -94,7 +95,7 @@ def measure(
 
 
 def widest_simd() -> str:
-    """The widest vectors of this processor, by LLVM's names."""
+    """Widest vectors of this processor, by LLVM's names."""
     from llvmlite.binding import get_host_cpu_features
 
     features = get_host_cpu_features()
@@ -102,7 +103,7 @@ def widest_simd() -> str:
 
 
 def compared(group: Group, count: int, seconds: float, tell: Tell) -> dict[str, Any]:
-    """A group: its rows, and who was left out and why."""
+    """Measure a group: its rows, and the programs that were left out with the reasons."""
     found: dict[str, Any] = {
         "name": group.name, "title": group.title, "unit": group.unit, "threads": group.threads, "rows": [],
         "left_out": [], "goals": [goal._asdict() for goal in group.goals],
@@ -127,7 +128,7 @@ def compared(group: Group, count: int, seconds: float, tell: Tell) -> dict[str, 
             progress(k + 1, stages)
         speeds = turns(runners, seconds, count, lambda done, of: progress(stages - of + done, stages))
         for k, row in enumerate(found["rows"]):
-            row["skin"] = runners[k].skin  # some know it only now
+            row["skin"] = runners[k].skin  # some programs tell it only after a run
             row["speeds"], row["speed"] = speeds[:, k].tolist(), float(np.median(speeds[:, k]))
             row["ratio"] = ratio_of(speeds[:, 0], speeds[:, k])._asdict()
     finally:
@@ -139,10 +140,10 @@ def compared(group: Group, count: int, seconds: float, tell: Tell) -> dict[str, 
 def prepared(
     group: Group, contestant: Contestant, start: Any, first: np.ndarray | None
 ) -> tuple[Runner, dict[str, Any], np.ndarray | None]:
-    """A contestant ready for its turns, what is known of it by then (who it is, and how it errs), and positions after
-    some fixed steps, which must be the ``first`` one's."""
+    """Return a contestant ready for its turns, its row so far (name and errors), and positions after some fixed
+    steps. These must agree with ``first``, the positions of the first contestant."""
     horizon, starts = min(group.horizon, contestant.horizon), min(group.starts, contestant.starts)
-    if contestant.bath:
+    if contestant.alone:
         runner = contestant.make(start)
         row = dict.fromkeys(("energy_error", "energy_error_at_end", "position_error"))
         return runner, row | named(contestant, runner) | {"horizon": 0.0, "starts": 1}, first
@@ -166,13 +167,13 @@ def prepared(
 
 
 def named(contestant: Contestant, runner: Runner) -> dict[str, Any]:
-    """Who a runner is."""
+    """Name, version, precision and skin of a runner."""
     about = {"version": runner.version, "precision": runner.precision, "skin": runner.skin}
     return {"name": contestant.name, **about}
 
 
 def agreed(runner: Runner, start: Any, first: np.ndarray | None, within: float) -> np.ndarray:
-    """Positions after some steps; a RuntimeError where they are not the ``first`` one's."""
+    """Positions after some steps. Raises RuntimeError if they differ from ``first``."""
     runner.run(AGREE_STEPS)
     x = runner.phase()[0]
     runner.close()
@@ -185,7 +186,7 @@ def agreed(runner: Runner, start: Any, first: np.ndarray | None, within: float) 
 
 
 def timed(command: Command, count: int) -> dict[str, Any]:
-    """Seconds of a command in a process of its own; a first run, which may compile, is not counted."""
+    """Time a command in its own process. A first run, which may compile, does not count."""
     words = [sys.executable, "-c", "from kickdrift.cli.main import main; main()", *command.words]
     folder = str(Path(kickdrift.__file__).parents[1])
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])}
@@ -206,7 +207,7 @@ def timed(command: Command, count: int) -> dict[str, Any]:
 
 
 def claims_of(found: dict[str, Any]) -> list[Claim]:
-    """What was measured against what is claimed."""
+    """Claims of all groups."""
     claims = []
     for group in found["groups"]:
         if "times" in group:
@@ -219,7 +220,7 @@ def claims_of(found: dict[str, Any]) -> list[Claim]:
 
 
 def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
-    """One goal: the speed, and where it is asked for the error."""
+    """Claims of one goal: the speed, and the error if the goal has one."""
     text = f"{group['name']}: {goal.ours} over {goal.against}"
     bound = f"at least {goal.at_least:g}"
     rows = {row["name"]: row for row in group["rows"]}
@@ -239,7 +240,7 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
 
 
 def claims() -> list[Claim]:
-    """Of the entries that run by default."""
+    """Claims of the default entries."""
     return claims_of(measure(chosen()))
 
 
@@ -247,7 +248,7 @@ def claims() -> list[Claim]:
 
 
 def table(group: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Columns and rows of a group, in words."""
+    """Columns and rows of a group, as text."""
     if "times" in group:
         low, high = min(group["times"]), max(group["times"])
         return ["seconds", "spread"], [[f"{group['median']:.2f}", f"{low:.2f} to {high:.2f}"]]
@@ -277,7 +278,7 @@ def _error_cells(row: dict[str, Any], unit: str) -> tuple[str, str]:
 
 
 def goals_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """What is claimed, in words."""
+    """Columns and rows of all claims, as text."""
     met = {"pass": "met", "fail": "missed", "not run": "not run"}
     columns = ["claim", "measured", "bound", "", "beside"]
     return columns, [
@@ -287,7 +288,7 @@ def goals_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 
 def print_found(found: dict[str, Any]) -> None:
-    """Everything, as tables on standard output."""
+    """Print all tables on standard output."""
     from kickdrift.cli.console import out, print_table
 
     for group in found["groups"]:
@@ -303,13 +304,13 @@ def print_found(found: dict[str, Any]) -> None:
 
 
 def left_out(found: dict[str, Any]) -> list[str]:
-    """A line for each program that took no part, and what would change that."""
+    """A line for each program that took no part, and how to change that."""
     lines = [f"{each['name']}: {each['why']}" for group in found["groups"] for each in group.get("left_out", ())]
     return list(dict.fromkeys(lines))
 
 
 def main() -> int:
-    """Measure with the given options and print the claims; the exit status is 1 where one is missed."""
+    """Measure with the given options and print the claims. The exit status is 1 where a claim is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", action="append", default=[], metavar="GROUP", help="repeat for several")
     parser.add_argument("--turns", type=int, default=TURNS, help="of each")

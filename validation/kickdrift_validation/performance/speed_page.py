@@ -1,8 +1,8 @@
-"""Measure all usual groups of speed.py, and write docs/speed.md's tables, its figure and the numbers that they show.
+"""Write the tables, the figure and the numbers of docs/speed.md, measured by all usual groups of speed.py.
 
     python -m kickdrift_validation.performance.speed_page [--from FILE.json] [--only GROUP …] [--turns 15]
 
-The numbers go to data/speed.json of this package. With --from they are read from there, and nothing is measured.
+The numbers go to data/speed.json of this package. With --from the script reads them from a file and measures nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BEGIN, END = "<!-- what speed_page.py writes: from here -->", "<!-- to here -->"
 
 
 def text_of(found: dict[str, Any]) -> str:
-    """Every group as a table, after what it ran on and what is claimed."""
+    """Text of the page: the machine, the claims, and a table for each group."""
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
     parts = [
         f"{found['processor']}, {found['cores']} cores, {found['simd']}; {versions}; {found['turns']} turns of "
@@ -40,7 +40,7 @@ def text_of(found: dict[str, Any]) -> str:
 
 
 def draw(found: dict[str, Any], target: Path) -> Path:
-    """How many times as fast kickdrift is as each, and how each errs."""
+    """Draw the ratios of speeds, with the errors of the energy."""
     groups = [group for group in found["groups"] if len(group.get("rows", ())) > 1]
     heights = [len(group["rows"]) + 0.4 for group in groups]
     half = next(k for k in range(1, len(groups) + 1) if 2 * sum(heights[:k]) >= sum(heights))
@@ -54,7 +54,7 @@ def draw(found: dict[str, Any], target: Path) -> Path:
 
 
 def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
-    """A line of text for each group, and a point for each program; from the least to the most of the rounds."""
+    """Draw a line of text for each group, and a point for each program. A bar spans all rounds."""
     places, labels, heads, y = list[float](), list[str](), list[int](), 0.0
     for group in groups:
         ours, *others = group["rows"]
@@ -84,12 +84,12 @@ def draw_groups(axes: Any, groups: list[dict[str, Any]], height: float) -> None:
 
 
 def labelled(name: str, row: dict[str, Any]) -> str:
-    """A name with the energy error in brackets; a heat bath has none."""
+    """A name with the energy error in brackets, if there is an error."""
     return name if row["energy_error"] is None else f"{name} ({row['energy_error']:.0e})"
 
 
 def main() -> int:
-    """Measure or read, then write."""
+    """Measure or read the numbers, then write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE.json", help="measure nothing, read this")
     parser.add_argument("--only", action="append", default=[], metavar="GROUP", help="repeat for several")

@@ -1,19 +1,23 @@
-"""Where the time of a Lennard-Jones step goes, by size: nanoseconds per particle and step.
+"""Time of each part of a Lennard-Jones step, by size: nanoseconds per particle and step.
 
     python -m kickdrift_validation.performance.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
         [--precision double mixed]
 
-The liquid is that of melt.py. Each part of a step is run by itself, many times over, on the state of a real run, and
-its median turn counts, on one thread in processor time. Parts of a new pair list count as often as the run makes and
-prunes its list. The last rows are the sum of the parts and a whole step of `Simulation.run`. With ``--shuffled`` the
-particles have a random order in memory.
+The liquid is that of melt.py. Each part of a step runs by itself, many times over, on the state of a real run. The
+median turn counts; on one thread a turn is measured in processor time. Parts of a new pair list count as often as the
+run makes and prunes its list. The last rows are the sum of the parts and a whole step of `Simulation.run`. With
+``--shuffled`` the particles have a random order in memory.
+
+The columns "predicted", for one thread and float64, follow from the bytes and operations of a part, counted by hand, and
+from the peaks of ``peaks.py``. The bytes come from the smallest cache that holds the arrays of the part. Operations run at the peak of
+multiply-adds, which a kernel does not reach. Sorting, searching and pruning are not predicted: they compare numbers.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from time import perf_counter, process_time
 from typing import Any
@@ -24,17 +28,33 @@ import kickdrift as kd
 from kickdrift.forces.cluster_load import Loading
 from kickdrift.forces.cluster_sort import sort
 from kickdrift.forces.cluster_sums import add_accelerations
+from kickdrift.forces.clusters import N_CLUSTERS
 from kickdrift.forces.evaluate import clear, sum_of
 from kickdrift.forces.pairlist import prune, search
 from kickdrift.integrators.loops import add_scaled
 from kickdrift.jit.chunks import each_chunk
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
-from kickdrift_validation.claim import where
+from kickdrift.jit.vectors import WIDTH
+from kickdrift_validation.claim import Claim, claim, show, where
 from kickdrift_validation.performance.melt import melt
+from kickdrift_validation.performance.peaks import caches, measure
+from kickdrift_validation.performance.roofline import KERNELS
 
 SIZES, MELT = (10**3, 22**3, 46**3, 10**6), 60
 STEP, PRUNING, SEARCH = "step", "pruning", "search"
+FORCES, COPIES = "forces of the pairs", ("positions to clusters, moves", "forces to particles")
+# Bytes that a part loads and stores for each particle, and bytes of a particle in its arrays: 24 for a vector, 8 for
+# the particle's place in the clusters
+BYTES = {
+    COPIES[0]: (56, 56),
+    COPIES[1]: (104, 56),
+    "accelerations cleared": (24, 24),
+    "accelerations checked": (24, 24),
+    "kicks": (144, 48),
+    "drift": (72, 48),
+}
+MOST_COPIED, UNEXPLAINED = 0.2, 0.2  # bounds of the claims, as shares of a whole step
 
 
 @jit
@@ -89,9 +109,9 @@ def search_part(force, x, v, a):
 
 
 PARTS: tuple[tuple[str, Any, str, int], ...] = (  # name, code, how often, times a step
-    ("positions to clusters, moves", load_part, STEP, 1),
-    ("forces of the pairs", forces_part, STEP, 1),
-    ("forces to particles", gather_part, STEP, 1),
+    (COPIES[0], load_part, STEP, 1),
+    (FORCES, forces_part, STEP, 1),
+    (COPIES[1], gather_part, STEP, 1),
     ("accelerations cleared", clear_part, STEP, 1),
     ("accelerations checked", check_part, STEP, 1),
     ("kicks", kick_part, STEP, 2),
@@ -168,6 +188,36 @@ def budget(n: int, threads: int, shuffled: bool, count: int, precision: str) -> 
     return found | {"sum": sum(found.values()), "a whole step": 1e9 / n * whole}
 
 
+def predicted(n: int, peaks: dict[str, float]) -> dict[str, float]:
+    """Nanoseconds per particle and step of each part on one thread, from counted bytes and operations."""
+    sim = melt(n, MELT)
+    pairs: Any = sim.integration.flow.forces.forces[0].pairs
+    entries = float(pairs.row_start[:, int(pairs.counts[N_CLUSTERS]) * WIDTH // pairs.per_row].sum()) / n
+    by_size = sorted(caches().items(), key=lambda item: item[1])
+    found = {FORCES: entries * KERNELS["lj-force"].operations / peaks["fma_gflops"]}
+    for name, (moved, arrays) in BYTES.items():
+        source = next((cache for cache, size in by_size if size >= arrays * n), "memory")
+        found[name] = moved / peaks[f"{source}_gb_per_s"]
+    return found
+
+
+def claims_of(found: dict[int, dict[str, float]]) -> Iterator[Claim]:
+    """Judge the budgets of one thread, by size: do the parts explain a step, and are the copies a small share?"""
+    for n, each in found.items():
+        whole = each["a whole step"]
+        share, copied = each["sum"] / whole, sum(each[name] for name in COPIES) / whole
+        holds = abs(share - 1) <= UNEXPLAINED
+        text = f"{n} particles: sum of the parts over a whole step"
+        yield claim(text, share, f"1 within {UNEXPLAINED:g}", holds, "the run itself")
+        text = f"{n} particles: share of the copies between particles and clusters"
+        yield claim(text, copied, f"at most {MOST_COPIED:g}", copied <= MOST_COPIED, "the run itself")
+
+
+def claims(sizes: Sequence[int] = SIZES[:3]) -> Iterator[Claim]:
+    """Claims about steps on one thread."""
+    yield from claims_of({n: budget(n, 1, False, 5) for n in sizes})
+
+
 def main() -> int:
     """Measure with the given options and print a table for each number of threads."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -178,13 +228,24 @@ def main() -> int:
     parser.add_argument("--turns", type=int, default=5)
     given = parser.parse_args()
     print(where(), flush=True)
+    peaks, judged = measure(), list[Claim]()
     for threads, precision in product(given.threads, given.precision):
-        found = [budget(n, threads, given.shuffled, given.turns, precision) for n in given.sizes]
+        counted = threads == 1 and precision == "double"
+        found = {n: budget(n, threads, given.shuffled, given.turns, precision) for n in given.sizes}
+        expected = {n: predicted(n, peaks) if counted else {} for n in given.sizes}
         print(f"{threads} threads, {precision}, ns per particle and step{', shuffled' * given.shuffled}")
-        print(f"{'particles':30}" + "".join(f"{n:>10}" for n in given.sizes))
-        for name in found[0]:
-            print(f"{name:30}" + "".join(f"{each[name]:10.2f}" for each in found), flush=True)
-    return 0
+        print(f"{'particles':30}" + "".join(f"{n:>10}{'predicted':>10}" for n in given.sizes))
+        for name in next(iter(found.values())):
+            cells = [f"{each[name]:10.2f}" + shown(expected[n].get(name)) for n, each in found.items()]
+            print(f"{name:30}" + "".join(cells), flush=True)
+        if counted:
+            judged += claims_of(found)
+    return show(judged)
+
+
+def shown(number: float | None) -> str:
+    """A number as a cell."""
+    return f"{'–':>10}" if number is None else f"{number:10.2f}"
 
 
 if __name__ == "__main__":

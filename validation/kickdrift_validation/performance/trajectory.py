@@ -1,14 +1,15 @@
-"""What does writing a trajectory cost, how large is its file, and how fast is it read?
+"""Cost of writing a trajectory, size of its file, and time of reading.
 
     python -m kickdrift_validation.performance.trajectory [--steps 40000] [--turns 3]
 
-`lj-1000`, a frame every 100 steps. Write cost: processor time spent in the writer (making the file, every sample and
-frame, flushes with their checkpoints, closing it), over that of the run without a file: of the same Simulation, in
-turns (A B B A …), the median over the turns; beside it what the whole run takes longer, which on a machine with other
-work is mostly noise. Sizes: 1000 frames of one run in every form of our file, and through MDAnalysis' writers as DCD
-and XTC (which keep no velocities, and float32 and 0.01 Angstrom of positions), and TRR (float32, both). Reading: one
-frame in the middle, and one particle's path through all frames, medians; DCD, XTC and TRR through MDAnalysis. The files
-lie in the system's cache.
+The run is `lj-1000` with a frame every 100 steps. The cost of writing is the processor time in the writer over that of
+the run without a file. The writer makes the file, writes every sample and frame, flushes with checkpoints, and closes
+the file. The same Simulation takes turns with and without a file (A B B A …), and the median over the turns counts. The
+script also prints how much longer the whole run takes; on a machine with other work this is mostly noise.
+
+Sizes: 1000 frames of one run in every form of our file, and through MDAnalysis' writers as DCD and XTC (no velocities;
+float32 and 0.01 Angstrom of positions), and TRR (float32, both). Reading: one frame in the middle, and one particle's
+path through all frames, medians; DCD, XTC and TRR through MDAnalysis. The files lie in the system's cache.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def seconds(work: Callable[[], Any]) -> float:
 
 @contextmanager
 def timed(methods: dict[str, Any], spent: list[float]) -> Iterator[None]:
-    """Inside, the processor time of the Writer's ``methods`` is added up."""
+    """Add up the processor time of the Writer's ``methods`` inside the context."""
 
     def added(method: Any) -> Any:
         def inner(*arguments: Any, **options: Any) -> Any:
@@ -70,9 +71,9 @@ def timed(methods: dict[str, Any], spent: list[float]) -> Iterator[None]:
 
 
 def write_cost(folder: Path, steps: int, turns: int, options: kd.FileOptions | None) -> list[tuple[float, float]]:
-    """Of each turn: processor time in the writer, and that by which the run takes longer, over the run's without."""
+    """For each turn, the writer's processor time and the run's additional time, over the run without a file."""
     sim = kd.Simulation(kd.load("lj-1000"), dt=0.004)
-    sim.run(2000, every=EVERY, output=folder / "first.h5md")  # loads what there is to load
+    sim.run(2000, every=EVERY, output=folder / "first.h5md")  # loads all modules
     methods = {name: getattr(Writer, name) for name in ("__init__", "append", "flush_if_due", "close")}
 
     def times(path: Path | None) -> tuple[float, float]:
@@ -116,7 +117,7 @@ def files(folder: Path) -> dict[str, Path]:
 
 
 def read_times(name: str, path: Path, turns: int) -> tuple[float, float]:
-    """Seconds for one frame and for one particle's path, the file being open."""
+    """Seconds for one frame and for one particle's path, in an open file."""
     if name.startswith("h5md"):
         with kd.open(path) as run:
             frame = statistics.median(seconds(lambda k=k: run[k].positions) for k in _places(turns))
@@ -138,7 +139,7 @@ def _places(turns: int) -> list[int]:
 
 
 def claims(steps: int, turns: int) -> Iterator[Claim]:
-    """What writing costs, and a table of sizes and times."""
+    """Cost of writing, and a table of sizes and times."""
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         for name, options in FORMS.items():
@@ -167,7 +168,7 @@ def claims(steps: int, turns: int) -> Iterator[Claim]:
 
 
 def main() -> int:
-    """The exit status: 1 where a bound is not kept."""
+    """Measure and print. The exit status is 1 where a bound is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=40000)
     parser.add_argument("--turns", type=int, default=3)

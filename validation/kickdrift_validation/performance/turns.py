@@ -1,7 +1,7 @@
-"""Programs that take turns (A B C A B C …), so that whatever else the machine does falls on all of them alike.
+"""Programs that take turns (A B C A B C …), so that other load of the machine falls on all of them.
 
-A program at work is a ``Runner``. What is compared is the ratio of the speeds of two in the same round, and its median
-over the rounds.
+A program at work is a ``Runner``. Two programs are compared by the ratio of their speeds in the same round; the median
+over the rounds counts.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ Phase = tuple[np.ndarray, np.ndarray]  # positions and velocities, (n, 3)
 
 
 class Missing(Exception):
-    """A program is not here; the text is the line that installs it."""
+    """A program is not installed. The text says how to install the program."""
 
 
 class Runner:
-    """A program with particles of its own, at work.
+    """A program at work, with its own particles.
 
     Attributes
     ----------
-    version : of the program
-    precision : of forces and state
-    skin : how far its pair lists reach beyond the cutoff, in words; "" where it has none
-    least : the smallest amount that is worth timing
+    version : version of the program
+    precision : precision of forces and state
+    skin : reach of its pair lists beyond the cutoff, in words; "" without pair lists
+    least : smallest amount that is worth timing
     """
 
     version = ""
@@ -38,21 +38,22 @@ class Runner:
     least = 20.0
 
     def run(self, amount: float) -> float:
-        """Go on by about ``amount``: of steps, or of time where the method chooses its steps. By how much."""
+        """Go on by about ``amount``, and return the exact amount. The amount is in steps, or in time for methods that
+        choose their steps."""
         raise NotImplementedError
 
     def timed(self, amount: float) -> float:
-        """The amount a second, going on by so much."""
+        """Go on by the amount, and return the amount a second."""
         began = perf_counter()
         done = self.run(amount)
         return done / (perf_counter() - began)
 
     def phase(self) -> Phase:
-        """Positions and velocities at the same time; not timed."""
+        """Positions and velocities at the same time. This call is not timed."""
         raise NotImplementedError
 
     def looks(self, amount: float, count: int) -> list[Phase]:
-        """``phase`` at ``count`` times, evenly over the next ``amount``."""
+        """Return ``phase`` at ``count`` times, evenly over the next ``amount``."""
         found = []
         for _ in range(count):
             self.run(amount / count)
@@ -60,15 +61,15 @@ class Runner:
         return found
 
     def at(self, time: float) -> Phase:
-        """At exactly that time, of a method that chooses its steps."""
+        """Positions and velocities at exactly this time, for methods that choose their steps."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """End what it has begun."""
+        """End processes and remove files, if any."""
 
 
 class Native(Runner):
-    """kickdrift. It looks at the energy at the start and at the end of a turn alone."""
+    """kickdrift. It samples the energy only at the start and at the end of a turn."""
 
     version = kd.__version__
 
@@ -78,7 +79,7 @@ class Native(Runner):
 
     @property
     def skin(self) -> str:  # type: ignore[override]
-        """Of the list that is searched for, and of that which is pruned from it."""
+        """Reach of the outer list and of the list pruned from it, beyond the cutoff."""
         lists = [force.pairs for force in self.sim.integration.flow.forces.forces if hasattr(force, "pairs")]
         return "; ".join(f"{pairs.outer_skin:.3g}, pruned {pairs.inner_skin:.3g}" for pairs in lists)
 
@@ -87,7 +88,7 @@ class Native(Runner):
         if sim.method.chooses_steps:
             begin = sim.time
             sim.run(until=begin + amount, every=2**40)
-            sim.run(1, every=2**40)  # a step point, and no look between two, as others end with
+            sim.run(1, every=2**40)  # ends at a step point, as other programs do
             return sim.time - begin
         steps = round(amount)
         sim.run(steps, every=sim.steps_done + steps)
@@ -117,7 +118,7 @@ class Calls(Runner):
 
 
 def amount_for(runner: Runner, seconds: float) -> float:
-    """What it does in about so many seconds, once warmed up."""
+    """Amount for about this many seconds, after warming up."""
     amount = runner.least
     runner.timed(amount)  # may compile
     while (taken := amount / (speed := runner.timed(amount))) < seconds / 4:
@@ -128,7 +129,7 @@ def amount_for(runner: Runner, seconds: float) -> float:
 def turns(
     runners: Sequence[Runner], seconds: float, count: int, progress: Callable[[int, int], object] | None = None
 ) -> np.ndarray:
-    """(count, runners) amounts a second: the runners take turns of about ``seconds`` each, once warmed up."""
+    """Return (count, runners) amounts a second. The runners take turns of about ``seconds`` each, after warming up."""
     amounts = [amount_for(runner, seconds) for runner in runners]
     speeds = []
     for k in range(count):
@@ -139,7 +140,7 @@ def turns(
 
 
 class Ratio(NamedTuple):
-    """Of two speeds, over the rounds: how it is spread."""
+    """Distribution over the rounds of a ratio of two speeds."""
 
     median: float
     low: float  # quartiles
@@ -149,6 +150,6 @@ class Ratio(NamedTuple):
 
 
 def ratio_of(ours: np.ndarray, theirs: np.ndarray) -> Ratio:
-    """Of the speeds (k,) of two programs in the same rounds."""
+    """Ratio of the speeds (k,) of two programs in the same rounds."""
     least, low, median, high, most = np.quantile(ours / theirs, [0, 0.25, 0.5, 0.75, 1]).tolist()
     return Ratio(median, low, high, least, most)
