@@ -57,7 +57,8 @@ class Fits:
 
     def waves(self, frequencies: Floats, steps: int = 0) -> Waves:
         """Fit with waves of these frequencies, after so many Gauss-Newton steps of the frequencies."""
-        from kickdrift.statistics.wave_kernel import fit_waves, room_for  # compiled only for a series with waves
+        from kickdrift.statistics.wave_kernel import fit_waves  # compiled only for a series with waves
+        from kickdrift.statistics.wave_sums import room_for
 
         if self._room is None:
             self._room = room_for(len(self._y), MAX_LINES)
