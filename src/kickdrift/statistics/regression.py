@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from kickdrift.model.state import Floats
-from kickdrift.statistics.spectral_lines import Fits, Waves, turns
+from kickdrift.statistics.spectral_lines import Fits, Waves
 
 INDEPENDENT = 1e-3  # sine of the angle between a row and those before, from which sums of products are exact enough
 
@@ -40,14 +40,17 @@ def trend_regression(y: Floats, waves: Waves) -> Fit:
     # whitener's numbers, each turned by its wave.
     found = Fits(white).waves(waves.frequencies) if len(waves) else Fits(white).line()
     left = len(white) - 2 - 2 * len(waves) - noise.lags - 1
-    rest = waves.rest
-    if len(waves):
-        delays = np.arange(len(noise.whitener))
-        over = np.exp(np.multiply.outer(waves.frequencies, -1j * (delays - 0.5 * delays[-1]))) @ noise.whitener
-        apart = waves.cosines - 1j * waves.sines - (found.cosines - 1j * found.sines) / over
-        rest = rest + (turns(places, waves.frequencies) @ apart).real
     slope = found.slope / noise.sum
-    rest = rest + (waves.slope - slope) * places
+    change = slope - waves.slope
+    if len(waves):
+        last = len(noise.whitener) - 1
+        powers = np.tile(np.exp(-1j * waves.frequencies)[:, None], last).cumprod(axis=1)
+        over = (noise.whitener[0] + powers @ noise.whitener[1:]) * np.exp(0.5j * last * waves.frequencies)
+        apart = (found.cosines - 1j * found.sines) / over
+        cosines, sines = apart.real - waves.cosines, -apart.imag - waves.sines
+        rest = Fits(waves.rest).less(waves.frequencies, cosines, sines, change)
+    else:
+        rest = waves.rest - change * places
     return noise.fit(slope, found.rest, found.variance, left, float(np.var(rest)))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_sum, splat
@@ -26,6 +28,18 @@ def fold(y, room):
             places[i], halves[0, i], halves[1, i] = i + 0.5 * (1 - n % 2), right + left, right - left
     if n % 2:
         halves[0, 0] = y[n // 2]
+
+
+@jit
+def unfold(y, room):
+    """y <- the series whose ``halves`` these are."""
+    halves, n = room.halves, y.size
+    count = (n + 1) // 2
+    for i in range(count):
+        of_even, of_odd = 0.5 * halves[0, i], 0.5 * halves[1, i]
+        y[n - count + i], y[count - 1 - i] = of_even + of_odd, of_even - of_odd
+    if n % 2:
+        y[n // 2] = halves[0, 0]
 
 
 @jit
@@ -127,28 +141,44 @@ def fit_waves(y, frequencies, steps, coefficients, rest, workspace):
     forward(room, 1, count + 1, right, 1)
     for i in range(count + 1):
         variance += right[i, 0] * right[i, 0]
-    middle = (n + 1) // 2
-    for i in range(middle):
-        of_even, of_odd = 0.5 * room.halves[0, i], 0.5 * room.halves[1, i]
-        rest[n - middle + i], rest[middle - 1 - i] = of_even + of_odd, of_even - of_odd
-    if n % 2:
-        rest[n // 2] = room.halves[0, 0]
+    unfold(rest, room)
     return variance
 
 
 @driver
-def separate_peaks(power, most, slowest, beside, significance, found):
-    """found <- places of at most ``most`` significant peaks of ``power``. Each peak clears its neighbourhood.
+def take_off_waves(y, frequencies, coefficients, rest, workspace):
+    """rest (n,) <- ``y`` (n,) less a line and waves with these ``coefficients``, ordered as in ``fit_waves``."""
+    room, y, frequencies = handle(workspace), unowned(y), unowned(frequencies)
+    coefficients, rest = unowned(coefficients), unowned(rest)
+    fold(y, room)
+    fill_turns(y.size, frequencies, room)
+    for i in range(frequencies.size + 1):
+        room.solution[0, i], room.solution[1, i] = coefficients[2 * i], coefficients[2 * i + 1]
+    take_off(y.size, frequencies, room)
+    unfold(rest, room)
 
-    Return the number of peaks, and whether a significant peak is below ``slowest``."""
-    power, found = unowned(power), unowned(found)
-    count, slow, first = 0, False, power.max()
-    while count < most:
+
+@driver
+def separate_peaks(spectrum, known, slowest, beside, significance, found):
+    """found <- places of significant peaks of a ``spectrum``, as many as it holds. Each peak clears its neighbourhood.
+
+    A residue within a resolution element of the ``known`` places is no other line. Side lobes of the taper (-31 dB)
+    beside an unrefined line are no lines either. Return the number of peaks, and whether a significant peak is below
+    ``slowest``."""
+    spectrum, known, found = unowned(spectrum), unowned(known), unowned(found)
+    power, count, slow, first = np.empty(spectrum.size), 0, False, 0.0
+    for i in range(power.size):
+        power[i] = spectrum[i].real ** 2 + spectrum[i].imag ** 2
+    power[0] = 0.0
+    for place in known:
+        power[max(place, 0) : place + 2] = 0.0
+    while count < found.size:
         peak, left, total = 0, 0, 0.0
         for i in range(power.size):
             total += power[i]
             left += power[i] != 0.0
             peak = i if power[i] > power[peak] else peak
+        first = max(first, power[peak])
         if power[peak] <= beside * first or left * (1.0 - power[peak] / total) ** (left - 1) > significance:
             break
         if peak < slowest:
