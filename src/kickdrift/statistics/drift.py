@@ -211,7 +211,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     if one_way:
         verdict = "secular drift"
     elif p_value < SIGNIFICANCE:
-        mixed = mixed_trend(flat)
+        mixed = mixed_trend(flat, SIGNIFICANCE)
         unseen = folded(waves)
         if mixed.p_value >= SIGNIFICANCE:
             p_value, half_width = mixed.p_value, max(half_width, mixed.half_width / count)

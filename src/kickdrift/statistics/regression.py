@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 
 from kickdrift.model.state import Floats
 from kickdrift.statistics.spectral_lines import Fits, Waves
@@ -90,7 +90,8 @@ def autoregression(rest: Floats, deterministic: Floats) -> Noise:
     # Schwert 1989 (10.1080/07350015.1989.10509723), fewer for a short series.
     longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
     steps = np.diff(rest)
-    delayed = sliding_window_view(np.concatenate((np.zeros(longest), steps)), n - 1)[::-1]  # row j: j samples before
+    padded = np.concatenate((np.zeros(longest), steps))
+    delayed = as_strided(padded[longest:], (longest + 1, n - 1), (-padded.itemsize, padded.itemsize))  # j samples before
     # Regressors as rows: deterministic ones, the residual, and the earlier steps; then the steps that they explain.
     rows = np.concatenate((deterministic[:, 1:], rest[None, :-1], delayed[1:], delayed[:1]))
     products = rows[:, longest:] @ rows[:, longest:].T
