@@ -83,6 +83,7 @@ class Batch:
         self._begun = momentum_scales(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) from each run
+        self._joined: Floats | None = None
         self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
 
     def __len__(self) -> int:
@@ -153,6 +154,7 @@ class Batch:
             self._looks.append(run_with_events(self._stepper, counts[again:], self.steps_done, len(self)))
         else:
             self._looks.append(run_lanes(self._stepper, counts[again:], self.steps_done)[0][:, :, : len(self)])
+        self._joined = None
         self._steps += stops[again:].tolist()
         self.steps_done += steps
         self._taken += steps
@@ -168,24 +170,31 @@ class Batch:
         """Reports of all members; None for a member that blew up."""
         return [self.report(i) if finite else None for i, finite in enumerate(self.finite)]
 
+    @property
+    def _samples(self) -> Floats:
+        """Samples of the members (members, LOOK, k)."""
+        if self._joined is None:
+            self._joined = np.ascontiguousarray(np.concatenate(self._looks).transpose(2, 1, 0))
+        return self._joined
+
     def record(self, i: int) -> LaneRecord:
         """Samples of member ``i`` and its cost."""
-        system, looks = self.systems[i], np.concatenate([looks[:, :, i] for looks in self._looks])
+        system, looks = self.systems[i], self._samples[i]
         steps, taken, last = np.array(self._steps), self._taken, int(self._steps_of[i])
         if last < self.steps_done:  # an event has ended the run between two samples
             row = int(np.searchsorted(steps, last))
-            steps, looks, taken = np.append(steps[:row], last), looks[: row + 1], last - int(steps[0])
+            steps, looks, taken = np.append(steps[:row], last), looks[:, : row + 1], last - int(steps[0])
         massive = int(np.count_nonzero(system.state.masses))
         warning = start_warning(system, self.method, float(self.dt[i]))
         series = Series(
             steps=steps,
             times=self._start[i] + steps * self.dt[i],
-            total=looks[:, 0] + looks[:, 1],
-            final=float(looks[-1, 0] + looks[-1, 1]),
+            total=looks[0] + looks[1],
+            final=float(looks[0, -1] + looks[1, -1]),
             kinetic=float(looks[0, 0]),
-            momentum=looks[:, 2:5],
-            angular_momentum=looks[:, 5:8],
-            kinetics=looks[:, 0],
+            momentum=looks[2:5].T,
+            angular_momentum=looks[5:8].T,
+            kinetics=looks[0],
             pairs=0.5 * massive * (massive - 1) + massive * (len(system) - massive),
         )
         return LaneRecord(

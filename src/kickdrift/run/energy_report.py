@@ -63,7 +63,7 @@ class EnergyReport:
         """Return a report that calls ``judged`` for slope, interval and verdict when one of them is first read."""
         found = cls.__new__(cls)
         by_force, missed = (work.by_force, work.error) if work else ({}, 0.0)
-        vars(found).update(asdict(error), final=final, _judged=judged, work=by_force, work_error=missed)
+        vars(found).update(vars(error), final=final, _judged=judged, work=by_force, work_error=missed)
         return found
 
     def __getattr__(self, name: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -343,7 +344,8 @@ def _largest_change(values: Floats | None, scale: float) -> float | None:
     """Return the largest change of a vector (k, 3) since the first sample, over ``scale`` unless 0."""
     if values is None:
         return None
-    largest = float(np.linalg.norm(values - values[0], axis=1).max())
+    change = values - values[0]
+    largest = math.sqrt(float(np.einsum("ij,ij->i", change, change).max()))
     return largest / scale if scale else largest
 
 

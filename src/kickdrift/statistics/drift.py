@@ -211,7 +211,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     if one_way:
         verdict = "secular drift"
     elif p_value < SIGNIFICANCE:
-        mixed = mixed_trend(flat)
+        mixed = mixed_trend(flat, SIGNIFICANCE)
         unseen = folded(waves)
         if mixed.p_value >= SIGNIFICANCE:
             p_value, half_width = mixed.p_value, max(half_width, mixed.half_width / count)
@@ -239,7 +239,6 @@ def _finite(name: str, values: ArrayLike) -> Array:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) == 0:
         raise InputError(f"{name}: expected a non-empty one-dimensional series, got shape {array.shape}")
-    bad = np.flatnonzero(~np.isfinite(array))
-    if len(bad):
-        raise InputError(f"{name}: sample {bad[0]} is not finite")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: sample {int(np.flatnonzero(~np.isfinite(array))[0])} is not finite")
     return array

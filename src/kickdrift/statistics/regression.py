@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from kickdrift.model.state import Floats
-from kickdrift.statistics.spectral_lines import Fits, Waves, turns
+from kickdrift.statistics.spectral_lines import Fits, Waves
+
+INDEPENDENT = 1e-3  # sine of the angle between a row and those before, from which sums of products are exact enough
 
 
 @dataclass(frozen=True)
@@ -30,26 +34,29 @@ def trend_regression(y: Floats, waves: Waves) -> Fit:
     d(j) du(i-j) for its residuals u. g = 0 is a unit root.
     """
     places = np.asarray(np.arange(len(y)) - 0.5 * (len(y) - 1), np.float64)
-    noise = autoregression(waves.rest, np.column_stack((np.ones(len(y)), places)))
+    noise = autoregression(waves.rest, np.stack((np.ones(len(y)), places)))
     white = np.convolve(y, noise.whitener, "valid")
     # A whitened line is a line, and a whitened wave a wave: their slopes and amplitudes times A, the sum of the
     # whitener's numbers, each turned by its wave.
     found = Fits(white).waves(waves.frequencies) if len(waves) else Fits(white).line()
     left = len(white) - 2 - 2 * len(waves) - noise.lags - 1
-    rest = waves.rest
-    if len(waves):
-        delays = np.arange(len(noise.whitener))
-        over = np.exp(np.multiply.outer(waves.frequencies, -1j * (delays - 0.5 * delays[-1]))) @ noise.whitener
-        apart = waves.cosines - 1j * waves.sines - (found.cosines - 1j * found.sines) / over
-        rest = rest + (turns(places, waves.frequencies) @ apart).real
     slope = found.slope / noise.sum
-    rest = rest + (waves.slope - slope) * places
+    change = slope - waves.slope
+    if len(waves):
+        last = len(noise.whitener) - 1
+        powers = np.tile(np.exp(-1j * waves.frequencies)[:, None], last).cumprod(axis=1)
+        over = (noise.whitener[0] + powers @ noise.whitener[1:]) * np.exp(0.5j * last * waves.frequencies)
+        apart = (found.cosines - 1j * found.sines) / over
+        cosines, sines = apart.real - waves.cosines, -apart.imag - waves.sines
+        rest = Fits(waves.rest).less(waves.frequencies, cosines, sines, change)
+    else:
+        rest = waves.rest - change * places
     return noise.fit(slope, found.rest, found.variance, left, float(np.var(rest)))
 
 
 def mean_regression(y: Floats) -> Fit:
     """The same for the mean, of a series ``y`` without trend and waves."""
-    noise = autoregression(y - y.mean(), np.ones((len(y), 1)))
+    noise = autoregression(y - y.mean(), np.ones((1, len(y))))
     white = np.convolve(y, noise.whitener, "valid")
     left = len(white) - 1 - noise.lags - 1
     return noise.fit(white.mean() / noise.sum, white - white.mean(), 1.0 / len(white), left, float(np.var(y)))
@@ -78,50 +85,62 @@ class Noise(NamedTuple):
 
 
 def autoregression(rest: Floats, deterministic: Floats) -> Noise:
-    """Autoregression of the residuals ``rest`` (n,), with the columns of ``deterministic`` (n, 1 or 2)."""
-    n, columns = deterministic.shape
+    """Autoregression of the residuals ``rest`` (n,), with the rows of ``deterministic`` (1 or 2, n)."""
+    before, n = deterministic.shape
     # Schwert 1989 (10.1080/07350015.1989.10509723), fewer for a short series.
     longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
     steps = np.diff(rest)
-
-    def regressors(lags: int) -> tuple[Floats, Floats]:
-        lagged = [steps[lags - j : len(steps) - j] for j in range(1, lags + 1)]
-        return np.column_stack((deterministic[lags + 1 :], rest[lags:-1], *lagged)), steps[lags:]
+    padded = np.concatenate((np.zeros(longest), steps))
+    delayed = as_strided(padded[longest:], (longest + 1, n - 1), (-padded.itemsize, padded.itemsize))  # j samples before
+    # Regressors as rows: deterministic ones, the residual, and the earlier steps; then the steps that they explain.
+    rows = np.concatenate((deterministic[:, 1:], rest[None, :-1], delayed[1:], delayed[:1]))
+    products = rows[:, longest:] @ rows[:, longest:].T
 
     # Columns are nested, so one orthogonalisation gives the residual of every order.
-    matrix, right = regressors(longest)
-    projections = along_each(matrix, right) ** 2
-    squares = (right @ right - np.cumsum(projections)[columns:]) / (right @ right)
-    criterion = len(right) * np.log(np.maximum(squares, 1e-30)) + np.log(len(right)) * np.arange(longest + 1)
+    projections = along_each(rows[:, longest:], products) ** 2
+    squares = (products[-1, -1] - np.cumsum(projections)[before:]) / products[-1, -1]
+    count = n - 1 - longest
+    criterion = count * np.log(np.maximum(squares, 1e-30)) + np.log(count) * np.arange(longest + 1)
     lags = int(np.argmin(criterion))
-    solution, deviations = least_squares(*regressors(lags))
-    root, differences = solution[columns], solution[columns + 1 :]
-    unit_root_t = float(root / deviations[columns])
+
+    chosen = before + 1 + lags  # fewer steps before, and so more samples
+    own = [*range(chosen), -1]
+    more = rows[own, lags:longest]
+    products = products[np.ix_(own, own)] + more @ more.T
+    solution, deviations = least_squares(rows[:chosen, lags:], rows[-1, lags:], products)
+    root, differences = solution[before], solution[before + 1 :]
+    unit_root_t = float(root / deviations[before])
 
     # Near g = 0 the estimate of g is too negative by (2k + 2) / n for k deterministic columns. With var g = -2 g / n
     # this is a fraction (k + 1) / t^2 of g. In this form it vanishes where the root is well known, at any order.
-    root *= max(1.0 - (columns + 1.0) / unit_root_t**2, 0.1)
+    root *= max(1.0 - (before + 1.0) / unit_root_t**2, 0.1)
     whitener = np.convolve([1.0, -1.0], np.concatenate(([1.0], -differences)))
     whitener[1] -= root
     return Noise(lags, whitener, -float(root), unit_root_t)
 
 
-def along_each(matrix: Floats, right: Floats) -> Floats:
-    """Projections of ``right`` on each column without the columns before, of either sign."""
-    triangle: Floats = np.linalg.qr(np.column_stack((matrix, right)), mode="r")  # type: ignore[assignment]
-    return triangle[:-1, -1]
+def along_each(rows: Floats, products: Floats) -> Floats:
+    """Projections of the last row on each row without the rows before, of either sign. ``products`` are those of the
+    rows with each other."""
+    norms = np.sqrt(np.diag(products))
+    with suppress(np.linalg.LinAlgError):  # products of rows that are nearly dependent
+        triangle = np.linalg.cholesky(products / np.outer(norms, norms))
+        if np.diag(triangle).min() > INDEPENDENT:
+            return np.asarray(triangle[-1, :-1] * norms[-1])
+    orthogonal: Floats = np.linalg.qr(rows.T, mode="r")  # type: ignore[assignment]
+    return orthogonal[:-1, -1]
 
 
-def least_squares(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
-    """Coefficients and standard errors."""
-    gram = matrix.T @ matrix
-    norms = np.sqrt(np.diag(gram))
+def least_squares(rows: Floats, right: Floats, products: Floats) -> tuple[Floats, Floats]:
+    """Coefficients of the ``rows`` and their standard errors. ``products`` are those of rows and right side, which
+    comes last."""
+    norms = np.sqrt(np.diag(products)[:-1])
     norms[norms == 0.0] = 1.0
-    inverse = inverse_of(gram / np.outer(norms, norms))
-    solution = inverse @ (matrix.T @ right / norms)
-    rest = right - matrix @ (solution / norms)
-    solution += inverse @ (matrix.T @ rest / norms)  # one refinement compensates for the squared condition number
-    rest = right - matrix @ (solution / norms)
+    inverse = inverse_of(products[:-1, :-1] / np.outer(norms, norms))
+    solution = inverse @ (products[:-1, -1] / norms)
+    rest = right - (solution / norms) @ rows
+    solution += inverse @ (rows @ rest / norms)  # one refinement compensates for the squared condition number
+    rest = right - (solution / norms) @ rows
     variance = rest @ rest / max(len(right) - len(norms), 1)
     return solution / norms, np.sqrt(variance * np.diag(inverse)) / norms
 

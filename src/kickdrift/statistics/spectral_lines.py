@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from kickdrift.model.state import Floats
 MAX_LINES = 40
 MIN_CYCLES = 3.0  # a slower wave cannot be distinguished from a trend
 LINE_SIGNIFICANCE = 1e-4
+BLOCK = 64  # numbers; series of about one length share a workspace
 BESIDE = 1e-3  # power of a peak beside the highest that may be a side lobe
 
 
@@ -45,7 +47,10 @@ class Fits:
     def __init__(self, y: Floats) -> None:
         self._y = np.ascontiguousarray(y)
         self._places = np.arange(len(y)) - 0.5 * (len(y) - 1)
-        self._room: Any = None
+
+    @property
+    def _room(self) -> Any:
+        return _room(-(-len(self._y) // BLOCK), get_ident())
 
     def line(self) -> Waves:
         """Fit of the straight line alone."""
@@ -57,13 +62,28 @@ class Fits:
 
     def waves(self, frequencies: Floats, steps: int = 0) -> Waves:
         """Fit with waves of these frequencies, after so many Gauss-Newton steps of the frequencies."""
-        from kickdrift.statistics.wave_kernel import fit_waves, room_for  # compiled only for a series with waves
+        from kickdrift.statistics.wave_kernel import fit_waves  # compiled only for a series with waves
 
-        if self._room is None:
-            self._room = room_for(len(self._y), MAX_LINES)
         own, found, rest = frequencies.copy(), np.empty(2 + 2 * len(frequencies)), np.empty(len(self._y))
         variance = fit_waves(self._y, own, steps, found, rest, self._room)
         return Waves(own, float(found[0]), float(found[1]), found[2::2], found[3::2], rest, variance)
+
+    def less(self, frequencies: Floats, cosines: Floats, sines: Floats, slope: float) -> Floats:
+        """The series less a line through 0 in the middle and less waves, with these frequencies and amplitudes."""
+        from kickdrift.statistics.wave_kernel import take_off_waves
+
+        coefficients, rest = np.zeros(2 + 2 * len(frequencies)), np.empty(len(self._y))
+        coefficients[1], coefficients[2::2], coefficients[3::2] = slope, cosines, sines
+        take_off_waves(self._y, frequencies, coefficients, rest, self._room)
+        return rest
+
+
+@lru_cache(maxsize=4)
+def _room(blocks: int, thread: int) -> Any:
+    """Workspace of one thread for series of up to so many blocks of ``BLOCK`` numbers."""
+    from kickdrift.statistics.wave_sums import room_for
+
+    return room_for(BLOCK * blocks, MAX_LINES)
 
 
 def spectral_lines(y: Floats, floor: float) -> tuple[Waves, bool]:
@@ -98,19 +118,13 @@ def spectral_lines(y: Floats, floor: float) -> tuple[Waves, bool]:
 def _peaks(white: Floats, known: Floats, most: int) -> tuple[NDArray[np.int64], bool]:
     """Places of new lines in the spectrum of a series, and whether there is a slow wave. ``known`` are the places of
     the known lines, and ``most`` is the largest number of lines."""
-    spectrum = np.fft.rfft(white * _taper(len(white)))
-    power = spectrum.real**2 + spectrum.imag**2
-    power[0] = 0.0
-    for place in known.astype(int).tolist():  # a residue within a resolution element of a line is no other line
-        power[max(place, 0) : place + 2] = 0.0
-    # Side lobes of the taper (-31 dB) beside an unrefined line are no lines.
-    most, first, m = most - len(known), power.max(), int(np.count_nonzero(power))
-    if most <= 0 or m * (1.0 - first / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
+    if most <= len(known):
         return np.empty(0, np.int64), False
-    from kickdrift.statistics.wave_kernel import separate_peaks  # compiled only for a series with waves
+    spectrum = np.fft.rfft(white * _taper(len(white)))
+    from kickdrift.statistics.wave_kernel import separate_peaks  # compiled only for a series that may have waves
 
-    found = np.empty(most, np.int64)
-    count, slow = separate_peaks(power, most, MIN_CYCLES, BESIDE, LINE_SIGNIFICANCE, found)
+    found = np.empty(most - len(known), np.int64)
+    count, slow = separate_peaks(spectrum, known.astype(int), MIN_CYCLES, BESIDE, LINE_SIGNIFICANCE, found)
     return found[:count], bool(slow)
 
 

@@ -81,19 +81,20 @@ def walk_trend(y: Floats) -> Trend:
     return _trends(weights * scale, line * scale, np.ones((1, len(scale))), np.ones(1))
 
 
-def mixed_trend(y: Floats) -> Trend:
+def mixed_trend(y: Floats, significance: float) -> Trend:
     """Trend of ``y`` under noise and a walk together, in proportions inferred from the slow end of the spectrum.
 
-    The restricted likelihood weights each proportion.
+    The restricted likelihood weights each proportion. The half-width is nan for a trend whose p-value is below
+    ``significance``.
     """
     weights, line = cosines(y, min(COSINES, len(y) // 3))
     spectra = 1.0 + np.multiply.outer(WALKS, 1.0 / np.arange(1, len(weights) + 1) ** 2)
     prior = np.full(len(WALKS), (1.0 - PRIOR_WHITE) / (len(WALKS) - 1))
     prior[0] = PRIOR_WHITE
-    return _trends(weights, line, spectra, prior)
+    return _trends(weights, line, spectra, prior, significance)
 
 
-def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats) -> Trend:
+def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats, significance: float = 0.0) -> Trend:
     """Weighted least squares with each of the ``spectra`` (k, q), mixed by their posterior probabilities."""
     from scipy.special import stdtr, stdtrit
 
@@ -115,6 +116,8 @@ def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats) -> Tr
         return float(share @ (stdtr(freedom, -up) + stdtr(freedom, down))), -peak * float(share @ (density / deviation))
 
     p_value = float(share @ (2.0 * stdtr(freedom, -np.abs(change) / deviation)))
+    if p_value < significance:
+        return Trend(centre, math.nan, p_value, float(1.0 - share[0]))
     quantile, power = float(stdtrit(freedom, 1.0 - 0.5 * OUTSIDE)), -0.5 * (freedom + 1)
     low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * quantile))
     if len(share) == 1:
