@@ -39,9 +39,9 @@ def dual_meeting(room: int, twice: bool) -> DualMeeting:
     """Room for so many bodies, with second derivatives if ``twice``."""
     numbers = 2 * SLOT if twice else SLOT
     width = BLOCK * -(-3 * room * numbers // BLOCK)
-    rows = (aligned((width // 2, 2) if twice else (width,)) for _ in range(5))
+    x, v, a, lost_x, lost_v = (aligned((width // 2, 2) if twice else (width,)) for _ in range(5))
     whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(numbers, *whole, *rows, aligned((ROWS * width,)))
+    return DualMeeting(numbers, *whole, x, v, a, lost_x, lost_v, aligned((ROWS * width,)))
 
 
 @jit
