@@ -117,9 +117,10 @@ def logged(team, code, place, count):
 @contextmanager
 def logging() -> Iterator[np.ndarray]:
     """A log into which all tasks of runs on two threads go. One thread then runs all their chunks."""
-    if most_threads() < 2 or not team_of(2).address:
+    team: Any = team_of(2)
+    if most_threads() < 2 or not hasattr(team, "_memory"):
         raise Missing("needs two threads, on Linux")
-    memory, log = team_of(2)._memory, aligned((ENTRIES,), 0, np.int64)
+    memory, log = team._memory, aligned((ENTRIES,), 0, np.int64)
     before, own = int(memory[CODE // 8]), callback(logged, types.void(*4 * [types.intp]), types.none)
     log[0] = 2
     memory[TASK_PLACE // 8], memory[CODE // 8] = log.ctypes.data, own.address
