@@ -27,13 +27,14 @@ def task(*chunks, before=0.0, often=1.0):
         ((10, 10, 10, 10), 3, AT_ONCE, 20),
         ((10, 10, 10, 10), 8, AT_ONCE, 10),
         ((30, 10, 10, 10), 2, AT_ONCE, 30),
-        ((10, 10, 10, 30), 2, AT_ONCE, 40),  # the long chunk begins last
+        ((10, 10, 10, 30), 2, AT_ONCE, 30),  # a helper begins at the end
+        ((10, 30, 10, 10), 2, AT_ONCE, 40),  # the long chunk begins last
         ((10, 10), 2, LATE, 17),  # the helper: 5 + 10; the end: 2
         ((10, 10, 10), 2, LATE, 23),  # the calling thread takes the first and the third: 1 + 20 + 2
         ((10, 10, 10), 3, LATE, 22),  # the second helper begins at 10
     ],
 )
-def test_free_threads_take_the_next_chunk(chunks, threads, delay, expected):
+def test_free_threads_take_chunks_from_both_ends(chunks, threads, delay, expected):
     assert makespan(task(*chunks), threads, delay) == expected
 
 

@@ -1,9 +1,9 @@
 """A model of a step on many threads, from the chunks of a step on one thread.
 
 One thread runs all chunks of a real run and logs the time of each. The rest of the step is serial. The model gives the
-logged chunks to p threads in the order in which kickdrift's threads take them, so a thread that is free takes the next
-chunk. A helper begins late, by a delay that is measured with chunks that only wait. Tasks after a longer serial part
-find the helpers asleep, which has its own delay. The k-th helper is given k such delays, since one lock wakes all.
+logged chunks to p threads as kickdrift does: a thread that is free takes a chunk. A helper begins late. This delay is
+measured with chunks that only wait. Tasks after a longer serial part find the helpers asleep, which has its own delay.
+The k-th helper begins after k delays, because one lock wakes all.
 
 A step also takes at least the time in which memory delivers its bytes, where its arrays exceed the last cache.
 No number is fitted to a run on several threads.
@@ -11,6 +11,7 @@ No number is fitted to a run on several threads.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from heapq import heapreplace
@@ -117,9 +118,10 @@ def logged(team, code, place, count):
 @contextmanager
 def logging() -> Iterator[np.ndarray]:
     """A log into which all tasks of runs on two threads go. One thread then runs all their chunks."""
-    if most_threads() < 2 or not team_of(2).address:
+    team: Any = team_of(2)
+    if most_threads() < 2 or not hasattr(team, "_memory"):
         raise Missing("needs two threads, on Linux")
-    memory, log = team_of(2)._memory, aligned((ENTRIES,), 0, np.int64)
+    memory, log = team._memory, aligned((ENTRIES,), 0, np.int64)
     before, own = int(memory[CODE // 8]), callback(logged, types.void(*4 * [types.intp]), types.none)
     log[0] = 2
     memory[TASK_PLACE // 8], memory[CODE // 8] = log.ctypes.data, own.address
@@ -241,14 +243,15 @@ def memory_of(sim: kd.Simulation, rate: float) -> Memory:
 
 
 def makespan(task: Task, threads: int, delay: Delays) -> float:
-    """Nanoseconds of a task: each thread takes the next chunk when it is free."""
+    """Nanoseconds of a task. A free thread takes a chunk: the calling thread the first one left, helpers the last."""
     late = delay.asleep if task.before > AWAKE else delay.awake
-    free = [delay.master, *(late * (k + 1) for k in range(min(threads, len(task.chunks)) - 1))]
-    end = 0.0
-    for chunk in task.chunks.tolist():
-        done = free[0] + chunk
+    free = [(delay.master, 0), *((late * k, k) for k in range(1, min(threads, len(task.chunks))))]
+    left, end = deque(task.chunks.tolist()), 0.0
+    while left:
+        begin, thread = free[0]
+        done = begin + (left.pop() if thread else left.popleft())
         end = max(end, done)
-        heapreplace(free, done)
+        heapreplace(free, (done, thread))
     return end + delay.end
 
 
