@@ -6,8 +6,8 @@ only for chunks that helpers have begun. So helpers that get no core cost nothin
 
 The two halves of one number, the *ticket*, are the first chunk that is left and the last chunk plus 1. The master takes
 the first chunk, a helper the last. So a core mostly gets the same chunks in each task, and finds their memory in its
-cache. A thread takes a chunk by changing the ticket, if the ticket is still as the thread has read it. So each chunk has
-one thread. A ticket of a later task may be equal; the thread then takes a chunk of that task.
+cache. A thread takes a chunk by changing the ticket, if the ticket is still as the thread has read it. So each chunk
+has one thread. A ticket of a later task may be equal; the thread then takes a chunk of that task.
 
 A helper without work looks out for the next task for a short time, then sleeps. Two things happen on a busy machine,
 and after both the master works alone for some milliseconds. The system may put a helper on the master's own core. The
