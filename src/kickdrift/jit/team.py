@@ -4,9 +4,10 @@ A *team* is a thread that asks, the master, and threads that help. The master pu
 Each thread takes the next chunk until none is left, so a slow core takes fewer. The master takes chunks too, and waits
 only for chunks that helpers have begun. So helpers that get no core cost nothing.
 
-The low part of one number, the *ticket*, is the number of chunks left; the high part counts the tasks. A thread takes
-a chunk by lowering the ticket, if the ticket is still as the thread has read it. So no thread takes a chunk of a task
-that is over.
+The two halves of one number, the *ticket*, are the first chunk that is left and the last chunk plus 1. The master takes
+the first chunk, a helper the last. So a core mostly gets the same chunks in each task, and finds their memory in its
+cache. A thread takes a chunk by changing the ticket, if the ticket is still as the thread has read it. So each chunk
+has one thread. A ticket of a later task may be equal; the thread then takes a chunk of that task.
 
 A helper without work looks out for the next task for a short time, then sleeps. Two things happen on a busy machine,
 and after both the master works alone for some milliseconds. The system may put a helper on the master's own core. The
@@ -57,7 +58,8 @@ LINE = 64  # bytes that cores exchange at once: numbers of different threads lie
 ) = (LINE * k for k in range(13))
 HELPERS_LOCK, HELPERS_WAKE, MASTER_LOCK, MASTER_WAKE, SIZE = (LINE * (13 + 4 * k) for k in range(5))
 
-LEFT = 2**24 - 1  # part of the ticket for the chunks that are left
+HALF = 32  # bits of a ticket for each end of the chunks that are left
+FIRST, LAST = 1 << HALF, 1  # units of the ticket's halves: the first chunk, the last plus 1
 NOWHERE = -2  # core of a master that sleeps; no system answers so
 AWAKE = 50_000  # nanoseconds that a thread waits awake; between two tasks of 1000 particles 10,000 pass
 LATE = 3  # mean times of the master's own chunks: a helper that takes longer has lost its core
@@ -145,7 +147,7 @@ def share(team, code, place, count):
     write(team + MASTERS_CORE, core())
     write(team + DONE, 0)
     begin = nanoseconds()
-    write(team + TICKET, (read(team + TICKET) | LEFT) + 1 + count)
+    write(team + TICKET, count)
     asleep = read(team + ASLEEP)
     if asleep:
         lock(team + HELPERS_LOCK)
@@ -153,7 +155,7 @@ def share(team, code, place, count):
             wake(team + HELPERS_WAKE)
         unlock(team + HELPERS_LOCK)
     own = 0
-    while take_chunk(team):
+    while take_chunk(team, FIRST):
         own += 1
     if read(team + DONE) != count:
         wait(team, count, begin, own)
@@ -174,16 +176,23 @@ def taken(team):
 
 
 @jit
-def take_chunk(team):
-    """Run the next chunk; tell whether there was one."""
+def chunks_left(ticket):
+    """Return the number of chunks that no thread has taken."""
+    return (ticket & FIRST - 1) - (ticket >> HALF)
+
+
+@jit
+def take_chunk(team, end):
+    """Run the ``FIRST`` or the ``LAST`` chunk that is left; tell whether there was one."""
     while True:
         ticket = read(team + TICKET)
-        if ticket & LEFT == 0:
+        if chunks_left(ticket) == 0:
             return False
-        if replace(team + TICKET, ticket, ticket - 1):
+        if replace(team + TICKET, ticket, ticket + FIRST if end == FIRST else ticket - LAST):
             break
+    chunk = ticket >> HALF if end == FIRST else (ticket & FIRST - 1) - 1
     count = read(team + TASK_CHUNKS)  # the task lasts until this chunk is done
-    call_task(read(team + TASK_CODE), read(team + TASK_PLACE), count - (ticket & LEFT))
+    call_task(read(team + TASK_CODE), read(team + TASK_PLACE), chunk)
     if add(team + DONE, 1) == count and read(team + WAITS):
         lock(team + MASTER_LOCK)
         wake(team + MASTER_WAKE)
@@ -217,13 +226,13 @@ def serve(team):
     """Help with all tasks, for ever."""
     while True:
         since = nanoseconds()
-        while read(team + TICKET) & LEFT == 0:
+        while chunks_left(read(team + TICKET)) == 0:
             for _ in range(8):
                 pause()
             if nanoseconds() - since > AWAKE or on_masters_core(team):
                 sleep_until_woken(team)
                 since = nanoseconds()
-        while not on_masters_core(team) and take_chunk(team):
+        while not on_masters_core(team) and take_chunk(team, LAST):
             add(team + HELPED, 1)
         if on_masters_core(team):
             write(team + ALONE_UNTIL, nanoseconds() + CROWDED)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import warnings
 from pathlib import Path
-from threading import Thread
+from threading import Thread, get_native_id
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ from kickdrift.jit.team import team_of
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 CHUNKS, TURNS = 37, 200
+number_of_thread = ctypes.CDLL(None).gettid
+number_of_thread.argtypes = []
 
 
 class Tally(NamedTuple):
@@ -49,6 +52,21 @@ def tallied(whole, chunks, turns):
     bound = handle(whole)
     for _ in range(turns):
         each_chunk(bound, chunks, "tally")
+    return 0
+
+
+class Owners(NamedTuple):
+    by: np.ndarray  # (chunks,) the thread that ran each chunk
+
+
+@chunk_task
+def own(owners, c):
+    owners.by[c] = number_of_thread()
+
+
+@driver
+def owned(whole, chunks):
+    each_chunk(handle(whole), chunks, "own")
     return 0
 
 
@@ -81,6 +99,21 @@ def test_helpers_help():
         if team_of(2).helped > before:
             return
     pytest.fail("no chunk was run by a helper")
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: helpers get none")
+def test_the_caller_runs_the_first_chunks_and_the_helper_the_last():
+    team_of(2).insist()
+    team_of(2).start()
+    owners, shared = Owners(np.zeros(CHUNKS, np.int64)), 0
+    for _ in range(20_000):
+        owned(owners, in_chunks(CHUNKS, 2))
+        callers = owners.by == get_native_id()
+        assert (callers == np.sort(callers)[::-1]).all()
+        shared += not callers.all()
+        if shared == 10:
+            return
+    pytest.fail("the helper ran chunks in fewer than 10 turns")
 
 
 @pytest.mark.parametrize("count", [10**3, 28**3])
