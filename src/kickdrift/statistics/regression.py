@@ -91,7 +91,8 @@ def autoregression(rest: Floats, deterministic: Floats) -> Noise:
     longest = min(int(12.0 * (n / 100.0) ** 0.25), n // 12)
     steps = np.diff(rest)
     padded = np.concatenate((np.zeros(longest), steps))
-    delayed = as_strided(padded[longest:], (longest + 1, n - 1), (-padded.itemsize, padded.itemsize))  # j samples before
+    # Row j of ``delayed`` are the steps j samples before.
+    delayed = as_strided(padded[longest:], (longest + 1, n - 1), (-padded.itemsize, padded.itemsize))
     # Regressors as rows: deterministic ones, the residual, and the earlier steps; then the steps that they explain.
     rows = np.concatenate((deterministic[:, 1:], rest[None, :-1], delayed[1:], delayed[:1]))
     products = rows[:, longest:] @ rows[:, longest:].T

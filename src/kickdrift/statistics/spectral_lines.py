@@ -121,7 +121,12 @@ def _peaks(white: Floats, known: Floats, most: int) -> tuple[NDArray[np.int64], 
     if most <= len(known):
         return np.empty(0, np.int64), False
     spectrum = np.fft.rfft(white * _taper(len(white)))
-    from kickdrift.statistics.wave_kernel import separate_peaks  # compiled only for a series that may have waves
+    if not len(known):
+        power = (spectrum.real**2 + spectrum.imag**2)[1:]
+        m = int(np.count_nonzero(power))
+        if m * (1.0 - power.max() / power.sum()) ** (m - 1) > LINE_SIGNIFICANCE:
+            return np.empty(0, np.int64), False
+    from kickdrift.statistics.wave_kernel import separate_peaks  # compiled only for a series with waves
 
     found = np.empty(most - len(known), np.int64)
     count, slow = separate_peaks(spectrum, known.astype(int), MIN_CYCLES, BESIDE, LINE_SIGNIFICANCE, found)
