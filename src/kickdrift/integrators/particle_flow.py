@@ -24,7 +24,7 @@ from kickdrift.model.live_box import LiveBox
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-MANY = 100_000  # particles whose lists are not kept for samples alone
+MANY = 50_000  # particles whose lists are not kept for samples alone
 
 
 class ParticleFlow(ParticleStates):
