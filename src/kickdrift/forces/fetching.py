@@ -44,6 +44,6 @@ def fetch_streams(found, pairs, x, reactions, cluster):
     """Ask for the positions and reactions of the clusters at the front of all streams."""
     for side in range(-found.sides, found.sides + 1):
         front = cluster + side * found.apart + found.ahead
-        if 0 <= front and front < pairs.counts[N_CLUSTERS]:
+        if front >= 0 and front < pairs.counts[N_CLUSTERS]:
             fetch_to_read(x, found.size * front)
             fetch_to_write(reactions, found.size_of_reactions * front)
