@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
+from kickdrift.forces.fetching import fetch_streams, streams
 from kickdrift.forces.intra_cluster import own_pairs, row_start
 from kickdrift.forces.law_lanes import pair_terms
 from kickdrift.forces.pair_rows import (
@@ -85,12 +86,13 @@ def sum_pairs(force, sums, deviation, c):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each = WIDTH // pairs.per_row
+    rows_each, front = WIDTH // pairs.per_row, streams(pairs, x, reactions)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         first = rows_each * cluster
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
+        fetch_streams(front, pairs, x, reactions, cluster)
         fill_table(table, pairs, cluster, used[cluster], zero)
         # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
         # once: the sums of this step, the forces of the next, and the displacements of the step after that.

@@ -24,6 +24,8 @@ from kickdrift.model.live_box import LiveBox
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
+MANY = 50_000  # particles whose lists are not kept for samples alone
+
 
 class ParticleFlow(ParticleStates):
     """A System's particles under its forces."""
@@ -34,18 +36,28 @@ class ParticleFlow(ParticleStates):
         lengths = self.live.lengths if self.live else None
         under = self._under(system)
         self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
-        self._aside = BoundForces(
-            under, threads, thin=True, lengths=lengths
-        )  # with own lists: a sample must not change the run's lists
-        self._aside.follow(self.forces)
-        self.others: BoundForces | None = None  # forces that a method has bound by itself
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = self._listed and not mixed
+        # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
+        self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
+        self.others: BoundForces | None = None  # forces that a method has bound by itself
         self._look_at(system)
         if system.dimensions == 2:
             self._check_in_plane()
         culprits = system.acting("velocity_dependent")
         self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    def _forces_aside(self, system: System) -> BoundForces:
+        """Forces with lists of their own, for one set of positions."""
+        lengths = self.live.lengths if self.live else None
+        aside = BoundForces(self._under(system), self.forces.threads, thin=True, lengths=lengths)
+        aside.follow(self.forces)
+        return aside
+
+    @property
+    def _aside(self) -> BoundForces:
+        """Forces that share no lists with the run."""
+        return self._kept or self._forces_aside(self.subject)
 
     def _under(self, system: System) -> Any:
         """The forces of the flow, see ``BoundForces``."""
@@ -83,9 +95,10 @@ class ParticleFlow(ParticleStates):
         only on the run, and on no earlier sample."""
         if fresh and self._shared:
             return self.forces
+        aside = self._aside
         if self._listed:
-            self._aside.forget()
-        return self._aside
+            aside.forget()
+        return aside
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
         """See ParticleStates."""

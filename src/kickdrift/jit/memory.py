@@ -26,6 +26,8 @@ from kickdrift.jit.vectors import (
     pointer_to,
 )
 
+LINE = 64  # bytes of a cache line
+
 
 def aligned(shape: tuple[int, ...], fill: float | None = 0.0, dtype: Any = np.float64) -> np.ndarray:
     """Array that begins on a 64-byte boundary, so that eight lanes never straddle two cache lines.
@@ -66,6 +68,34 @@ def _address(typingctx, array):
 def line_aligned(array):
     """Return the part of a row of float32, less than 16 numbers shorter, that begins on a 64-byte boundary."""
     return array[(-_address(array) & 63) // 4 :]
+
+
+def _fetching(write: int) -> Callable[..., Any]:
+    """Emitter of prefetches. Nothing is loaded, so the numbers may lie outside the array."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        byte = ir.IntType(8).as_pointer()
+        begin = builder.bitcast(builder.gep(array.data, [args[1]]), byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
+        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        for at in range(0, 3 * WIDTH * sig.args[0].dtype.bitwidth // 8, LINE):
+            builder.call(ask, [builder.gep(begin, [I32(at)]), I32(write), I32(3), I32(1)])  # to the first cache
+        return context.get_dummy_value()
+
+    return codegen
+
+
+@intrinsic
+def fetch_to_read(typingctx, array, index):
+    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to load them soon."""
+    return types.void(array, types.intp), _fetching(0)
+
+
+@intrinsic
+def fetch_to_write(typingctx, array, index):
+    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to change them soon."""
+    return types.void(array, types.intp), _fetching(1)
 
 
 @intrinsic

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.integrators import particle_flow
 from kickdrift.looks.observers import Energies, Sample, Taken, take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
@@ -70,6 +71,19 @@ def test_a_look_is_the_sum_over_the_particles(make):
     scale = np.abs(sim.state.phase).sum()  # size of the terms in the sums
     for name in VALUES:
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=1e-15 * scale)
+
+
+def test_many_particles_keep_no_lists_for_samples_alone(monkeypatch):
+    sims = []
+    for many in (particle_flow.MANY, 100):
+        monkeypatch.setattr(particle_flow, "MANY", many)
+        sims.append(kd.Simulation(liquid(), "velocity-verlet", 0.004))
+        sims[-1].run(5)
+    few, many = sims
+    assert few.integration.flow._kept is not None
+    assert many.integration.flow._kept is None
+    assert asdict(few.sample())["energies"] == asdict(many.sample())["energies"]
+    np.testing.assert_array_equal(few.state.phase, many.state.phase)
 
 
 def test_particles_without_mass_have_no_centre():
