@@ -87,13 +87,17 @@ def second_of_maps(system: kd.System, twice: np.ndarray) -> Iterator[Claim]:
         there = kd.System(x, system.state.velocities, MASSES, forces=system.forces, units="nbody")
         return kd.transition_matrix(there, TIME, name, dt, masses=True, second=second)
 
-    for name in ("wisdom-holman", "saba", "trace"):
+    for name, bound in (("wisdom-holman", 1e-6), ("saba", 1e-11), ("trace", 1e-5)):
         errors = [float(np.abs(ours(name, dt).second - twice).max() / size) for dt in (0.02, 0.01)]
         text = f"{name}: second derivatives of three bodies by starts and masses, dt = 0.01, relative to the largest"
-        yield claim(text, errors[1], "at most 1e-4", errors[1] <= 1e-4, "heyoka's variational equations of order 2")
-        power, h = float(np.log2(errors[0] / errors[1])), 2e-4
-        text = f"{name}: power of dt of this difference"
-        yield claim(text, power, "2 within 0.2, or above", power >= 1.8, "a method of order 2 for small steps")
+        yield claim(
+            text, errors[1], f"at most {bound:g}", errors[1] <= bound, "heyoka's variational equations of order 2"
+        )
+        if name != "saba":  # which reaches rounding
+            power = float(np.log2(errors[0] / errors[1]))
+            text = f"{name}: power of dt of this difference"
+            yield claim(text, power, "2 within 0.1", abs(power - 2.0) <= 0.1, "a method of order 2 for small steps")
+        h = 2e-4
         one, two = (
             (_whole(ours(name, 0.05, k * h, False)) - _whole(ours(name, 0.05, -k * h, False))) / (2 * k * h)
             for k in (1, 2)
