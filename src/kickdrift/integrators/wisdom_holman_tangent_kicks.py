@@ -150,7 +150,7 @@ def powers_of(d: Any, pull: Any) -> Any:
     """1 / r^3 and 3 / r^2 of a vector d, as duals if d is one, from its row of ``fill_pulls``."""
 
 
-@overload(powers_of)
+@overload(powers_of, forceinline=True)
 def _powers_of(d, pull):
     def with_slopes(d, pull):
         along = pull[1] * (d.slope @ d.value)
