@@ -58,6 +58,7 @@ def second() -> Iterator[Claim]:
     v = np.array([[0.0, 0.0, 0.0], start[3:], [0.0, -0.7, 0.05]], dtype=float)
     system = kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
     first, twice = by_heyoka(heyoka, system)
+    yield from second_of_maps(system, twice)
     found = kd.transition_matrix(system, TIME, "gauss-radau15", masses=True, second=True)
     assert found.second is not None
     value = float(np.abs(found.second - twice).max() / np.abs(twice).max())
@@ -74,6 +75,42 @@ def second() -> Iterator[Claim]:
             float((np.abs(ours.second - two).max(axis=0) / np.abs(two).max(axis=0)).max()),
         )
         yield claim(text, value, bound, value <= 1e-11, reference)
+
+
+def second_of_maps(system: kd.System, twice: np.ndarray) -> Iterator[Claim]:
+    """Maps differ from the motion by the square of their step, and agree with differences of their own matrices."""
+    size = np.abs(twice).max()
+
+    def ours(name: str, dt: float, moved: float = 0.0, second: bool = True) -> kd.TransitionMatrix:
+        x = system.state.positions.copy()
+        x[1, 0] += moved
+        there = kd.System(x, system.state.velocities, MASSES, forces=system.forces, units="nbody")
+        return kd.transition_matrix(there, TIME, name, dt, masses=True, second=second)
+
+    for name, bound in (("wisdom-holman", 1e-6), ("saba", 1e-11), ("trace", 1e-5)):
+        errors = [float(np.abs(ours(name, dt).second - twice).max() / size) for dt in (0.02, 0.01)]
+        text = f"{name}: second derivatives of three bodies by starts and masses, dt = 0.01, relative to the largest"
+        yield claim(
+            text, errors[1], f"at most {bound:g}", errors[1] <= bound, "heyoka's variational equations of order 2"
+        )
+        if name != "saba":  # which reaches rounding
+            power = float(np.log2(errors[0] / errors[1]))
+            text = f"{name}: power of dt of this difference"
+            yield claim(text, power, "2 within 0.1", abs(power - 2.0) <= 0.1, "a method of order 2 for small steps")
+        h = 2e-4
+        one, two = (
+            (_whole(ours(name, 0.05, k * h, False)) - _whole(ours(name, 0.05, -k * h, False))) / (2 * k * h)
+            for k in (1, 2)
+        )
+        wanted = (4 * one - two) / 3
+        value = float(np.abs(ours(name, 0.05).second[:, :, 3] - wanted).max() / np.abs(wanted).max())
+        text = f"{name}: second derivatives by a planet's x and all starts and masses, dt = 0.05"
+        yield claim(text, value, "at most 1e-9", value <= 1e-9, "differences of order 4 of the method's own matrix")
+
+
+def _whole(found: kd.TransitionMatrix) -> np.ndarray:
+    assert found.by_masses is not None
+    return np.hstack([found.matrix, found.by_masses])
 
 
 def by_heyoka(heyoka: Any, system: kd.System) -> tuple[np.ndarray, np.ndarray]:

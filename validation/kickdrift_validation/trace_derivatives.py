@@ -69,6 +69,7 @@ CASES = {
 
 def claims(long: bool = False) -> Iterator[Claim]:
     yield from slopes()
+    yield from seconds()
     yield from motion(long)
     yield from under_forces()
     yield from spectra()
@@ -131,6 +132,32 @@ def slopes() -> Iterator[Claim]:
         value = max(errors(system, case, found))
         text = f"trace, {STEPS} steps of {name}: all columns, each relative to its largest"
         yield claim(text, value, f"at most {bound:g}", value <= bound, "differences of order 6 of trace's own runs")
+
+
+def seconds() -> Iterator[Claim]:
+    """Second derivatives by the first planet's coordinates, in encounters and passages."""
+    for name, case in CASES.items():
+        if case.forces or "massless bodies too" in name:
+            continue
+        value = max(errors_of_second(case))
+        text = f"trace, {STEPS} steps of {name}: second derivatives by a planet's coordinates"
+        yield claim(text, value, "at most 1e-06", value <= 1e-6, "differences of order 6 of trace's own matrix")
+
+
+def errors_of_second(case: Case) -> Iterator[float]:
+    """Differences of second derivatives, each relative to the largest by its column."""
+    system = system_of(case.rows)
+    n = len(system)
+
+    def ours(there: kd.System, second: bool = False) -> kd.TransitionMatrix:
+        return kd.transition_matrix(there, STEPS * DT, "trace", DT, bodies=1, second=second, **case.options)
+
+    found = ours(system, True).second
+    assert found is not None
+    for column in range(6):
+        place = (column // 3) * 3 * n + 3 + column % 3
+        wanted = difference(lambda by, place=place: ours(moved(system, place, by)).matrix, case.h)  # type: ignore[misc]
+        yield float(np.abs(found[:, :, column] - wanted).max() / np.abs(wanted).max())
 
 
 def errors(system: kd.System, case: Case, found: kd.TransitionMatrix) -> Iterator[float]:

@@ -149,8 +149,8 @@ def transition_matrix(
         doi:10.1111/j.1365-2966.2009.14853.x); and ``mass``. Angles are in degrees, as in system files. The other
         elements of the body's set stay the same, and so do the other bodies
     primary : the body that those with elements orbit; default the body that dominates the system
-    second : whether to return second derivatives as well, for gravity alone and without ``parameters``; c columns take
-        the time of c (c + 1) / 2 more
+    second : whether to return second derivatives as well, for gravity alone and without ``parameters``, under every
+        method that carries derivatives; c columns take the time of c (c + 1) / 2 more
 
     Returns
     -------

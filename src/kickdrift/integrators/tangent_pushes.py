@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,17 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.vectors import WIDTH
 
 
-def to_first_order(rows: Any, function: Any, given: Any) -> Any:
-    """Call a function of other forces than gravity with these arguments, and return its status. These forces have no
-    second derivatives: with rows (rows, numbers, 2) no code of theirs is compiled, and the status is NO_DUALS."""
+def to_first_order(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of other forces than gravity, which return a status. These forces have no second derivatives: with
+    ``rows`` (rows, numbers, 2), the first argument, no code of theirs is compiled, and the status is NO_DUALS."""
 
+    def stub(*given: Any) -> Any: ...
 
-@overload(to_first_order)
-def _to_first_order(rows, function, given):
-    first = rows.ndim == 2
-    return (lambda rows, function, given: function(*given)) if first else (lambda rows, function, given: NO_DUALS)
+    def code(*given):
+        return (lambda *given: function(*given)) if given[0].ndim == 2 else (lambda *given: NO_DUALS)
+
+    overload(stub)(code)
+    return stub
 
 
 @jit

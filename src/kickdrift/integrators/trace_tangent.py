@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.tangent_columns import Derived, blocks_of, enter_masses, enter_phase, leave_number
-from kickdrift.integrators.tangent_pushes import to_first_order
 from kickdrift.integrators.trace_state import POINTS
 from kickdrift.integrators.trace_tangent_attraction import DualMeeting, dual_meeting
 from kickdrift.integrators.trace_tangent_kicks import jump_duals, kick_duals, shift_duals
@@ -210,7 +209,7 @@ def until_drift(hybrid, own, rows, t, h, heavy):
     """Kicks, and the jump or the passage of the massive bodies. Return a status."""
     never_inline()
     if own.others.shape[0] > 0:
-        status = to_first_order(rows, kick_by_others_duals, (own, rows, t, 0.5 * h))
+        status = kick_by_others_duals(rows, own, t, 0.5 * h)
         if status != OK:
             return status
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
@@ -241,7 +240,7 @@ def from_drift(hybrid, own, rows, t, h, heavy):
         jump_duals(hybrid, own, rows, 0.5 * h)
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
     if own.others.shape[0] > 0:
-        return to_first_order(rows, kick_by_others_duals, (own, rows, t + h, 0.5 * h))
+        return kick_by_others_duals(rows, own, t + h, 0.5 * h)
     return OK
 
 

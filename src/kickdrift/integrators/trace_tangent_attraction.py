@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.gauss_radau_series import BLOCK, ROWS
-from kickdrift.integrators.tangent_pushes import to_first_order
 from kickdrift.integrators.trace_tangent_others import add_inside_duals
 from kickdrift.integrators.trace_tangent_rows import MASSES
 from kickdrift.jit import dual_functions as dual_functions  # what duals take part in
@@ -77,4 +76,4 @@ def attract_duals(hybrid, own, rows, n, everyone, s):
             put_vector(a, i, vector_at(a, i) - total)
     if own.others.shape[0] == 0:
         return OK
-    return to_first_order(rows, add_inside_duals, (own, rows, meeting, n, hybrid.span[0], s, hybrid.span[1]))
+    return add_inside_duals(rows, own, n, hybrid.span[0], s, hybrid.span[1])

@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.forces.bound_slopes import call_slopes
 from kickdrift.forces.dual_slopes import NO_DUALS
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.tangent_pushes import add_pushes
+from kickdrift.integrators.tangent_pushes import add_pushes, to_first_order
 from kickdrift.integrators.trace_others import ROUNDED, STALLED, TURNS
 from kickdrift.integrators.trace_tangent_rows import (
     BEFORE_V,
@@ -150,8 +150,9 @@ def kick_halfway(own, rows, t, h):
     return BLOWN_UP
 
 
+@to_first_order
 @jit
-def kick_by_others_duals(own, rows, t, h):
+def kick_by_others_duals(rows, own, t, h):
     """Kick by the other forces all bodies that do not move with others. Return a status."""
     never_inline()
     place_orbits(own, rows)
@@ -221,11 +222,13 @@ def speed_all_duals(own, rows, meeting, n):
             put_vector(speeds, order[members[i]], vector_at(speeds, order[members[i]]) + pace)
 
 
+@to_first_order
 @jit
-def add_inside_duals(own, rows, meeting, n, t, s, h):
+def add_inside_duals(rows, own, n, t, s, h):
     """Add to a the accelerations of ``trace_others.add_inside``, a time s after the step's start at t. Return a
     status."""
     never_inline()
+    meeting = own.meeting
     members, at, a = meeting.members, dual_rows(meeting.x, n), dual_rows(meeting.a, n)
     count = own.order.size
     place_all_duals(own, rows, members, at, s, h)

@@ -70,7 +70,7 @@ def drift_dual(x: Any, v: Any, masses: Any, dt: Any, changes: Any, slopes: Any, 
     """Move body i along its Kepler orbit."""
 
 
-@overload(drift_dual)
+@overload(drift_dual, forceinline=True)
 def _drift_dual(x, v, masses, dt, changes, slopes, i):
     def once(x, v, masses, dt, changes, slopes, i):
         dx, dv, gm = vector_at(x, i).slope, vector_at(v, i).slope, masses[1, i].slope

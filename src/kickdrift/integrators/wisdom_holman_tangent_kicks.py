@@ -87,8 +87,7 @@ def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
             fill_pulls(x, inertial, pulls)
         pull_pairs(a, inertial, masses, pulls)
         if others.shape[0] > 0:
-            given = rows, n, t, others, pushes, order, block
-            status = max(status, to_first_order(rows, add_others, given))
+            status = max(status, add_others(rows, n, t, others, pushes, order, block))
         to_jacobi(a, masses, others.shape[0] > 0)
         row = n * (n - 1) // 2
         for i in range(1, n):
@@ -99,6 +98,7 @@ def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
     return status
 
 
+@to_first_order
 @jit
 def add_others(rows, n, t, others, pushes, order, block):
     """Add the accelerations of the other forces to those of gravity. Return a status, which is not
@@ -150,7 +150,7 @@ def powers_of(d: Any, pull: Any) -> Any:
     """1 / r^3 and 3 / r^2 of a vector d, as duals if d is one, from its row of ``fill_pulls``."""
 
 
-@overload(powers_of)
+@overload(powers_of, forceinline=True)
 def _powers_of(d, pull):
     def with_slopes(d, pull):
         along = pull[1] * (d.slope @ d.value)

@@ -230,7 +230,7 @@ def _of_three(x: Any, y: Any, z: Any) -> Any:
     """Vector of three duals, numbers or lanes."""
 
 
-@overload(_of_three)
+@overload(_of_three, forceinline=True)
 def _joined_three(x, y, z):
     if isinstance(x, Dual):
         return lambda x, y, z: dual(_of_three(x.value, y.value, z.value), _of_three(x.slope, y.slope, z.slope))
@@ -241,7 +241,7 @@ def bare(x: Any) -> Any:
     """The number or the vector of a dual, without any slopes."""
 
 
-@overload(bare)
+@overload(bare, forceinline=True)
 def _bare(x):
     return (lambda x: bare(x.value)) if isinstance(x, Dual) else (lambda x: x)
 

@@ -9,19 +9,25 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks import number
 from kickdrift.model.limits import amount
 
-BYTES = 2000  # measured peak for a particle, from a system file to a run of Lennard-Jones
+PARTICLE_BYTES = 1000  # measured peak for a particle, from a system file to a run of Lennard-Jones
 PROCESS_BYTES = 200 * 10**6  # for a process that computes
 SHARE = 0.25  # part of the memory for one kind of thing; looks, output and analysis need some too
+PARTICLES_SHARE = 0.5  # part of the memory for the particles of a run
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")  # limits of a container
 
 
-def check_room(key: str, count: float, what: str = "particles", each: float = BYTES, advice: str = "") -> None:
-    """Refuse a count of things of ``each`` bytes that takes more than a share of this machine's memory.
+def check_particles(key: str, count: float, what: str = "particles") -> None:
+    """Refuse a count of particles whose run takes too much of this machine's memory, as `check_room` does."""
+    check_room(key, count, what, PARTICLE_BYTES, share=PARTICLES_SHARE)
+
+
+def check_room(key: str, count: float, what: str, each: float, advice: str = "", share: float = SHARE) -> None:
+    """Refuse a count of things of ``each`` bytes that takes more than a ``share`` of this machine's memory.
 
     The InputError begins with ``key`` and says how many fit, or gives the ``advice``.
     """
     there = memory()
-    most = int(SHARE * there / each)
+    most = int(share * there / each)
     if not count <= most:
         needed = f"about {size(count * each)}" if count < 10**15 else "more memory than there is"
         raise InputError(

@@ -7,7 +7,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import misfit
-from kickdrift.model.capacity import check_room
+from kickdrift.model.capacity import check_particles, check_room
 from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.patch import check_patch, patch_of
 from kickdrift.model.scaling import check_action
@@ -41,7 +41,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             if patch is not None:
                 check_patch(event.kind, patch, radii)
             if event.adds:
-                check_room(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
+                check_particles(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))
         elif isinstance(event, Escape):
             if event.about is not None:

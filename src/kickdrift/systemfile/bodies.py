@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.capacity import check_room
+from kickdrift.model.capacity import check_particles
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import Structure, generator
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
@@ -36,7 +36,7 @@ def on_orbits(
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
     counts = [1, *(body.count or 1 for body in table.elements)]
-    check_room("elements: count", sum(counts))
+    check_particles("elements: count", sum(counts))
     given = [table.central, *table.elements]
     masses = np.repeat([body.mass if body.GM is None else body.GM / gravity for body in given], counts).astype(float)
     if not masses[0] > 0:

@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
-from kickdrift.model.capacity import check_room
+from kickdrift.model.capacity import check_particles
 from kickdrift.model.starts.builders import LATTICES, Structure, lattice, mixture
 from kickdrift.model.starts.plane import PLANE_LATTICES, plane_lattice
 from kickdrift.model.system import body_names
@@ -62,7 +62,7 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
             f"lattice: expected {' or '.join(kinds)} in {table.dimensions} dimensions, got {shown(particles.lattice)}"
         )
     fill: Any = plane_lattice if plane else lattice
-    check_room("count", count)
+    check_particles("count", count)
     if isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:

@@ -146,11 +146,11 @@ def test_a_count_beyond_the_memory_is_refused_with_what_fits(text, count):
 
 def test_the_bound_is_a_share_of_the_memory(monkeypatch):
     monkeypatch.setattr(capacity, "memory", lambda: 2**33)
-    capacity.check_room("count", 10**6)
+    capacity.check_particles("count", 4 * 10**6)
     with pytest.raises(
-        kd.InputError, match=r"count: 2,000,000 particles take about 3\.73 GiB, and this machine has 8 GiB"
+        kd.InputError, match=r"count: 5,000,000 particles take about 4\.66 GiB, and this machine has 8 GiB"
     ):
-        capacity.check_room("count", 2 * 10**6)
+        capacity.check_particles("count", 5 * 10**6)
 
 
 def test_the_memory_is_at_most_what_the_process_may_have():

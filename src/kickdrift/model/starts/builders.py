@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError
 from kickdrift.model.any_cell import oriented, without_rounding
-from kickdrift.model.capacity import check_room
+from kickdrift.model.capacity import check_particles
 from kickdrift.model.checks import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
@@ -84,7 +84,7 @@ def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -
         raise InputError(f"lattice: expected one of {', '.join(kinds)}, got {kind!r}{suggestion(kind, kinds)}")
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST:
         raise InputError(f"count: expected a whole number of particles from 1 to {MOST}, got {shown(count)}")
-    check_room("count", int(count))
+    check_particles("count", int(count))
     if not (math.isfinite(number(density)) and density > 0):
         raise InputError(f"density: expected a positive finite number, got {shown(density)}")
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.capacity import check_room
+from kickdrift.model.capacity import check_particles
 from kickdrift.model.checks import whole_number
 from kickdrift.model.starts.builders import generator
 from kickdrift.model.state import Floats
@@ -33,7 +33,7 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
         deviate by some 1 / sqrt(count). Scaling sums over pairs and is refused above 50,000 stars
     """
     count = whole_number("count", count, 2)
-    check_room("count", count)
+    check_particles("count", count)
     if scaled and count > MOST_SCALED:
         raise InputError(
             f"plummer: above {MOST_SCALED} stars expected scaled = false: the energy is summed over all pairs, "
