@@ -398,7 +398,8 @@ def test_errors_of_an_orbits_energy_have_no_common_sign(coordinates):
     x[1, 0], v[1, 1] = a * (1.0 - e), sqrt((1.0 + e) / (1.0 - e) / a)
     x[2, 0], v[2, 1] = 30.0, sqrt(1.0 / 30.0)
     system = kd.System(x, v, masses=[1.0, 1e-16, 1e-16], forces=[kd.Gravity(G=1.0)])
-    state = after(system, steps, dt=0.1447, coordinates=coordinates)  # in no simple ratio to the period, so that all phases occur
+    dt = 0.1447  # in no simple ratio to the period, so that all phases occur
+    state = after(system, steps, dt=dt, coordinates=coordinates)
     moved_x, moved_v = state.positions[1] - state.positions[0], state.velocities[1] - state.velocities[0]
     energy = 0.5 * moved_v @ moved_v - 1.0 / sqrt(moved_x @ moved_x)
     assert abs(energy * 2.0 * a + 1.0) < 1.5e-12
