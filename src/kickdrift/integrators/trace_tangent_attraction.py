@@ -37,9 +37,9 @@ class DualMeeting(NamedTuple):
 def dual_meeting(room: int) -> DualMeeting:
     """Room for so many bodies."""
     width = BLOCK * -(-3 * room * SLOT // BLOCK)
-    rows = (aligned((width,)) for _ in range(5))
+    x, v, a, lost_x, lost_v = (aligned((width,)) for _ in range(5))
     whole = np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros(room, np.uint8)
-    return DualMeeting(*whole, *rows, aligned((ROWS * width,)))
+    return DualMeeting(*whole, x, v, a, lost_x, lost_v, aligned((ROWS * width,)))
 
 
 @jit
