@@ -3,10 +3,7 @@
 The formulas are those of ``wisdom_holman_drift`` and ``wisdom_holman_kicks``, in an order that shortens the chain of
 operations in which each waits for the one before. The distance at the end of a drift does not wait for the kick. Sums
 over the bodies before take two turns of the lanes, not four. Series are summed in pairs.
-
-A term below half a unit of the last place joins the other small terms first. Added alone to a rounded sum, it is lost
-every time. So is the rest that the rounded coefficients 1 / 3! and 1 / 4! lose. The energy of a planet then drifts
-linearly, not as the root of the steps.
+Small terms join one another first, for the reason in ``kepler``.
 """
 
 from __future__ import annotations
@@ -16,7 +13,7 @@ from typing import Any
 from numba import types
 
 from kickdrift.forces.evaluate import EVALUATIONS
-from kickdrift.integrators.kepler import C2, C3, SERIES, SETTLED
+from kickdrift.integrators.kepler import LOST2, LOST3, SERIES, SETTLED, distances, stumpff
 from kickdrift.integrators.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman_bodies import GM, HILL, INSIDE, LIVE, OTHERS, SHARE, SOURCE
 from kickdrift.jit.compile import as_written
@@ -32,7 +29,6 @@ from kickdrift.jit.vectors import WIDTH
 PULL, REACH, OFFSETS, INSIDES, OUTSIDES = 0, 4, 8, 12, 16
 FROM_FOURTH, TO_FOURTH = 20, 21
 TRIES = 3  # corrections of an orbit's first guess
-LOST3, LOST2 = 2.0**-54 / 6.0, 2.0**-54 / 24.0  # what 1 / 3! and 1 / 4! of the series lose when they are rounded
 
 
 def takes(kernel: Any, bodies: Any, others: Any) -> bool:
@@ -56,15 +52,6 @@ def _takes(kernel, bodies, others):
         )
 
     return chosen
-
-
-@as_written
-def stumpff(z):
-    """c2 and c3 of ``kepler.small_g``, summed in pairs."""
-    a, b, z2 = C2, C3, z * z
-    c2 = (a[0] - z * a[1]) + z2 * ((a[2] - z * a[3]) + z2 * ((a[4] - z * a[5]) + z2 * (a[6] - z * a[7])))
-    c3 = (b[0] - z * b[1]) + z2 * ((b[2] - z * b[3]) + z2 * ((b[4] - z * b[5]) + z2 * (b[6] - z * b[7])))
-    return c2, c3
 
 
 @as_written
@@ -125,17 +112,6 @@ def fill_constants(table, constants):
             constants[OUTSIDES + turn - 1, k] = table[SOURCE, behind] if behind < WIDTH else 0.0
         constants[FROM_FOURTH, k] = 1.0 if k >= 4 else 0.0
         constants[TO_FOURTH, k] = 1.0 if k < 4 else 0.0
-
-
-@as_written
-def distances(x):
-    """1 / |x| and |x|. The series of (1 - e)^(-1/2), e = 1 - r2 y^2, has one term more than that of ``inverse_sqrt``:
-    that term is positive always, and its loss let the energy drift."""
-    r2 = dot(x, x)
-    y = inverse_sqrt_estimate(r2)
-    e = 1.0 - (r2 * y) * y
-    inverse = y + (y * e) * ((0.5 + 0.375 * e) + (e * e) * (0.3125 + (35.0 / 128.0) * e))
-    return inverse, r2 * inverse
 
 
 @as_written
