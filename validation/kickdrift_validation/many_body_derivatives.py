@@ -2,9 +2,9 @@
 
     python -m kickdrift_validation.many_body_derivatives [--long]
 
-Energies of a few atoms in mpmath, written from the papers, and the cubics of LAMMPS' manual through the shipped table of
-copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of silicon:
-differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
+Energies of a few atoms in mpmath, written from the papers, and the cubics of LAMMPS' manual through the shipped table
+of copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of
+silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
 """
 
 from __future__ import annotations
@@ -206,10 +206,10 @@ def maps() -> Iterator[Claim]:
 def costs() -> Iterator[Claim]:
     for force in (kd.StillingerWeber(), kd.Tersoff(), example(kd.EmbeddedAtom)):
         for many in (1, 8):
-            value = cost(crystal(force), many)
+            value, bound = cost(crystal(force), many), 1.3 if many == 1 else 2.2
             yield claim(
                 f"processor time of each of {many} deviations of a crystal of {force.name} over that of a step",
-                value, "at most 2", value <= 2.0, "the run without deviations, in turns in one process",
+                value, f"at most {bound}", value <= bound, "the run without deviations, in turns in one process",
             )  # fmt: skip
 
 

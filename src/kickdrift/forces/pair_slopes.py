@@ -2,8 +2,8 @@
 
 A pair at the distance d with the force g d has the variation g w + h (d . w) d, where w is the difference of the two
 deviations, and h is twice the derivative of g by r^2. The law's own formula on duals of lanes gives g and h, so they
-are exact. They are computed once for up to ``MOST`` deviations. A single deviation takes part in the sweep that sums the
-forces (see `pair_variation`).
+are exact. They are computed once for up to ``MOST`` deviations. A single deviation takes part in the sweep that sums
+the forces (see `pair_variation`).
 
 A truncation that lets the force jump at the cutoff has no derivative there. Pairs on each side of the jump have theirs.
 """
@@ -87,8 +87,8 @@ def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
     """Bind a pair force of n particles with ``along`` deviations of each; ``by_masses`` is as in `PairSlopes`."""
     work, a = own.parts, np.zeros((3, len(by_masses)))
     shape = min(along, MOST), work.pairs.x.size
-    room = np.zeros(1, np.int64), aligned(shape), aligned((work.chunks.number, *shape)), work.chunks
-    room = *room, 1 if along == 1 else None
+    number, alone = np.zeros(1, np.int64), 1 if along == 1 else None
+    room = number, aligned(shape), aligned((work.chunks.number, *shape)), work.chunks, alone
     return PairSlopesKernel(PairSlopes(work, 0, 0, np.zeros((2, *a.shape)), a, by_masses, *room), own)
 
 

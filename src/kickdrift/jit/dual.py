@@ -1,9 +1,10 @@
 """A number with its derivatives as a compiled type: a value, and its slopes along eight directions.
 
 A ``Dual`` carries a number and eight lanes of slopes, or a vector of three and its slopes. A dual of lanes carries
-lanes of numbers, and one slope for each; `SINGLE` is one of these lanes. `dual_operators` and `dual_functions` teach numba the arithmetic of forward
-differentiation (Griewank & Walther 2008, Evaluating Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of
-numbers then gives its exact slopes. The value is computed once for eight directions.
+lanes of numbers, and one slope for each; a `SINGLE` is one of these lanes. `dual_operators` and `dual_functions` teach
+numba the arithmetic of forward differentiation (Griewank & Walther 2008, Evaluating Derivatives,
+doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then gives its exact slopes. The value is computed once
+for eight directions.
 """
 
 from __future__ import annotations

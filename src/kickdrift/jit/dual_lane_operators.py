@@ -29,11 +29,13 @@ def lanes_of(*kinds: types.Type) -> Lanes | None:
         return None
     if not all(kind == SINGLE or of_lanes(kind) or isinstance(kind, _PLAIN) for kind in kinds):
         return None
-    return next((kind.value if of_lanes(kind) else kind for kind in kinds if of_lanes(kind) or isinstance(kind, Lanes)), None)
+    return next(
+        (kind.value if of_lanes(kind) else kind for kind in kinds if of_lanes(kind) or isinstance(kind, Lanes)), None
+    )
 
 
 def _part(builder: ir.IRBuilder, dual: ir.Value, k: int) -> ir.Value:
-    """A part of a dual. If it was computed just now, the result is the operation itself, so that a sum sees a product."""
+    """A part of a dual. If it was computed just now, it is the operation itself, so that a sum sees a product."""
     inside = dual
     while isinstance(inside, ir.instructions.InsertValue):
         if tuple(inside.indices) == (k,):
@@ -70,7 +72,7 @@ def _difference(builder: Any, a: Parts, b: Parts, flags: tuple[str, ...]) -> tup
 def _product(builder: Any, a: Parts, b: Parts, flags: tuple[str, ...]) -> tuple[ir.Value, ir.Value]:
     value = builder.fmul(a[0], b[0], flags=flags)
     terms = [builder.fmul(s, v, flags=flags) for s, v in ((a[1], b[0]), (b[1], a[0])) if s is not None]
-    return value, terms[0] if len(terms) == 1 else added(builder, *terms, flags)
+    return value, terms[0] if len(terms) == 1 else added(builder, terms[0], terms[1], flags)
 
 
 def _quotient(builder: Any, a: Parts, b: Parts, flags: tuple[str, ...]) -> tuple[ir.Value, ir.Value]:

@@ -81,8 +81,8 @@ def _load(typingctx, array, index):
 @intrinsic
 def _store(typingctx, array, index, value):
     def codegen(context, builder, sig, args):
-        parts = [builder.extract_value(args[2], k) for k in range(2)]
-        written = builder.store(_shuffled(builder, *parts, _TOGETHER), _place(context, builder, sig, args))
+        value, slope = (builder.extract_value(args[2], k) for k in range(2))
+        written = builder.store(_shuffled(builder, value, slope, _TOGETHER), _place(context, builder, sig, args))
         written.align = 8
         return context.get_dummy_value()
 
@@ -96,8 +96,10 @@ def load(array: Any, index: int) -> Any:
 
 @overload(load)
 def _load_either(array, index):
-    return (lambda array, index: _load(array, index)) if _of_duals(array) else (
-        lambda array, index: memory.load(array, index)
+    return (
+        (lambda array, index: _load(array, index))
+        if _of_duals(array)
+        else (lambda array, index: memory.load(array, index))
     )
 
 
@@ -185,9 +187,7 @@ def _select(mask, yes, no):
         return lambda mask, yes, no: dual(
             masks.select(mask, yes, no.value), masks.select(mask, lanes.splat(0.0), no.slope)
         )
-    return lambda mask, yes, no: dual(
-        masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope)
-    )
+    return lambda mask, yes, no: dual(masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope))
 
 
 def lane_sum(x: Any) -> Any:
