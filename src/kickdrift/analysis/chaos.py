@@ -52,8 +52,8 @@ def megno(
 
     Parameters
     ----------
-    system : gravity, fields, bonds, pair laws and many-body forces have exact slopes. A Problem
-        gives J by its ``jacobian`` if that compiles; else central differences along d stand in
+    system : gravity, fields, bonds, pair laws and many-body forces have exact slopes. A Problem gives J by its
+        ``jacobian`` if that compiles; else central differences along d stand in
     time : length of the run; default the system file's. A regular motion shows after some hundred of its longest
         periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
     integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else

@@ -100,15 +100,23 @@ def renew_rows(force):
 
 
 @jit
+def refresh_rows(force, x):
+    """Update the list and the rows of neighbours for positions x (3, n); return a status."""
+    status = refresh(force.pairs, x, force.chunks)
+    if status == OK:
+        status = renew(force.rows, force.pairs)
+    if status == OK:
+        copy_places(force.rows, force.pairs)
+    return status
+
+
+@jit
 def add_forces(force, wanted, x, a, sums):
     """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
-    status = refresh(pairs, x, chunks)
-    if status == OK:
-        status = renew(force.rows, pairs)
+    status = refresh_rows(force, x)
     if status != OK:
         return status
-    copy_places(force.rows, pairs)
     run_law(force.law, force, chunks)
     if wanted:
         for c in range(chunks.number):

@@ -1,7 +1,8 @@
 """The variations of a many-body force: its kernel on duals, along each deviation in turn.
 
-The kernel that sums the forces on the particles runs again on positions with slopes. So the variations are exact. Where
-a formula has a kink, such as a spline between two points of its table, they are those of the side of the particles.
+The kernel of the forces runs on positions with slopes. So the variations are exact. Where a formula has a kink, such as
+a spline between two points of its table, they are those of the side of the particles. The values of the duals have the
+bits of the kernel's own forces, so the first deviation brings the forces on the particles along.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_own
+from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_particles, copy_phase
 from kickdrift.forces.clusters import N_CLUSTERS, STRIDE, unsigned
 from kickdrift.forces.kernel import OK
-from kickdrift.forces.many_body_kernel import ManyBodyWork, run_law
+from kickdrift.forces.many_body_kernel import ManyBodyWork, refresh_rows, run_law
 from kickdrift.forces.neighbours import ROW
 from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.jit.compile import jit, never_inline
@@ -75,17 +76,21 @@ def on_duals(work: ManyBodyWork) -> ManyBodyWork:
 @jit
 def add_slopes(force, wanted, t, x, v, a, sums):
     """Add the accelerations of the particles and their deviations. Return a status."""
-    status = add_own(force, wanted, t, x, v, a, sums)
+    copy_phase(force, x, v)
+    status = refresh_rows(force.force, force.phase[0])
     if status != OK:
         return status
-    own, n, duals = force.a, force.a.shape[1], force.duals
+    n, duals = force.a.shape[1], force.duals
     directions = x.shape[1] // n - 1
     place_values(force)
     for q in range(directions):
         place_deviation(force, x, n + q, directions)
         run_law(duals.law, duals, duals.chunks)
+        if q == 0:
+            collect_values(force, wanted, sums)
         collect_slopes(force, a, n + q, directions)
-    add_by_masses(force.by_masses, own, a)
+    add_particles(force, a)
+    add_by_masses(force.by_masses, force.a, a)
     return OK
 
 
@@ -111,6 +116,21 @@ def place_deviation(force, x, first, apart):
         slot = ROW * (p // STRIDE * WIDTH + p % STRIDE)
         for k in range(3):
             at[slot + k] = dual(values[slot + k], x[k, column])
+
+
+@jit
+def collect_values(force, wanted, sums):
+    """Add the accelerations of the particles to force.a and, if ``wanted``, energy, virial and pairs to sums."""
+    never_inline()
+    place, total, inverse_masses = force.force.pairs.place, force.duals.pairs.force[0], force.force.inverse_masses
+    for i in range(place.size):
+        p, w = unsigned(place[i]), inverse_masses[i]
+        for k in range(3):
+            force.a[k, i] += total[p + unsigned(k * WIDTH)].value * w
+    if wanted:
+        for c in range(force.duals.chunks.number):
+            for k in range(3):
+                sums[k] += force.duals.sums[c, k].value
 
 
 @jit

@@ -87,8 +87,8 @@ def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
     """Bind a pair force of n particles with ``along`` deviations of each; ``by_masses`` is as in `PairSlopes`."""
     work, a = own.parts, np.zeros((3, len(by_masses)))
     shape = min(along, MOST), work.pairs.x.size
-    room = np.zeros(1, np.int64), aligned(shape), aligned((work.chunks.number, *shape)), work.chunks
-    room = *room, 1 if along == 1 else None
+    number, alone = np.zeros(1, np.int64), 1 if along == 1 else None
+    room = number, aligned(shape), aligned((work.chunks.number, *shape)), work.chunks, alone
     return PairSlopesKernel(PairSlopes(work, 0, 0, np.zeros((2, *a.shape)), a, by_masses, *room), own)
 
 

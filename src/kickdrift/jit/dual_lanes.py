@@ -81,8 +81,8 @@ def _load(typingctx, array, index):
 @intrinsic
 def _store(typingctx, array, index, value):
     def codegen(context, builder, sig, args):
-        parts = [builder.extract_value(args[2], k) for k in range(2)]
-        written = builder.store(_shuffled(builder, *parts, _TOGETHER), _place(context, builder, sig, args))
+        value, slope = (builder.extract_value(args[2], k) for k in range(2))
+        written = builder.store(_shuffled(builder, value, slope, _TOGETHER), _place(context, builder, sig, args))
         written.align = 8
         return context.get_dummy_value()
 

@@ -16,6 +16,7 @@ from numba import types
 from kickdrift.jit import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.dual import DUAL, DUAL3, SLOT, TWICE3, Dual, as_dual, dual, kept_duals, of_lanes
+from kickdrift.jit.dual_lane_operators import lanes_of
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lanes_like, splat
 from kickdrift.jit.vector3 import thrice, vector3
@@ -35,6 +36,11 @@ def _chosen(a: Any, b: Any, both: Any, first: Any, second: Any) -> Any:
     return first if one > two else second
 
 
+def _calculated(a: Any, b: Any, both: Any, first: Any, second: Any) -> Any:
+    """The same for arithmetic; None for what `dual_lane_operators` knows."""
+    return None if lanes_of(a, b) else _chosen(a, b, both, first, second)
+
+
 def _teach_sum(function: Callable[..., Any], in_place: Callable[..., Any], sign: float) -> None:
     def both(a, b):
         return dual(function(a.value, b.value), function(a.slope, b.slope))
@@ -46,7 +52,7 @@ def _teach_sum(function: Callable[..., Any], in_place: Callable[..., Any], sign:
         return dual(function(a, b.value), sign * b.slope)
 
     def code(a, b):
-        return _chosen(a, b, both, first, second)
+        return _calculated(a, b, both, first, second)
 
     overload(function)(code)
     overload(in_place)(code)
@@ -63,7 +69,7 @@ def _teach_product(function: Callable[..., Any]) -> Callable[..., Any]:
         return dual(function(a, b.value), function(a, b.slope))
 
     def code(a, b):
-        return _chosen(a, b, both, first, second)
+        return _calculated(a, b, both, first, second)
 
     overload(function)(code)
     return code
@@ -95,7 +101,7 @@ def _number_over(a, b):
 def _divided(a, b):
     if isinstance(b, Vector3) or b in (DUAL3, TWICE3):
         return None
-    return _chosen(a, b, _quotient, _over_number, _number_over)
+    return _calculated(a, b, _quotient, _over_number, _number_over)
 
 
 for _division in (operator.truediv, operator.itruediv):
@@ -104,7 +110,7 @@ for _division in (operator.truediv, operator.itruediv):
 
 @overload(operator.neg)
 def _negative(a):
-    return (lambda a: dual(-a.value, -a.slope)) if isinstance(a, Dual) else None
+    return (lambda a: dual(-a.value, -a.slope)) if isinstance(a, Dual) and not of_lanes(a) else None
 
 
 @overload(operator.pos)
@@ -135,25 +141,10 @@ def _whole_power(a, b):
     return dual(before * a.value, (b * before) * a.slope)
 
 
-def _whole_power_of_lanes(exponent: int) -> Any:
-    before = exponent - 1
-    if before == 0:
-        return lambda a, b: a
-
-    def power(a, b):
-        part = a.value**before
-        return dual(part * a.value, (float(exponent) * part) * a.slope)
-
-    return power
-
-
 def _power(a, b):
-    if of_lanes(a):
-        known = isinstance(b, types.IntegerLiteral) and b.literal_value >= 1
-        return _whole_power_of_lanes(b.literal_value) if known else None
     if a == DUAL and isinstance(b, types.Integer):
         return _whole_power
-    return _chosen(a, b, _power_of_power, _power_of_number, _number_to_power)
+    return _calculated(a, b, _power_of_power, _power_of_number, _number_to_power)
 
 
 for _raise in (operator.pow, operator.ipow):

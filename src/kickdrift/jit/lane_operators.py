@@ -35,7 +35,7 @@ from kickdrift.jit.vectors import (
 )
 
 
-def _divide(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
+def divided(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str, ...]) -> ir.Value:
     """Emit a / b. An estimate y with e = 1 - b y < 2^-13 gives 1 / b = y (1 + e) (1 + e^2) to 2^-52, or y (1 + e) to
     2^-26."""
     if "avx512f" not in features() or b.type not in FULL:
@@ -74,7 +74,7 @@ _ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
     operator.add: added,
     operator.sub: subtracted,
     operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
-    operator.truediv: _divide,
+    operator.truediv: divided,
 }
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
 _FUNCTIONS: dict[Callable[..., Any], str] = {
@@ -149,7 +149,12 @@ class _WholePower(AbstractTemplate):
 
 @lower_builtin(operator.pow, Lanes, types.IntegerLiteral)
 def _whole_power(context, builder, sig, args):
-    exponent, square, result, flags = sig.args[1].literal_value, args[0], None, flags_of(context)
+    return whole_power(builder, args[0], sig.args[1].literal_value, flags_of(context))
+
+
+def whole_power(builder: ir.IRBuilder, x: ir.Value, exponent: int, flags: tuple[str, ...]) -> ir.Value:
+    """Emit x to a whole power from 1 on."""
+    square, result = x, None
     while exponent:
         if exponent & 1:
             result = square if result is None else builder.fmul(result, square, flags=flags)
