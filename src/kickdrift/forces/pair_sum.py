@@ -10,6 +10,7 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
+from kickdrift.forces.cluster_sums import add_to_total, in_turn
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.intra_cluster import own_pairs, row_start
 from kickdrift.forces.law_lanes import pair_terms
@@ -21,7 +22,6 @@ from kickdrift.forces.pair_rows import (
     in_float64,
     particle_of,
     row_forces,
-    shared_reactions,
     slot_of,
     store_row_force,
     subtract_reactions,
@@ -55,15 +55,8 @@ def chunk_forces_and_sums(force, c):
 def sum_pairs(force, sums, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, reactions, table, row_sums = working_arrays(zero, pairs, c)
-    reactions = shared_reactions(zero, reactions, force, c)
-    rows, start, used, touched, forces = (
-        pairs.rows[c],
-        pairs.row_start[c],
-        pairs.used[c],
-        pairs.touched[c],
-        pairs.force[c],
-    )
+    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c)
+    rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
@@ -128,11 +121,13 @@ def sum_pairs(force, sums, c):
         own_y = own_y + row_forces(row_sums, 1, zero)
         own_z = own_z + row_forces(row_sums, 2, zero)
         store_vector(forces, cluster, own_x, own_y, own_z)
-    totals = add_special(pairs.special, laws, pairs, c, cutoff2, (energy_sum, virial_sum, pair_count))
+    totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))
     energy_sum, virial_sum, pair_count = totals
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)
+            if in_turn(force.chunks):
+                add_to_total(pairs, forces, cluster, c)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)
