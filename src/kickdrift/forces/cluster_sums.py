@@ -69,10 +69,10 @@ def in_turn(chunks):
 
 @jit
 def chunk_memory(numbers, pairs, chunks, c):
-    """Return chunk c's row of ``numbers`` (chunks, numbers in clusters) for the forces of its pairs.
+    """Return chunk c's row of ``numbers`` (chunks, numbers in clusters), for the forces of the chunk's pairs.
 
-    Chunks that run in turn share memory, which then stays in the cache. It begins with the chunk's own clusters. The
-    earlier clusters lie before these. So it takes the second and third row, and leaves the first to the totals."""
+    Chunks that run in turn share memory, which stays in the cache. The chunk's own clusters come first in this memory,
+    and earlier clusters lie before them. The memory is the second and third row; the first row holds the totals."""
     if not in_turn(chunks):
         return numbers[c]
     begin, _ = chunk_clusters(pairs, c)

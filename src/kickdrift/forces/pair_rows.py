@@ -43,8 +43,8 @@ PLACES = (
 
 
 def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int) -> Any:
-    """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the precision of
-    the pairs; the row forces are float64 unless rows have tiles."""
+    """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
+    precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
     raise NotImplementedError("for compiled code")
 
 
@@ -59,12 +59,14 @@ def _working_arrays(zero, pairs, chunks, c):
         return double
 
     def tiles(zero, pairs, chunks, c):
-        forces, reactions = chunk_memory(pairs.force, pairs, chunks, c), chunk_memory(pairs.force_single, pairs, chunks, c)
+        forces = chunk_memory(pairs.force, pairs, chunks, c)
+        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
         row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
         return pairs.x_single, forces, reactions, tile_table(), row_sums
 
     def single(zero, pairs, chunks, c):
-        forces, reactions = chunk_memory(pairs.force, pairs, chunks, c), chunk_memory(pairs.force_single, pairs, chunks, c)
+        forces = chunk_memory(pairs.force, pairs, chunks, c)
+        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
         return pairs.x_single, forces, reactions, np.empty(SHIFTS * STRIDE, np.float32), np.zeros(WIDTH * STRIDE)
 
     return tiles if zero == single_type else single

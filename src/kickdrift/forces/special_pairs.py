@@ -212,7 +212,8 @@ def _is_inside(special, cluster):
 
 
 def add_special(special: Any, laws: Any, pairs: Any, forces: Any, c: int, cutoff2: float, totals: Any) -> Any:
-    """Add the forces of chunk c's entries to ``forces``; return energy, virial and number of pairs, ``totals``, with theirs."""
+    """Add the forces of chunk c's entries to ``forces``; return energy, virial and number of pairs, ``totals``, with
+    theirs."""
     raise NotImplementedError("for compiled code")
 
 
