@@ -77,7 +77,8 @@ def chunk_memory(numbers, pairs, chunks, c):
         return numbers[c]
     begin, _ = chunk_clusters(pairs, c)
     size = numbers.shape[1]
-    return numbers.ravel()[2 * size - size // pairs.filled.size * begin :]
+    first = 2 * size - size // pairs.filled.size * begin
+    return numbers.ravel()[first : first + size]
 
 
 @jit
