@@ -37,7 +37,8 @@ def _add_accelerations(mixed, force, a):
 
     def add(mixed, force, a):
         pairs, chunks, inverse_masses = force.pairs, force.chunks, force.inverse_masses
-        each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, None)), chunks, "collect_chunk")
+        if not in_turn(chunks):
+            each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, None)), chunks, "collect_chunk")
         mean = mean_of(mixed, pairs)
         each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, mean)), chunks, "gather_chunk")
 
@@ -57,6 +58,40 @@ def mean_acceleration(mixed, pairs):
         gx, gy, gz = load_vector(pairs.force[0], cluster)
         fx, fy, fz = fx + gx, fy + gy, fz + gz
     return lane_sum(fx) / mixed, lane_sum(fy) / mixed, lane_sum(fz) / mixed
+
+
+@jit
+def in_turn(chunks):
+    """Return whether the chunks run one after another, so that they can share memory; few chunks fit the cache
+    anyway."""
+    return chunks.team == 0 and chunks.number > 2
+
+
+@jit
+def chunk_memory(numbers, pairs, chunks, c):
+    """Return chunk c's row of ``numbers`` (chunks, numbers in clusters), for the forces of the chunk's pairs.
+
+    Chunks that run in turn share memory, which stays in the cache. The chunk's own clusters come first in this memory,
+    and earlier clusters lie before them. The memory is the second and third row; the first row holds the totals."""
+    if not in_turn(chunks):
+        return numbers[c]
+    begin, _ = chunk_clusters(pairs, c)
+    size = numbers.shape[1]
+    first = 2 * size - size // pairs.filled.size * begin
+    return numbers.ravel()[first : first + size]
+
+
+@jit
+def add_to_total(pairs, forces, cluster, c):
+    """Add the forces on a cluster from chunk c, whose turn it is, to the totals in the first chunk's array: the sums of
+    `collect_chunk`, in its order."""
+    fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+    for before in range(c):
+        if pairs.touched[before, cluster]:
+            fx, fy, fz = load_vector(pairs.force[0], cluster)
+            break
+    gx, gy, gz = load_vector(forces, cluster)
+    store_vector(pairs.force[0], cluster, fx + gx, fy + gy, fz + gz)
 
 
 @chunk_task

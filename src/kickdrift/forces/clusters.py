@@ -69,7 +69,7 @@ class ClusterList(NamedTuple):
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
     force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) in mixed precision, else empty; zero between
     # evaluations if rows have tiles
-    force: NDArray[np.float64]  # (chunks, 3 slots)
+    force: NDArray[np.float64]  # (chunks, 3 slots); see `cluster_sums.chunk_memory`
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
     moves: NDArray[np.float64]  # (chunks, 2) see `note_moves`

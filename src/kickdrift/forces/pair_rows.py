@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from kickdrift.forces.cluster_sums import chunk_memory
 from kickdrift.forces.clusters import (
     APART,
     SHIFTS,
     STRIDE,
-    chunk_clusters,
     load_vector,
     store_vector,
     table_place,
@@ -42,45 +42,34 @@ PLACES = (
 )  # distances in the table between shifts and between rows, for rows of four particles
 
 
-def working_arrays(zero: Any, pairs: Any, c: int) -> Any:
-    """Return positions, reactions of chunk c, an empty table and room for a cluster's row forces, in the precision of
-    the pairs; the row forces are float64 unless rows have tiles."""
+def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int) -> Any:
+    """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
+    precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
-def _working_arrays(zero, pairs, c):
+def _working_arrays(zero, pairs, chunks, c):
     if zero.vector.element == F64:
-        return lambda zero, pairs, c: (pairs.x, pairs.force[c], np.empty(SHIFTS * STRIDE), np.zeros(WIDTH * STRIDE))
 
-    def tiles(zero, pairs, c):
+        def double(zero, pairs, chunks, c):
+            forces = chunk_memory(pairs.force, pairs, chunks, c)
+            return pairs.x, forces, forces, np.empty(SHIFTS * STRIDE), np.zeros(WIDTH * STRIDE)
+
+        return double
+
+    def tiles(zero, pairs, chunks, c):
+        forces = chunk_memory(pairs.force, pairs, chunks, c)
+        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
         row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
-        return pairs.x_single, pairs.force_single[c], tile_table(), row_sums
+        return pairs.x_single, forces, reactions, tile_table(), row_sums
 
-    def single(zero, pairs, c):
-        table = np.empty(SHIFTS * STRIDE, np.float32)
-        return pairs.x_single, pairs.force_single[c], table, np.zeros(WIDTH * STRIDE)
+    def single(zero, pairs, chunks, c):
+        forces = chunk_memory(pairs.force, pairs, chunks, c)
+        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
+        return pairs.x_single, forces, reactions, np.empty(SHIFTS * STRIDE, np.float32), np.zeros(WIDTH * STRIDE)
 
     return tiles if zero == single_type else single
-
-
-def shared_reactions(zero: Any, reactions: Any, force: Any, c: int) -> Any:
-    """Return the reactions of chunk c, or in rows of tiles without threads memory that all chunks share.
-
-    All reactions are zero between two chunks. The shared memory begins with the chunk's own clusters, so each chunk
-    finds it in the cache."""
-
-
-@overload(shared_reactions)
-def _shared_reactions(zero, reactions, force, c):
-    def tiles(zero, reactions, force, c):
-        pairs, chunks = force.pairs, force.chunks
-        if chunks.team != 0 or chunks.number == 1:
-            return reactions
-        begin, _ = chunk_clusters(pairs, c)
-        return pairs.force_single.ravel()[reactions.size - ROW * STRIDE * begin :]
-
-    return tiles if zero == single_type else (lambda zero, reactions, force, c: reactions)
 
 
 @as_written

@@ -212,7 +212,7 @@ def chunk_slopes(force, c):
 def sum_slopes(force, u, s, number, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, _, table, _ = working_arrays(zero, pairs, c)
+    x, _, _, table, _ = working_arrays(zero, pairs, force.chunks, c)
     rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     clusters, room = pairs.counts[N_CLUSTERS], pairs.x.size // STRIDE
     longest = 0

@@ -10,6 +10,7 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
+from kickdrift.forces.cluster_sums import add_to_total, in_turn
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.fetching import fetch_streams, streams
 from kickdrift.forces.intra_cluster import own_pairs, row_start
@@ -22,7 +23,6 @@ from kickdrift.forces.pair_rows import (
     in_float64,
     particle_of,
     row_forces,
-    shared_reactions,
     slot_of,
     store_row_force,
     subtract_reactions,
@@ -66,15 +66,8 @@ def sum_pairs(force, sums, deviation, c):
     `Deviation`."""
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, reactions, table, row_sums = working_arrays(zero, pairs, c)
-    reactions = shared_reactions(zero, reactions, force, c)
-    rows, start, used, touched, forces = (
-        pairs.rows[c],
-        pairs.row_start[c],
-        pairs.used[c],
-        pairs.touched[c],
-        pairs.force[c],
-    )
+    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c)
+    rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
@@ -155,11 +148,13 @@ def sum_pairs(force, sums, deviation, c):
             add_row_slopes(deviation, cluster)
             if mine and not is_inside(pairs.special, cluster):
                 vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
-    totals = add_special(pairs.special, laws, pairs, c, cutoff2, (energy_sum, virial_sum, pair_count))
+    totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))
     energy_sum, virial_sum, pair_count = totals
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)
+            if in_turn(force.chunks):
+                add_to_total(pairs, forces, cluster, c)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)

@@ -211,19 +211,20 @@ def _is_inside(special, cluster):
     return lambda special, cluster: special.inside[cluster]
 
 
-def add_special(special: Any, laws: Any, pairs: Any, c: int, cutoff2: float, totals: Any) -> Any:
-    """Add the forces of chunk c's entries; return energy, virial and number of pairs, ``totals``, with theirs."""
+def add_special(special: Any, laws: Any, pairs: Any, forces: Any, c: int, cutoff2: float, totals: Any) -> Any:
+    """Add the forces of chunk c's entries to ``forces``; return energy, virial and number of pairs, ``totals``, with
+    theirs."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(add_special)
-def _add_special(special, laws, pairs, c, cutoff2, totals):
+def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
     if isinstance(special, types.NoneType):
-        return lambda special, laws, pairs, c, cutoff2, totals: totals
+        return lambda special, laws, pairs, forces, c, cutoff2, totals: totals
 
-    def add(special, laws, pairs, c, cutoff2, totals):
+    def add(special, laws, pairs, forces, c, cutoff2, totals):
         energies, virials, counts = totals
-        forces, x, shifts, zero = pairs.force[c], pairs.x, pairs.shifts, splat(0.0)
+        x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
         lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
         for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]

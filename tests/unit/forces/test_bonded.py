@@ -76,6 +76,23 @@ def test_pair_forces_leave_out_and_scale(box, mixture):
         assert found.pairs == count
 
 
+@pytest.mark.parametrize("mixed", [False, True])
+def test_chunks_that_share_memory_give_the_bits_of_chunks_on_threads(mixed):
+    """More than 4000 particles have four chunks, which share the memory of their forces on one thread."""
+    side = 16
+    x = 1.1 * np.indices((side,) * 3).reshape(3, -1).T + np.random.default_rng(3).uniform(-0.1, 0.1, (side**3, 3))
+    topology = kd.Topology.chains(side**2, side, factors=FACTORS)
+    pair = kd.LennardJones(cutoff=CUTOFF)
+    system = kd.System(x, box=(1.1 * side,) * 3, forces=[pair], topology=topology)
+    shared, own = (BoundForces(system, threads, mixed=mixed) for threads in (1, 2))
+    for shift in (0.0, 0.02, 2.0):  # the list stays, is pruned, and is made again
+        phase = np.array(system.state.phase)
+        phase[0, 0, ::7] += shift
+        with_shared, with_own = (bound.measure(0.0, phase) for bound in (shared, own))
+        np.testing.assert_array_equal(with_shared.accelerations, with_own.accelerations)
+        assert with_shared.potential == with_own.potential
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("lanes", [Narrow(), WideSingle(), NarrowSingle()], ids=lambda lanes: type(lanes).__name__)
 def test_exclusions_with_other_widths_of_lanes(monkeypatch, lanes):

@@ -10,7 +10,8 @@ run makes and prunes its list. The last rows are the sum of the parts and a whol
 
 The columns "predicted", for one thread and float64, follow from the bytes and operations of a part, counted by hand,
 and from the peaks of ``peaks.py``. The bytes come from the smallest cache that holds the arrays of the part. Operations
-run at the peak of multiply-adds, which a kernel does not reach. Sorting, searching and pruning are not predicted: they compare numbers.
+run at the peak of multiply-adds, which a kernel does not reach. Sorting, searching and pruning are not predicted: they
+compare numbers.
 """
 
 from __future__ import annotations
