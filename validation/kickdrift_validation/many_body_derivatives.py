@@ -1,4 +1,4 @@
-"""Derivatives of many-body forces: slopes beside forty digits, a crystal beside LAMMPS's runs, and its matrix.
+"""Derivatives of many-body forces: slopes beside sixty digits, a crystal beside LAMMPS's runs, and its matrix.
 
     python -m kickdrift_validation.many_body_derivatives [--long]
 

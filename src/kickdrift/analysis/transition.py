@@ -126,9 +126,9 @@ def transition_matrix(
     """Derivatives of a motion's end with respect to its start, from the variational equations.
 
     The same method moves particles and deviations, so with fixed steps the matrix is the derivative of the method's own
-    map. Gravity, springs, and laws of fields, bodies, bonds and pairs have exact slopes: a law's formula runs on
-    numbers that carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces use
-    central differences, and the result names them.
+    map. Gravity, springs, many-body forces, and laws of fields, bodies, bonds and pairs have exact slopes: a formula
+    runs on numbers that carry their derivatives (Griewank & Walther 2008, doi:10.1137/1.9780898717761). Other forces
+    use central differences, and the result names them.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def transition_matrix(
     system, asked, given = given_run("transition_matrix", system, integrator, {"dt": dt, **options})
     length, columns = length_of(system, time), columns_of(system, bodies, masses, parameters, elements, primary)
     if second and columns.parameters:
-        raise InputError("second: goes without parameters, whose slopes are central differences")
+        raise InputError("second: goes without parameters; leave one of the two out")
     mapped = _mapped(system, asked, given, columns)
     name = mapped or carrier(system, asked, DEFAULT)
     run: MapRun | VariedRun

@@ -88,7 +88,7 @@ class Varied:
 class VariedPairs(Varied, ListedForce):
     """A force on a neighbour list, for the particles of a System and their deviations, on one list.
 
-    All have exact slopes by duals, truncations included."""
+    Pair laws with their truncations, and many-body forces, have exact slopes by duals."""
 
     differs = False
 

@@ -126,8 +126,8 @@ def lagrange(gm, dt, r0, r0_inverse, eta, zeta, g):
 
 @in_order
 def small_lanes_g(beta, x, z):
-    """The same in lanes. Fused sums take what the rounded coefficients lose; after a rounded product it would be lost
-    every time."""
+    """G0 to G3 at x for small z = beta x^2, in lanes. Fused sums take what the rounded coefficients lose. After a
+    rounded product this rest would be lost every time."""
     c2, c3 = stumpff(z)
     x2 = x * x
     x3 = x2 * x
