@@ -51,6 +51,12 @@ class MapRun:
         """found <- the phase (2, 3, n) at the step point with its derivatives, bodies in the map's order."""
         raise NotImplementedError
 
+    def _deviations(self) -> list[Floats]:
+        """Slopes that scale with the deviations, (blocks, 2, numbers, lanes) each, to read and to write."""
+        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
+
+        return [slopes_in(self._rows)]
+
     def _start_from(self, columns: Columns, of_masses: Floats | None, twice: bool) -> None:
         """Start from what the columns say."""
         n, count = len(self.system), columns.total
@@ -110,20 +116,17 @@ class MapRun:
 
     def scale(self, factor: float) -> None:
         """Multiply all deviations."""
-        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
-
-        slopes_in(self._rows)[...] *= factor
+        for slopes in self._deviations():
+            slopes *= factor
 
     def mix(self, matrix: Floats) -> None:
         """Replace the deviations by their sums with these weights (columns, columns)."""
-        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
-
-        slopes = slopes_in(self._rows)
-        blocks, width = len(slopes), slopes.shape[-1]
-        padded = np.zeros((blocks * width, blocks * width))
-        padded[: len(matrix), : len(matrix)] = matrix
-        flat = np.moveaxis(slopes, 0, 2).reshape(*slopes.shape[1:3], -1) @ padded
-        slopes[...] = np.moveaxis(flat.reshape(*slopes.shape[1:3], blocks, width), 2, 0)
+        for slopes in self._deviations():
+            blocks, width = len(slopes), slopes.shape[-1]
+            padded = np.zeros((blocks * width, blocks * width))
+            padded[: len(matrix), : len(matrix)] = matrix
+            flat = np.moveaxis(slopes, 0, 2).reshape(*slopes.shape[1:3], -1) @ padded
+            slopes[...] = np.moveaxis(flat.reshape(*slopes.shape[1:3], blocks, width), 2, 0)
 
     def to(self, length: float, progress: Callable[[int, int], Any] | None = None) -> tuple[Floats, Floats, float]:
         """Run for a length of time, in whole steps. Return phase, derivatives and the time."""

@@ -86,6 +86,12 @@ class TraceTangentRun(MapRun):
                 raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
             raise RunError(f"{which}: blew up before step {self.steps + 1}")
 
+    def _deviations(self) -> list[Floats]:
+        from kickdrift.integrators.trace_tangent_rows import LOST_X
+        from kickdrift.integrators.wisdom_holman_tangent import slopes_in
+
+        return [*super()._deviations(), slopes_in(self._rows, LOST_X)]  # what rounding took is as large as they are
+
     def _leave(self, found: Derived) -> None:
         from kickdrift.integrators.trace_tangent import leave_democratic
 

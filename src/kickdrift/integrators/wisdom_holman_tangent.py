@@ -45,11 +45,11 @@ def tangents(phase: Derived, gm: Derived) -> Blocks:
     return made
 
 
-def slopes_in(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The first derivatives of positions and velocities in the rows of blocks without second ones, to read and to
-    write."""
+def slopes_in(rows: NDArray[np.float64], first: int = X) -> NDArray[np.float64]:
+    """The first derivatives in two rows of blocks without second ones, to read and to write: of positions and
+    velocities, or of the rows from ``first`` on."""
     duals = rows.reshape(*rows.shape[:2], -1, SLOT)
-    return duals[:, :2, :, 1:]
+    return duals[:, first : first + 2, :, 1:]
 
 
 @driver

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.trace_tangent_run import TraceTangentRun
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.trace_tangent_meeting import add_exactly
 from kickdrift.jit.compile import driver
@@ -389,6 +390,25 @@ def test_what_rounding_takes_from_deviations_is_kept():
     before = lost.copy()
     added(x, lost, np.zeros_like(x))
     np.testing.assert_array_equal(lost, before)
+
+
+def test_deviations_scale_in_a_passage():
+    """What rounding took in the last step scales with the deviations: a power of two changes no other bit."""
+    system = orbits((0.2, 1.0, 0.1, 0.3, 0.01), (1e-3, 6.0, 0.05, 1.0, 0.02))  # so heavy a planet is always in passage
+    start = np.random.default_rng(1).normal(size=(2, 3, len(system), 2))
+
+    def end(scaled, mixed):
+        run = TraceTangentRun(system, None, "trace", 1, {"dt": 0.05})
+        run.start(start)
+        run.advance(20)
+        run.scale(scaled)
+        run.mix(mixed * np.eye(2))
+        run.advance(20)
+        return run.now()[1] / (scaled * mixed)
+
+    plain = end(1.0, 1.0)
+    np.testing.assert_array_equal(end(2.0**-200, 1.0), plain)
+    np.testing.assert_array_equal(end(1.0, 2.0**-200), plain)
 
 
 def test_the_systems_own_method_serves_where_it_can():
