@@ -17,8 +17,9 @@ from kickdrift.jit.vectors import WIDTH
 
 
 def to_first_order(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of other forces than gravity, which return a status. These forces have no second derivatives: with
-    ``rows`` (rows, numbers, 2), the first argument, no code of theirs is compiled, and the status is NO_DUALS."""
+    """Limit a function that evaluates forces other than gravity and returns a status. These forces have no second
+    derivatives. If the first argument, ``rows``, has the shape (rows, numbers, 2), the status is NO_DUALS, and the
+    function is not compiled."""
 
     def stub(*given: Any) -> Any: ...
 
