@@ -124,6 +124,7 @@ def along_each(rows: Floats, products: Floats) -> Floats:
     """Projections of the last row on each row without the rows before, of either sign. ``products`` are those of the
     rows with each other."""
     norms = np.sqrt(np.diag(products))
+    norms[norms == 0.0] = 1.0
     with suppress(np.linalg.LinAlgError):  # products of rows that are nearly dependent
         triangle = np.linalg.cholesky(products / np.outer(norms, norms))
         if np.diag(triangle).min() > INDEPENDENT:

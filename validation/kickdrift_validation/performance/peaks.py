@@ -5,7 +5,7 @@
 The script uses kickdrift's own eight-lane vectors, so kernels could reach these peaks. It runs ten independent chains
 of multiply-adds, and one chain alone. The time of an operation in one chain is the latency for which a step of a few
 bodies often waits. Sums over arrays show the rates of memory. The arrays fit in half of the first, second and third
-cache (48 KiB, 2 MiB and 32 MiB where the sizes are not known), and one array has 256 MiB. Each peak is the best turn,
+cache, and one array has 256 MiB. Caches of unknown size count as 48 KiB, 2 MiB and 32 MiB. Each peak is the best turn,
 in processor time. Prints JSON.
 """
 

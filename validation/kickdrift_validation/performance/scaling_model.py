@@ -30,7 +30,8 @@ from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.memory import aligned
-from kickdrift.jit.team import AWAKE, CODE, CROWDED, TASK_PLACE, call_task, team_of
+from kickdrift.jit.task import call_task
+from kickdrift.jit.team import AWAKE, CODE, CROWDED, TASK_PLACE, Team, team_of
 from kickdrift.jit.vectors import WIDTH
 from kickdrift_validation.performance.peaks import MEMORY, caches
 from kickdrift_validation.performance.peaks import read as sum_of
@@ -118,8 +119,8 @@ def logged(team, code, place, count):
 @contextmanager
 def logging() -> Iterator[np.ndarray]:
     """A log into which all tasks of runs on two threads go. One thread then runs all their chunks."""
-    team: Any = team_of(2)
-    if most_threads() < 2 or not hasattr(team, "_memory"):
+    team = team_of(2)
+    if most_threads() < 2 or not isinstance(team, Team):
         raise Missing("needs two threads, on Linux")
     memory, log = team._memory, aligned((ENTRIES,), 0, np.int64)
     before, own = int(memory[CODE // 8]), callback(logged, types.void(*4 * [types.intp]), types.none)
@@ -231,8 +232,9 @@ def memory_rate(threads: int, turns: int = 5) -> float:
 def memory_of(sim: kd.Simulation, rate: float) -> Memory:
     """Memory of a step of a Lennard-Jones liquid by velocity Verlet, counted by hand from its arrays.
 
-    Bytes a particle: positions to clusters 24 + 24 + 8 for its place, forces in clusters written and read 48, the
-    acceleration added 8 + 48, cleared 24, checked 24, two kicks 2 (48 + 24), the drift 48 + 24; and the rows."""
+    Bytes a particle: positions to clusters 24 + 24, and 8 for the place. Forces in clusters written and read 48.
+    Accelerations added 8 + 48, cleared 24, checked 24. Two kicks 2 (48 + 24), the drift 48 + 24. The rows come
+    on top."""
     pairs: Any = sim.integration.flow.forces.forces[0].pairs
     n, clusters = len(sim.system), int(pairs.counts[N_CLUSTERS])
     rows = 8.0 * float(pairs.row_start[:, clusters * WIDTH // pairs.per_row].sum())
