@@ -21,7 +21,7 @@ NAMED = [name for name, method in INTEGRATORS.items() if method.name == name]
 CARRYING = [name for name in NAMED if (integrator(name).carries or has_map(integrator(name))) and name not in SHEET]
 SMOOTH = [name for name in CARRYING if not integrator(name).chooses_steps or name == "gauss-radau15"]
 OTHERS = [name for name in NAMED if name not in [*CARRYING, *SHEET]]
-SHORT = ["velocity-verlet", "gauss-radau15", "wisdom-holman", "saba", "trace"]
+SHORT = ["velocity-verlet", "gauss-radau15", "wisdom-holman"]
 
 
 def planets(moved=(0, 0, 0, 0.0)) -> kd.System:
@@ -66,7 +66,7 @@ def test_methods_without_derivatives_say_which_have_them(name):
         derivatives(name, planets(), ["b"])
 
 
-@pytest.mark.parametrize("name", shortened(CARRYING, ["yoshida4", "wisdom-holman", "saba", "trace"]))
+@pytest.mark.parametrize("name", shortened(CARRYING, ["yoshida4", "wisdom-holman"]))
 def test_other_forces_than_gravity_are_refused(name):
     flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
     with pytest.raises(InputError, match="force 'j2': has no variational equations of second order; gravity alone"):

@@ -20,23 +20,26 @@ from kickdrift.jit.memory import aligned
 from kickdrift.jit.task import call_task
 
 LINE = 64  # bytes that cores exchange at once
-CODE, TURNS, THREADS, ALONE, LEFT, HELPED = (LINE * k for k in range(6))
+CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))
 _TURNS: NDArray[np.int64] = aligned((LINE // 8,), 0, np.int64)  # 1 while a loop of any team runs
+
+
+def _work_alone() -> None:
+    """Use no other thread from now on: a forked process has none of numba's threads."""
+    _TURNS[0] = 1
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_work_alone)
 
 
 class NumbaTeam:
     """A number of numba's threads, with the face of a `Team`."""
 
     def __init__(self, threads: int) -> None:
-        self._memory: NDArray[np.int64] = aligned((6 * LINE // 8,), 0, np.int64)
+        self._memory: NDArray[np.int64] = aligned((5 * LINE // 8,), 0, np.int64)
         self.address = int(self._memory.ctypes.data)
         self._memory[[CODE // 8, TURNS // 8, THREADS // 8]] = _code().address, _TURNS.ctypes.data, threads
-        if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._work_alone)
-
-    def _work_alone(self) -> None:
-        """Use no other thread: a forked process has none of numba's threads."""
-        self._memory[ALONE // 8] = 1
 
     def start(self) -> None:
         """Start the threads, which have run since this team was made."""
@@ -58,7 +61,7 @@ def _code() -> Any:
 
 
 def _share(team, code, place, count):
-    if read(team + ALONE) or not replace(read(team + TURNS), 0, 1):
+    if not replace(read(team + TURNS), 0, 1):
         for c in range(count):
             call_task(code, place, c)
         return

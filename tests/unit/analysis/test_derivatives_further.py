@@ -183,12 +183,12 @@ def test_circles_and_flat_orbits_have_no_direction_to_differentiate_by(key, inc,
 @pytest.mark.parametrize(
     ("name", "given"),
     [
-        ("wisdom-holman", {"corrector": 17}),
+        pytest.param("wisdom-holman", {"corrector": 17}, marks=pytest.mark.long),
         ("wisdom-holman", {"kernel": "lazy", "corrector": 3}),
-        ("wisdom-holman", {"kernel": "modified-kick", "corrector": 5}),
-        ("wisdom-holman", {"kernel": "composition"}),
-        ("saba", {"order": "10,6,4"}),
-        ("trace", {}),
+        pytest.param("wisdom-holman", {"kernel": "modified-kick", "corrector": 5}, marks=pytest.mark.long),
+        pytest.param("wisdom-holman", {"kernel": "composition"}, marks=pytest.mark.long),
+        pytest.param("saba", {"order": "10,6,4"}, marks=pytest.mark.long),
+        pytest.param("trace", {}, marks=pytest.mark.long),
     ],
 )
 def test_second_derivatives_of_maps_by_elements_and_masses(name, given):
@@ -220,16 +220,16 @@ def test_second_derivatives_of_maps_by_elements_and_masses(name, given):
         np.testing.assert_allclose(found.second[:, :, k] / size, wanted / size, rtol=0, atol=1e-7)
 
 
-def test_second_derivatives_of_a_map_approach_those_of_the_motion():
+@pytest.mark.parametrize("name", ["wisdom-holman", pytest.param("trace", marks=pytest.mark.long)])
+def test_second_derivatives_of_a_map_approach_those_of_the_motion(name):
     """The map has order 2 in its step, and so do the derivatives."""
     exact = kd.transition_matrix(planets(), 2.0, "gauss-radau15", bodies="b", second=True).second
-    for name in ("wisdom-holman", "trace"):
-        errors = [
-            np.abs(kd.transition_matrix(planets(), 2.0, name, dt, bodies="b", second=True).second - exact).max()
-            for dt in (0.1, 0.05, 0.025)
-        ]
-        powers = np.log2(np.divide(errors[:-1], errors[1:]))
-        np.testing.assert_allclose(powers, 2.0, atol=0.3)
+    errors = [
+        np.abs(kd.transition_matrix(planets(), 2.0, name, dt, bodies="b", second=True).second - exact).max()
+        for dt in (0.1, 0.05, 0.025)
+    ]
+    powers = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(powers, 2.0, atol=0.3)
 
 
 def test_other_forces_than_gravity_have_no_second_derivatives():

@@ -126,7 +126,7 @@ def all_by_numba() -> None:
     print("bits:", *digests)
 
 
-@pytest.mark.parametrize("layer", ["workqueue", "default"])
+@pytest.mark.parametrize("layer", ["workqueue", pytest.param("default", marks=pytest.mark.long)])
 def test_chunks_on_threads_of_numba(layer):
     run = python(f"from {__name__} import all_by_numba as f; f()", NUMBA_NUM_THREADS="3", NUMBA_THREADING_LAYER=layer)
     one = motion(1)

@@ -57,8 +57,10 @@ def test_a_film_has_a_picture_for_each_frame(suffix, liquid):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_a_film_that_is_ended_leaves_nothing(name, liquid):
+def test_a_film_that_is_ended_leaves_nothing(name, liquid, request):
     number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)  # nohup ignores SIGHUP
+    request.addfinalizer(lambda: signal.signal(number, before))
     with pytest.raises(SystemExit) as ended:
         kd.movie(liquid, liquid.with_suffix(".gif"), size=SIZE, progress=lambda *k: os.kill(os.getpid(), number))
     assert ended.value.code == 128 + number
