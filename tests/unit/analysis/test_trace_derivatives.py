@@ -153,7 +153,10 @@ def test_columns_are_slopes_of_runs(made, given, h, flagged):
     ("made", "given", "h", "bodies"),
     [
         pytest.param(meeting, {}, 1e-4, [1, 2], id="giants meet"),
-        pytest.param(meeting, {"inner": "bulirsch-stoer"}, 1e-3, [1, 2], id="giants meet by bulirsch-stoer", marks=pytest.mark.long),
+        pytest.param(
+            meeting, {"inner": "bulirsch-stoer"}, 1e-3, [1, 2], id="giants meet by bulirsch-stoer",
+            marks=pytest.mark.long,
+        ),
         pytest.param(diving, {}, 2e-5, [1, 0], id="all move together", marks=pytest.mark.long),
         pytest.param(diving, {"pericentre": "partial"}, 2e-5, [1], id="a passage with kicks", marks=pytest.mark.long),
         pytest.param(
