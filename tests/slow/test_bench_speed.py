@@ -66,6 +66,7 @@ def test_planets_in_short(command, tmp_path):
     assert json.loads(file.read_text(encoding="utf-8")) == found
 
 
+@pytest.mark.long
 def test_liquids_are_the_same_in_every_program(monkeypatch):
     """For all installed programs, including those outside the test extra."""
     monkeypatch.setenv("KICKDRIFT_GMX", shutil.which("gmx") or "")

@@ -149,19 +149,19 @@ def test_columns_are_slopes_of_runs(made, given, h, flagged):
         np.testing.assert_allclose(found.matrix[:, column], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("made", "given", "h", "bodies"),
     [
         pytest.param(meeting, {}, 1e-4, [1, 2], id="giants meet"),
         pytest.param(
             meeting, {"inner": "bulirsch-stoer"}, 1e-3, [1, 2], id="giants meet by bulirsch-stoer",
-            marks=pytest.mark.long,
         ),
-        pytest.param(diving, {}, 2e-5, [1, 0], id="all move together", marks=pytest.mark.long),
-        pytest.param(diving, {"pericentre": "partial"}, 2e-5, [1], id="a passage with kicks", marks=pytest.mark.long),
+        pytest.param(diving, {}, 2e-5, [1, 0], id="all move together"),
+        pytest.param(diving, {"pericentre": "partial"}, 2e-5, [1], id="a passage with kicks"),
         pytest.param(
             lambda: light(meeting(), (5.2, 0.05, -0.06, 0.0), (7.0, 0.97, -0.3, 0.0)), {}, 2e-5, [1, 4, 5],
-            id="massless bodies meet giants and pass the star", marks=pytest.mark.long,
+            id="massless bodies meet giants and pass the star",
         ),
     ],
 )  # fmt: skip

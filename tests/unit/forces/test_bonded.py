@@ -76,7 +76,7 @@ def test_pair_forces_leave_out_and_scale(box, mixture):
         assert found.pairs == count
 
 
-@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize("mixed", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_chunks_that_share_memory_give_the_bits_of_chunks_on_threads(mixed):
     """More than 4000 particles have four chunks, which share the memory of their forces on one thread."""
     side = 16
