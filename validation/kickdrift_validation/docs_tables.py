@@ -5,8 +5,11 @@ python -m kickdrift_validation.docs_tables     (writes the options of integrator
 
 from __future__ import annotations
 
+import argparse
+import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from kickdrift_validation.folders import checkout
 
@@ -18,6 +21,21 @@ def put(page: Path, begin: str, end: str, text: str) -> None:
     before, rest = page.read_text(encoding="utf-8").split(begin)
     after = rest.split(end)[1]
     page.write_text(f"{before}{begin}\n\n{text}\n\n{end}{after}", encoding="utf-8")
+
+
+def outputs(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `deliver` reads."""
+    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the numbers there")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="put the tables into that page")
+
+
+def deliver(given: argparse.Namespace, found: dict[str, Any], text: str, begin: str, end: str) -> None:
+    """Print the text, keep the numbers in the file that the options name, and put the text into the page."""
+    print(text)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    if given.page:
+        put(given.page, begin, end, text)
 
 
 def table(heading: list[str], rows: list[list[str]]) -> str:

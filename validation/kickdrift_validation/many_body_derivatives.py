@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from kickdrift.forces.tersoff import SiliconOf1988
 from kickdrift.forces.variations import varied
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.example_forces import crystal, example
+from kickdrift_validation.pair_derivatives import cost
 
 DT, STEPS = 0.001, 100
 BOUND = 1e-12  # of slopes, relative to the largest
@@ -206,28 +206,11 @@ def maps() -> Iterator[Claim]:
 def costs() -> Iterator[Claim]:
     for force in (kd.StillingerWeber(), kd.Tersoff(), example(kd.EmbeddedAtom)):
         for many in (1, 8):
-            value, bound = cost(crystal(force), many), 1.3 if many == 1 else 2.2
+            value, bound = cost(crystal(force), DT, many, 100, 12), 1.3 if many == 1 else 2.2
             yield claim(
                 f"processor time of each of {many} deviations of a crystal of {force.name} over that of a step",
                 value, f"at most {bound}", value <= bound, "the run without deviations, in turns in one process",
             )  # fmt: skip
-
-
-def cost(system: kd.System, many: int) -> float:
-    """Median over short turns of the time that one deviation adds to a step, over the time of a step."""
-    deviations = np.random.default_rng(1).normal(size=(2, 3, len(system) * many))
-    alone = kd.Simulation(system, "velocity-verlet", DT)
-    beside = kd.Simulation(varied(system, deviations), "velocity-verlet", DT)
-    turns, ratios = ((alone, 100), (beside, max(10, 100 // many))), []
-    for turn in range(12):
-        times = []
-        for sim, steps in turns:
-            begin = process_time()
-            sim.advance(steps)
-            times.append((process_time() - begin) / steps)
-        if turn:
-            ratios.append((times[1] / times[0] - 1.0) / many)
-    return float(np.median(ratios))
 
 
 if __name__ == "__main__":

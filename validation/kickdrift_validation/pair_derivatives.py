@@ -190,21 +190,21 @@ def spectra(long: bool) -> Iterator[Claim]:
 
 def costs() -> Iterator[Claim]:
     for many in (1, 8, 48):
-        value = cost(many)
+        value = cost(kd.load("lj-1000"), DT, many, 200, 16)
         yield claim(
             f"processor time of each of {many} deviations of 1000 Lennard-Jones particles over that of a step",
             value, "at most 1.3", value <= 1.3, "the run without deviations, in turns in one process",
         )  # fmt: skip
 
 
-def cost(many: int) -> float:
-    """Median over short turns of the time that one deviation adds to a step, over the time of a step."""
-    system = kd.load("lj-1000")
-    rng = np.random.default_rng(1)
-    alone = kd.Simulation(system, "velocity-verlet", DT)
-    beside = kd.Simulation(varied(system, rng.normal(size=(2, 3, 1000 * many))), "velocity-verlet", DT)
-    turns, ratios = ((alone, 200), (beside, max(20, 200 // many))), []
-    for turn in range(16):
+def cost(system: kd.System, dt: float, many: int, most: int, rounds: int) -> float:
+    """Median over rounds of the time that each of ``many`` deviations adds to a step, over the time of a step. A turn
+    has at most ``most`` steps."""
+    deviations = np.random.default_rng(1).normal(size=(2, 3, len(system) * many))
+    alone = kd.Simulation(system, "velocity-verlet", dt)
+    beside = kd.Simulation(varied(system, deviations), "velocity-verlet", dt)
+    turns, ratios = ((alone, most), (beside, max(most // 10, most // many))), []
+    for turn in range(rounds):
         times = []
         for sim, steps in turns:
             begin = process_time()

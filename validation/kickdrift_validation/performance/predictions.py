@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kickdrift_validation.docs_tables import put, table
+from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.performance.groups import Goal
 from kickdrift_validation.performance.speed import chosen, judged, measure
 
@@ -124,19 +124,13 @@ def main() -> int:
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE.json", help="measure nothing, read this")
     parser.add_argument("--turns", type=int, default=5, help="of each")
     parser.add_argument("--seconds", type=float, default=0.5, help="length of a turn")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the numbers there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="put the table into that page")
+    outputs(parser)
     given = parser.parse_args()
     if given.source:
         found = json.loads(given.source.read_text(encoding="utf-8"))
     else:
         found = measure(chosen(groups()), given.turns, given.seconds)
-    text = text_of(found)
-    print(text)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    if given.page:
-        put(given.page, BEGIN, END, text)
+    deliver(given, found, text_of(found), BEGIN, END)
     return 0
 
 

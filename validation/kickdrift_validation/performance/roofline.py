@@ -12,11 +12,9 @@ parts overlap.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +33,7 @@ from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes import lane_max, splat
 from kickdrift.jit.memory import aligned, flat
 from kickdrift.jit.vectors import WIDTH
-from kickdrift_validation.docs_tables import put, table
+from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.exact_reversal import solar_system
 from kickdrift_validation.performance.bodies import planets, stars
 from kickdrift_validation.performance.melt import CUTOFF, melt
@@ -271,16 +269,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--turns", type=int, default=7, help="turns of each measurement; the best counts")
     parser.add_argument("--seconds", type=float, default=0.1, help="length of a turn")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the figures there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="put the tables into that page")
+    outputs(parser)
     given = parser.parse_args()
     found = study(given.turns, given.seconds)
-    text = tables_of(found)
-    print(text)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    if given.page:
-        put(given.page, BEGIN, END, text)
+    deliver(given, found, tables_of(found), BEGIN, END)
     return 0
 
 

@@ -15,7 +15,6 @@ import os
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound import most_threads
 from kickdrift_validation.claim import where
-from kickdrift_validation.docs_tables import put, table
+from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.performance import scaling_engine
 from kickdrift_validation.performance.bodies import by_tree, tree_stars
 from kickdrift_validation.performance.melt import again, melt
@@ -259,16 +258,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--turns", type=int, default=5, help="of each measurement")
     parser.add_argument("--seconds", type=float, default=0.5, help="length of a turn")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="keep the numbers there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="put the tables into that page")
+    outputs(parser)
     given = parser.parse_args()
     found = study(given.turns, given.seconds)
-    text = text_of(found)
-    print(text)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    if given.page:
-        put(given.page, BEGIN, END, text)
+    deliver(given, found, text_of(found), BEGIN, END)
     return 0
 
 
