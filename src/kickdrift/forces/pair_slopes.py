@@ -23,6 +23,7 @@ from kickdrift.forces.beside_pairs import (
     add_own,
     add_particles,
     copy_phase,
+    room_beside,
 )
 from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
@@ -85,11 +86,11 @@ class PairSlopesKernel(BesidePairs):
 
 def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
     """Bind a pair force of n particles with ``along`` deviations of each; ``by_masses`` is as in `PairSlopes`."""
-    work, a = own.parts, np.zeros((3, len(by_masses)))
+    work = own.parts
     shape = min(along, MOST), work.pairs.x.size
     number, alone = np.zeros(1, np.int64), 1 if along == 1 else None
     room = number, aligned(shape), aligned((work.chunks.number, *shape)), work.chunks, alone
-    return PairSlopesKernel(PairSlopes(work, 0, 0, np.zeros((2, *a.shape)), a, by_masses, *room), own)
+    return PairSlopesKernel(PairSlopes(*room_beside(own, by_masses), *room), own)
 
 
 @jit
