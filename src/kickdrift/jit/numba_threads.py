@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.atomic import add, read, replace, write
 from kickdrift.jit.callback import callback
-from kickdrift.jit.memory import aligned
+from kickdrift.jit.memory import LINE, aligned
 from kickdrift.jit.task import call_task
 
-LINE = 64  # bytes that cores exchange at once
-CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))
+CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))  # numbers of different threads lie apart
 _TURNS: NDArray[np.int64] = aligned((LINE // 8,), 0, np.int64)  # 1 while a loop of any team runs
 
 

@@ -34,14 +34,13 @@ from numpy.typing import NDArray
 from kickdrift.jit.atomic import add, core, lock, nanoseconds, pause, read, replace, sleep, unlock, wake, write
 from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
-from kickdrift.jit.memory import aligned
+from kickdrift.jit.memory import LINE, aligned
 from kickdrift.jit.numba_threads import NumbaTeam
 from kickdrift.jit.task import call_task
 
 SLEEPING = sys.platform == "linux"  # whether teams are of sleeping threads; the others are of numba's threads
 
-LINE = 64  # bytes that cores exchange at once: numbers of different threads lie apart
-(
+(  # places in a team's memory. Cores exchange whole cache lines, so numbers of different threads lie apart
     CODE,
     TICKET,
     DONE,
