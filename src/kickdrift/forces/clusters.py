@@ -20,6 +20,7 @@ N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = ra
 unsigned = np.uint64  # type of an index, which saves numba's check for negative indices
 LANES = unsigned(WIDTH)
 STRIDE = 3 * WIDTH  # distance from one cluster to the next in `x` and `force`
+TABLE_STRIDE = 32  # distance from one shift to the next in a table; a power of two, from which a row follows quickly
 FAR = 30.0  # distance of the padding lanes from all particles, in cutoffs; far beyond, r^-12 underflows, slowly
 APART = 2.0  # distance between padding lanes, in cutoffs
 STRIDE_UNKNOWN = 0.01  # first guess, in cutoffs, of the fastest particle's move between evaluations
@@ -86,9 +87,9 @@ def chunk_count(n: int) -> int:
 def table_place(per_row: int, shift: int, row: int) -> int:
     """Return the index of a row's shifted positions in its cluster's table.
 
-    The table is (shifts, 3, 8), or (shifts, 2 rows, 3, 16) with four particles in a row."""
+    The table is (shifts, 4, 8), the last eight unused, or (shifts, 2 rows, 3, 16) with four particles in a row."""
     if per_row == 1:
-        return STRIDE * shift + row
+        return TABLE_STRIDE * shift + row
     return 4 * STRIDE * shift + 2 * STRIDE * row
 
 

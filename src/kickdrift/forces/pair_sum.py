@@ -22,20 +22,17 @@ from kickdrift.forces.pair_rows import (
     fill_table,
     in_float64,
     particle_of,
-    row_forces,
     slot_of,
-    store_row_force,
     subtract_reactions,
     working_arrays,
 )
 from kickdrift.forces.pair_variation import (
     add_row_slopes,
-    row_deviation,
     slope_within,
-    store_row_slope,
     varied_row,
     vary_cluster,
 )
+from kickdrift.forces.row_ends import of_row, row_forces, rows_together, store_at_end, store_so_far
 from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
@@ -79,7 +76,7 @@ def sum_pairs(force, sums, deviation, c):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each, front = WIDTH // pairs.per_row, streams(pairs, x, reactions)
+    rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs, x, reactions)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         first = rows_each * cluster
         mine = begin <= cluster and cluster < end
@@ -100,21 +97,22 @@ def sum_pairs(force, sums, deviation, c):
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
-        for row in range(rows_each):
+        for row in range(0, rows_each, together):
             fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
-            if deviation is not None:
-                varied = row_deviation(deviation, cluster, row, zero)
-            for k in range(start[first + row], start[first + row + 1]):
+            varied, before = (zero, zero, zero), place
+            for k in range(start[first + row], start[first + row + together]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
                 i, j = own + particle_of(zero, next_place), slot_of(next_other)
                 next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
+                fx, fy, fz = of_row((fx, fy, fz), place, before)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+                store_so_far(row_sums, place, fx, fy, fz)
                 subtract_reactions(reactions, other, -g, dx, dy, dz)
                 if deviation is not None:
-                    varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
+                    varied = varied_row(deviation, varied, cluster, place, before, other, g, h, dx, dy, dz)
                     h = slope_within(laws, i, j, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
@@ -122,12 +120,11 @@ def sum_pairs(force, sums, deviation, c):
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
                     along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
+                before, place = place, next_place
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
-            store_row_force(row_sums, row, fx, fy, fz)
-            if deviation is not None:
-                store_row_slope(deviation, row, varied)
+            store_at_end(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
@@ -140,12 +137,12 @@ def sum_pairs(force, sums, deviation, c):
                     virial_sum + virial_own,
                     pair_count + count_own,
                 )
-        own_x = own_x + row_forces(row_sums, 0, zero)
-        own_y = own_y + row_forces(row_sums, 1, zero)
-        own_z = own_z + row_forces(row_sums, 2, zero)
+        own_x = own_x + row_forces(row_sums, 0, start, first, zero)
+        own_y = own_y + row_forces(row_sums, 1, start, first, zero)
+        own_z = own_z + row_forces(row_sums, 2, start, first, zero)
         store_vector(forces, cluster, own_x, own_y, own_z)
         if deviation is not None:
-            add_row_slopes(deviation, cluster)
+            add_row_slopes(deviation, start, first, cluster)
             if mine and not is_inside(pairs.special, cluster):
                 vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
     totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))

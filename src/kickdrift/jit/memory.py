@@ -66,8 +66,8 @@ def _address(typingctx, array):
 
 @as_written
 def line_aligned(array):
-    """Return the part of a row of float32, less than 16 numbers shorter, that begins on a 64-byte boundary."""
-    return array[(-_address(array) & 63) // 4 :]
+    """Return the part of a row of numbers, less than a cache line shorter, that begins on a 64-byte boundary."""
+    return array[(-_address(array) & (LINE - 1)) // array.itemsize :]
 
 
 def _fetching(write: int) -> Callable[..., Any]:
@@ -177,6 +177,24 @@ def broadcast(typingctx, array, index, like):
         return copied(builder, builder.load(builder.gep(array.data, [args[1]])), like.vector)
 
     return like(array, types.intp, like), codegen
+
+
+@intrinsic
+def zero_unless_same(typingctx, value, change):
+    """Return the lanes if ``change`` is 0, and zeros if it is 1 to 7. A mask from a table is quicker than a branch."""
+    whole = ir.IntType(64)
+
+    def codegen(context, builder, sig, args):
+        masks = ir.Constant(ir.ArrayType(whole, WIDTH), [-1] + (WIDTH - 1) * [0])
+        table = cgutils.global_constant(builder, "kept_or_zero", masks)
+        mask = builder.load(builder.gep(table, [whole(0), args[1]]))
+        bits = ir.VectorType(whole, args[0].type.count * bytes_of(value.vector.element) // 8)
+        one = builder.insert_element(ir.Constant(bits, ir.Undefined), mask, I32(0))
+        zeros = ir.Constant(ir.VectorType(I32, bits.count), [0] * bits.count)
+        every = builder.shuffle_vector(one, ir.Constant(bits, ir.Undefined), zeros)
+        return builder.bitcast(builder.and_(builder.bitcast(args[0], bits), every), args[0].type)
+
+    return value(value, types.int64), codegen
 
 
 @intrinsic
