@@ -79,13 +79,13 @@ def sum_pairs(force, sums, deviation, c, thread):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each, front = WIDTH // pairs.per_row, streams(pairs, x, reactions)
+    rows_each, front = WIDTH // pairs.per_row, streams(pairs)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         first = rows_each * cluster
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
-        fetch_streams(front, pairs, x, reactions, cluster)
+        fetch_streams(front, pairs, x, reactions, cluster, zero)
         fill_table(table, pairs, cluster, used[cluster], zero)
         # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
         # once: the sums of this step, the forces of the next, and the displacements of the step after that.
