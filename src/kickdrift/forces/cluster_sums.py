@@ -13,6 +13,8 @@ from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_sum, splat
 
+FEW = 2  # chunks whose forces the second cache holds
+
 
 class Gathering(NamedTuple):
     """What adds the forces in the clusters to the accelerations of the particles."""
@@ -62,23 +64,38 @@ def mean_acceleration(mixed, pairs):
 
 @jit
 def in_turn(chunks):
-    """Return whether the chunks run one after another, so that they can share memory; few chunks fit the cache
-    anyway."""
-    return chunks.team == 0 and chunks.number > 2
+    """Return whether the chunks run one after another, so that they can add to the totals."""
+    return chunks.team == 0 and chunks.number > FEW
 
 
 @jit
-def chunk_memory(numbers, pairs, chunks, c):
-    """Return chunk c's row of ``numbers`` (chunks, numbers in clusters), for the forces of the chunk's pairs.
+def thread_memory(numbers, pairs, c, thread):
+    """Return a part of this thread's row of ``numbers`` (threads, twice the numbers in all clusters), as memory for the
+    clusters of chunk c.
 
-    Chunks that run in turn share memory, which stays in the cache. The chunk's own clusters come first in this memory,
-    and earlier clusters lie before them. The memory is the second and third row; the first row holds the totals."""
-    if not in_turn(chunks):
-        return numbers[c]
+    The chunk's own clusters lie in the middle of the row, and earlier clusters before them. So all chunks of a thread
+    use the same memory, which stays in the cache."""
     begin, _ = chunk_clusters(pairs, c)
-    size = numbers.shape[1]
-    first = 2 * size - size // pairs.filled.size * begin
-    return numbers.ravel()[first : first + size]
+    size = numbers.shape[1] // 2
+    first = size - size // pairs.filled.size * begin
+    return numbers[thread][first : first + size]
+
+
+@jit
+def force_memory(pairs, chunks, c, thread):
+    """Return the memory in which this thread sums the forces of chunk c's pairs; few chunks fit the cache anyway."""
+    return pairs.force[c] if chunks.number <= FEW else thread_memory(pairs.thread_force, pairs, c, thread)
+
+
+@jit
+def hand_over(pairs, chunks, forces, cluster, c):
+    """Add the forces on a cluster from chunk c to the totals, if chunks run in turn, or copy the forces to the chunk's
+    own array."""
+    if in_turn(chunks):
+        add_to_total(pairs, forces, cluster, c)
+    elif chunks.number > FEW:
+        gx, gy, gz = load_vector(forces, cluster)
+        store_vector(pairs.force[c], cluster, gx, gy, gz)
 
 
 @jit

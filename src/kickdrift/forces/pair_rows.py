@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from kickdrift.forces.cluster_sums import chunk_memory
+from kickdrift.forces.cluster_sums import force_memory, thread_memory
 from kickdrift.forces.clusters import (
     APART,
     SHIFTS,
@@ -41,31 +41,31 @@ PLACES = (
 )  # distances in the table between shifts and between rows, for rows of four particles
 
 
-def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int) -> Any:
+def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int, thread: int) -> Any:
     """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
     precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
-def _working_arrays(zero, pairs, chunks, c):
+def _working_arrays(zero, pairs, chunks, c, thread):
     if zero.vector.element == F64:
 
-        def double(zero, pairs, chunks, c):
-            forces = chunk_memory(pairs.force, pairs, chunks, c)
+        def double(zero, pairs, chunks, c, thread):
+            forces = force_memory(pairs, chunks, c, thread)
             return pairs.x, forces, forces, particle_table(pairs.x), particle_sums()
 
         return double
 
-    def tiles(zero, pairs, chunks, c):
-        forces = chunk_memory(pairs.force, pairs, chunks, c)
-        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
+    def tiles(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
         row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
         return pairs.x_single, forces, reactions, tile_table(), row_sums
 
-    def single(zero, pairs, chunks, c):
-        forces = chunk_memory(pairs.force, pairs, chunks, c)
-        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
+    def single(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
         return pairs.x_single, forces, reactions, particle_table(pairs.x_single), particle_sums()
 
     return tiles if zero == single_type else single

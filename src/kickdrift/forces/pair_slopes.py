@@ -194,11 +194,11 @@ def collect_slopes(force, a, directions, first):
 
 
 @chunk_task
-def chunk_forces_and_slopes(force, c):
+def chunk_forces_and_slopes(force, c, thread):
     """Sum the forces of chunk c's pairs and their variations along one deviation into the chunk's own arrays."""
     never_inline()
     own, u, s = force.force, flat(force.deviations), flat(force.slopes[c])
-    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c)
+    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c, thread)
     laws = own.law, own.at_cutoff, own.truncation, own.tables
     add_special_slopes(own.pairs.special, laws, own.pairs, u, s, 1, c, own.cutoff**2)
 
@@ -214,7 +214,7 @@ def chunk_slopes(force, c):
 def sum_slopes(force, u, s, number, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, _, _, table, _ = working_arrays(zero, pairs, force.chunks, c)
+    x, _, _, table, _ = working_arrays(zero, pairs, force.chunks, c, 0)
     rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     clusters, room = pairs.counts[N_CLUSTERS], pairs.x.size // STRIDE
     longest = 0

@@ -10,7 +10,7 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
-from kickdrift.forces.cluster_sums import add_to_total, in_turn
+from kickdrift.forces.cluster_sums import hand_over
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.fetching import fetch_streams, streams
 from kickdrift.forces.intra_cluster import own_pairs, row_start
@@ -44,26 +44,26 @@ from kickdrift.jit.vectors import WIDTH
 
 
 @chunk_task
-def chunk_forces(force, c):
+def chunk_forces(force, c, thread):
     """Sum the forces of chunk c's pairs into the chunk's own array."""
     never_inline()
-    sum_pairs(force, None, None, c)
+    sum_pairs(force, None, None, c, thread)
 
 
 @chunk_task
-def chunk_forces_and_sums(force, c):
+def chunk_forces_and_sums(force, c, thread):
     """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
     never_inline()
-    sum_pairs(force, force.sums, None, c)
+    sum_pairs(force, force.sums, None, c, thread)
 
 
 @as_written
-def sum_pairs(force, sums, deviation, c):
+def sum_pairs(force, sums, deviation, c, thread):
     """Sum the forces of chunk c's pairs. If they are not None, also sum energy and virial, and the variation along one
     `Deviation`."""
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c)
+    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c, thread)
     rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
@@ -76,13 +76,13 @@ def sum_pairs(force, sums, deviation, c):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs, x, reactions)
+    rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         first = rows_each * cluster
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
-        fetch_streams(front, pairs, x, reactions, cluster)
+        fetch_streams(front, pairs, x, reactions, cluster, zero)
         fill_table(table, pairs, cluster, used[cluster], zero)
         # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
         # once: the sums of this step, the forces of the next, and the displacements of the step after that.
@@ -150,8 +150,7 @@ def sum_pairs(force, sums, deviation, c):
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)
-            if in_turn(force.chunks):
-                add_to_total(pairs, forces, cluster, c)
+            hand_over(pairs, force.chunks, forces, cluster, c)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)

@@ -70,8 +70,10 @@ def line_aligned(array):
     return array[(-_address(array) & (LINE - 1)) // array.itemsize :]
 
 
-def _fetching(write: int) -> Callable[..., Any]:
-    """Emitter of prefetches. Nothing is loaded, so the numbers may lie outside the array."""
+def _fetching(write: int, size: Any) -> Callable[..., Any] | None:
+    """Emitter of prefetches, if ``size`` is a literal. Nothing is loaded, so the numbers may lie outside the array."""
+    if not isinstance(size, types.IntegerLiteral):
+        return None
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
         array = context.make_array(sig.args[0])(context, builder, args[0])
@@ -79,23 +81,25 @@ def _fetching(write: int) -> Callable[..., Any]:
         begin = builder.bitcast(builder.gep(array.data, [args[1]]), byte)
         kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
         ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        for at in range(0, 3 * WIDTH * sig.args[0].dtype.bitwidth // 8, LINE):
+        for at in range(0, size.literal_value * sig.args[0].dtype.bitwidth // 8, LINE):
             builder.call(ask, [builder.gep(begin, [I32(at)]), I32(write), I32(3), I32(1)])  # to the first cache
         return context.get_dummy_value()
 
     return codegen
 
 
-@intrinsic
-def fetch_to_read(typingctx, array, index):
-    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to load them soon."""
-    return types.void(array, types.intp), _fetching(0)
+@intrinsic(prefer_literal=True)
+def fetch_to_read(typingctx, array, index, size):
+    """Ask for the cache lines of ``size`` adjacent numbers, from ``index`` on, to load them soon. ``size`` is a
+    literal."""
+    return types.void(array, types.intp, size), _fetching(0, size)
 
 
-@intrinsic
-def fetch_to_write(typingctx, array, index):
-    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to change them soon."""
-    return types.void(array, types.intp), _fetching(1)
+@intrinsic(prefer_literal=True)
+def fetch_to_write(typingctx, array, index, size):
+    """Ask for the cache lines of ``size`` adjacent numbers, from ``index`` on, to change them soon. ``size`` is a
+    literal."""
+    return types.void(array, types.intp, size), _fetching(1, size)
 
 
 @intrinsic
