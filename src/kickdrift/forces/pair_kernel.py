@@ -19,9 +19,10 @@ from kickdrift.forces.clusters import (
     ClusterList,
     copy,
 )
-from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
+from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
 from kickdrift.forces.row_lanes import RowLanes
+from kickdrift.forces.sorted_steps import take_steps
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.chunks import Chunks, each_chunk
 from kickdrift.jit.compile import driver, jit
@@ -73,7 +74,12 @@ class PairKernel(BoundForce):
         return made
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        return compute_for(kind, add_forces, fill_tables)
+        return compute_for(kind, add_forces, fill_tables, take_steps)
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the force can take steps by itself; see `sorted_steps`."""
+        return True
 
     @property
     def pairs(self) -> ClusterList:
@@ -110,15 +116,24 @@ def ask(address, work, what, x, a):
     return call_force(address, work, what, 0.0, x, x, a, None)
 
 
-def compute_for(kind: types.Type, add: Callable[..., int], complete: Callable[..., int]) -> Callable[..., int]:
+@jit
+def take_none(force, plan, x, v, a):
+    return OK
+
+
+def compute_for(
+    kind: types.Type, add: Callable[..., int], complete: Callable[..., int], take: Callable[..., int] = take_none
+) -> Callable[..., int]:
     """All tasks for this type of ``parts`` with a list of pairs, as a function to compile for its address.
 
-    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it. Both
-    return a status."""
+    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it.
+    ``take(force, plan, x, v, a)`` takes steps. All return a status."""
     restore = handle_at(Handle(kind))
 
     def compute(work, what, n, t, x, v, a, sums):
         force = restore(work)
+        if what == TAKE_STEPS:
+            return take(force, carray(sums, (int(t),)), carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
         if what == REMAKE:
             status = remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
             return complete(force) if status == OK else status
@@ -179,7 +194,7 @@ def add_forces(force, wanted, x, a, sums):
         scaled = scaled_tail(pairs, force.tail_volume)
         sums[0] += scaled * force.tail[0]
         sums[1] += scaled * force.tail[1]
-    add_accelerations(force.mixed, force, a)
+    add_accelerations(force, a)
     return OK
 
 

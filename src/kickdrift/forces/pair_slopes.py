@@ -131,7 +131,7 @@ def add_one(force, wanted, t, x, v, a, sums):
     place_deviations(force, x, 1, 0)
     each_chunk(force, force.chunks, "chunk_forces_and_slopes")
     if not wanted:
-        add_accelerations(own.mixed, own, force.a)
+        add_accelerations(own, force.a)
     add_particles(force, a)
     collect_slopes(force, a, 1, 0)
     return OK
