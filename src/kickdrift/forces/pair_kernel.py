@@ -14,34 +14,19 @@ from kickdrift.forces.box_change import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
     BUILT,
-    OUTER_BUILDS,
-    STRIDE,
     ClusterList,
     copy,
 )
 from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
+from kickdrift.forces.pair_upkeep import fill_tables, refresh_force
 from kickdrift.forces.row_lanes import RowLanes
 from kickdrift.forces.sorted_steps import take_steps
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.chunks import Chunks, each_chunk
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
-from kickdrift.jit.inner import overload
-from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
-
-
-class Tables(NamedTuple):
-    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
-    parameter."""
-
-    law: NDArray[np.float64]  # (parameters, species, slots)
-    at_cutoff: NDArray[np.float64]  # (2, species, slots)
-    law_pairs: NDArray[np.float64]  # (parameters, species, species)
-    at_cutoff_pairs: NDArray[np.float64]  # (2, species, species)
-    species: NDArray[np.int64]  # (n,)
-    row: NDArray[np.int64]  # (slots,) species in each slot
 
 
 class PairWork(NamedTuple):
@@ -159,24 +144,6 @@ def remake(force, built_at, pruned_at):
 
 
 @jit
-def fill_tables(force):
-    """Write the parameters of each pair of species to the slots of a new list; return a status."""
-    spread(force.tables, force.pairs)
-    return OK
-
-
-@jit
-def refresh_force(force, x):
-    """Update the list, and what belongs to its slots, for positions x (3, n); return a status."""
-    pairs = force.pairs
-    builds = pairs.counts[OUTER_BUILDS]
-    status = refresh(pairs, x, force.chunks)
-    if status == OK and pairs.counts[OUTER_BUILDS] != builds:
-        spread(force.tables, pairs)
-    return status
-
-
-@jit
 def add_forces(force, wanted, x, a, sums):
     """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
@@ -196,27 +163,3 @@ def add_forces(force, wanted, x, a, sums):
         sums[1] += scaled * force.tail[1]
     add_accelerations(force, a)
     return OK
-
-
-def spread(tables: Any, pairs: ClusterList) -> None:
-    """After a sort, write the parameters of each pair of species to the slots."""
-
-
-@overload(spread)
-def _spread(tables, pairs):
-    if isinstance(tables, types.NoneType):
-        return lambda tables, pairs: None
-
-    def spread_tables(tables, pairs):
-        for i in range(pairs.place.size):
-            p = pairs.place[i]
-            s = p // STRIDE * WIDTH + p % STRIDE
-            of_i = tables.species[i]
-            tables.row[s] = of_i
-            for row in range(tables.law.shape[1]):
-                for k in range(tables.law.shape[0]):
-                    tables.law[k, row, s] = tables.law_pairs[k, row, of_i]
-                for k in range(2):
-                    tables.at_cutoff[k, row, s] = tables.at_cutoff_pairs[k, row, of_i]
-
-    return spread_tables

@@ -37,9 +37,10 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.law_lanes import pair_slopes
-from kickdrift.forces.pair_kernel import PairKernel, refresh_force
+from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, store_row_force, working_arrays
 from kickdrift.forces.pair_sum import sum_pairs
+from kickdrift.forces.pair_upkeep import refresh_force
 from kickdrift.forces.pair_variation import Deviation
 from kickdrift.forces.row_lanes import blocks, nothing
 from kickdrift.forces.special_pairs import UNSHIFTED, is_inside

@@ -1,11 +1,11 @@
 """Steps of kicks and drifts with the particles in the order of their clusters.
 
-Between two searches of its pair list, a force can take whole steps by itself. One sweep over the clusters kicks and
-drifts the particles, brings them to their places in the list, and notes how far they moved. Then the pairs are summed.
-So a step goes through memory once, in its order, beside the sum. The particles get and leave this order as a stretch of
-steps begins and ends.
+A pair force can take whole steps by itself, if it acts alone. One sweep over the clusters kicks and drifts the
+particles, brings them to their places in the list, and notes how far they moved. Then the pairs are summed. So a step
+goes through memory once, in its order, beside the sum. Particles change to this order where steps begin, and back where
+they end. A search for a new list needs the user's order too.
 
-A sweep rounds like kicks, drifts and copies one after the other. So runs have the same bits with stretches or without.
+A sweep rounds like kicks, drifts and copies one after the other. So all runs have the same bits.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from kickdrift.forces.evaluate import clear
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.list_code import outlasts
 from kickdrift.forces.pair_rows import copy_to_single
+from kickdrift.forces.pair_upkeep import refresh_force
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
@@ -73,10 +74,11 @@ class Crossing(NamedTuple):
 
 @jit
 def take_steps(force, plan, x, v, a):
-    """Take steps while the pair list lasts, at most ``plan[STEPS]``, and note in the plan how far they came.
+    """Take up to ``plan[STEPS]`` steps, and note in the plan how far they came. They stop early before an evaluation
+    that only the caller can take: at a list without room, or of particles that flew apart.
 
-    The state and the accelerations are the caller's, (3, n). Nothing is taken if the numbers stop being finite: the
-    caller's own loop then fails at the right step."""
+    The state and the accelerations are the caller's, (3, n). If numbers are not finite, the state stays as it was
+    after the last search: the caller's own steps then fail at the right step."""
     pairs, chunks, count = force.pairs, force.chunks, int(plan[STAGES])
     kicks, drifts, spans = plan[HEAD : HEAD + count], plan[HEAD + count : HEAD + 2 * count], plan[HEAD + 2 * count :]
     fresh, stage, taken, evaluated, steps, dt = plan[HOLDS] != 0.0, 0, 0, 0, int(plan[STEPS]), plan[DT]
@@ -84,14 +86,19 @@ def take_steps(force, plan, x, v, a):
         return OK
     crossing = handle(Crossing(pairs, chunks, force.inverse_masses, x, v, a))
     each_chunk(crossing, chunks, "enter_chunk")
-    source = ROW if fresh else NONE
-    mean = no_mean_yet(force.mixed)
-    if not fresh and kicks[0] != 0.0:
-        each_chunk(handle(Sweep(pairs, chunks, NONE, mean, spans[:0], 0.0)), chunks, "sweep_chunk")
+    if fresh:
+        each_chunk(crossing, chunks, "enter_accelerations")
+    else:
+        each_chunk(handle(Sweep(pairs, chunks, NONE, no_mean_yet(force.mixed), spans[:0], 0.0)), chunks, "sweep_chunk")
+    source, mean = ROW, no_mean_yet(force.mixed)
     while taken < steps:
         if not fresh and kicks[stage] != 0.0:
             if outlasts(pairs, chunks) != OK:
-                break
+                each_chunk(crossing, chunks, "leave_chunk")
+                note(plan, taken, evaluated, stage, fresh)
+                if refresh_force(force, x) != OK:
+                    return OK
+                each_chunk(crossing, chunks, "enter_chunk")
             each_chunk(force, chunks, "chunk_forces")
             mean = collected_mean(force.mixed, pairs, chunks)
             fresh, source, evaluated = True, GIVEN, evaluated + 1
@@ -114,32 +121,52 @@ def take_steps(force, plan, x, v, a):
     if fresh and evaluated:
         clear(a)
         add_collected(force, mean, a)
-    plan[TAKEN], plan[EVALUATED], plan[NEXT], plan[HOLDS] = taken, evaluated, stage, fresh
+    note(plan, taken, evaluated, stage, fresh)
     return OK
+
+
+@jit
+def note(plan, taken, evaluated, stage, fresh):
+    """Write to the plan how far the steps came."""
+    plan[TAKEN], plan[EVALUATED], plan[NEXT], plan[HOLDS] = taken, evaluated, stage, fresh
 
 
 @chunk_task
 def enter_chunk(crossing, c):
-    """Copy the particles of chunk c's clusters to the order of the clusters: positions, velocities, accelerations and
-    inverse masses. Empty places get a particle that rests and feels nothing."""
+    """Copy positions, velocities and inverse masses of the particles of chunk c's clusters to the order of the
+    clusters. An empty place gets a particle that rests and feels nothing."""
     never_inline()
-    pairs, x, v, a = crossing.pairs, crossing.x, crossing.v, crossing.a
-    order, row = pairs.order, pairs.force[0]
+    pairs, x, v, inverse_masses = crossing.pairs, crossing.x, crossing.v, crossing.inverse_masses
     own_x, own_v, weights = moving_parts(pairs)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        first, filled, at = pairs.first[cluster], pairs.filled[cluster], STRIDE * cluster
+        first, at = unsigned(pairs.first[cluster]), unsigned(STRIDE * cluster)
+        filled, eight = unsigned(pairs.filled[cluster]), unsigned(WIDTH * cluster)
         for lane in range(filled):
-            i = unsigned(order[first + lane])
-            weights[WIDTH * cluster + lane] = crossing.inverse_masses[i]
+            i, p = unsigned(pairs.order[first + lane]), at + lane
+            weights[eight + lane] = inverse_masses[i]
+            own_x[p], own_x[p + LANES], own_x[p + LANES + LANES] = x[0, i], x[1, i], x[2, i]
+            own_v[p], own_v[p + LANES], own_v[p + LANES + LANES] = v[0, i], v[1, i], v[2, i]
+        for lane in range(filled, LANES):
+            weights[eight + lane] = 0.0
             for k in range(3):
-                p = unsigned(at + WIDTH * k + lane)
-                own_x[p], own_v[p], row[p] = x[k, i], v[k, i], a[k, i]
-        for lane in range(filled, WIDTH):
-            weights[WIDTH * cluster + lane] = 0.0
-            for k in range(3):
-                p = at + WIDTH * k + lane
-                own_x[p], own_v[p], row[p], pairs.offset[p] = pairs.x[p], 0.0, 0.0, 0.0
+                p = at + LANES * unsigned(k) + lane
+                own_x[p], own_v[p], pairs.offset[p] = pairs.x[p], 0.0, 0.0
+
+
+@chunk_task
+def enter_accelerations(crossing, c):
+    """Copy the accelerations to the order of the clusters."""
+    never_inline()
+    pairs, a = crossing.pairs, crossing.a
+    row = pairs.force[0]
+    begin, end = chunk_clusters(pairs, c)
+    for cluster in range(begin, end):
+        first, at = unsigned(pairs.first[cluster]), unsigned(STRIDE * cluster)
+        store_vector(row, cluster, splat(0.0), splat(0.0), splat(0.0))
+        for lane in range(unsigned(pairs.filled[cluster])):
+            i, p = unsigned(pairs.order[first + lane]), at + lane
+            row[p], row[p + LANES], row[p + LANES + LANES] = a[0, i], a[1, i], a[2, i]
 
 
 @chunk_task
