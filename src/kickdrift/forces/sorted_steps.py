@@ -137,13 +137,14 @@ def enter_chunk(crossing, c):
     clusters. An empty place gets a particle that rests and feels nothing."""
     never_inline()
     pairs, x, v, inverse_masses = crossing.pairs, crossing.x, crossing.v, crossing.inverse_masses
+    order, firsts, fillings, places, offset = pairs.order, pairs.first, pairs.filled, pairs.x, pairs.offset
     own_x, own_v, weights = moving_parts(pairs)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        first, at = unsigned(pairs.first[cluster]), unsigned(STRIDE * cluster)
-        filled, eight = unsigned(pairs.filled[cluster]), unsigned(WIDTH * cluster)
+        first, at = unsigned(firsts[cluster]), unsigned(STRIDE * cluster)
+        filled, eight = unsigned(fillings[cluster]), unsigned(WIDTH * cluster)
         for lane in range(filled):
-            i, p = unsigned(pairs.order[first + lane]), at + lane
+            i, p = unsigned(order[first + lane]), at + lane
             weights[eight + lane] = inverse_masses[i]
             own_x[p], own_x[p + LANES], own_x[p + LANES + LANES] = x[0, i], x[1, i], x[2, i]
             own_v[p], own_v[p + LANES], own_v[p + LANES + LANES] = v[0, i], v[1, i], v[2, i]
@@ -151,7 +152,7 @@ def enter_chunk(crossing, c):
             weights[eight + lane] = 0.0
             for k in range(3):
                 p = at + LANES * unsigned(k) + lane
-                own_x[p], own_v[p], pairs.offset[p] = pairs.x[p], 0.0, 0.0
+                own_x[p], own_v[p], offset[p] = places[p], 0.0, 0.0
 
 
 @chunk_task
@@ -159,13 +160,13 @@ def enter_accelerations(crossing, c):
     """Copy the accelerations to the order of the clusters."""
     never_inline()
     pairs, a = crossing.pairs, crossing.a
-    row = pairs.force[0]
+    row, order, firsts, fillings = pairs.force[0], pairs.order, pairs.first, pairs.filled
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        first, at = unsigned(pairs.first[cluster]), unsigned(STRIDE * cluster)
+        first, at = unsigned(firsts[cluster]), unsigned(STRIDE * cluster)
         store_vector(row, cluster, splat(0.0), splat(0.0), splat(0.0))
-        for lane in range(unsigned(pairs.filled[cluster])):
-            i, p = unsigned(pairs.order[first + lane]), at + lane
+        for lane in range(unsigned(fillings[cluster])):
+            i, p = unsigned(order[first + lane]), at + lane
             row[p], row[p + LANES], row[p + LANES + LANES] = a[0, i], a[1, i], a[2, i]
 
 
