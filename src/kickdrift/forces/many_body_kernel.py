@@ -50,7 +50,7 @@ class ManyBodyWork(NamedTuple):
 class ManyBodyKernel(PairKernel):
     """A bound many-body force: ``parts`` is a ManyBodyWork."""
 
-    takes_steps = False  # type: ignore[assignment]
+    takes_steps = False
 
     @property
     def row_room(self) -> int:
