@@ -77,6 +77,7 @@ class ClusterList(NamedTuple):
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
     moves: NDArray[np.float64]  # (chunks, 2) see `note_moves`
+    moving: NDArray[np.float64]  # (7 slots,) for steps in the order of the clusters, else empty; see `sorted_steps`
     code: int = 0  # address of the list's machine code
     special: Any = None  # pairs that are left out or scaled, if any; see `special_pairs`
 
@@ -173,6 +174,7 @@ def cluster_list(
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
         moves=np.zeros((chunks, 2)),
+        moving=aligned((0,)),
     )
 
 

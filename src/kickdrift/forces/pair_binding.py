@@ -10,7 +10,8 @@ from kickdrift.forces.box_change import volume_of
 from kickdrift.forces.clusters import (
     cluster_list,
 )
-from kickdrift.forces.pair_kernel import PairKernel, PairWork, Tables
+from kickdrift.forces.pair_kernel import PairKernel, PairWork
+from kickdrift.forces.pair_upkeep import Tables
 from kickdrift.forces.row_lanes import row_lanes
 from kickdrift.forces.special_pairs import special_of
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch

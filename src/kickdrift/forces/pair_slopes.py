@@ -38,9 +38,10 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.law_lanes import pair_slopes
-from kickdrift.forces.pair_kernel import PairKernel, refresh_force
+from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, working_arrays
 from kickdrift.forces.pair_sum import sum_pairs
+from kickdrift.forces.pair_upkeep import refresh_force
 from kickdrift.forces.pair_variation import Deviation
 from kickdrift.forces.row_ends import store_row_force
 from kickdrift.forces.row_lanes import blocks, nothing
@@ -133,7 +134,7 @@ def add_one(force, wanted, t, x, v, a, sums):
     place_deviations(force, x, 1, 0)
     each_chunk(force, force.chunks, "chunk_forces_and_slopes")
     if not wanted:
-        add_accelerations(own.mixed, own, force.a)
+        add_accelerations(own, force.a)
     add_particles(force, a)
     collect_slopes(force, a, 1, 0)
     return OK
