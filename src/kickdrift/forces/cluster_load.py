@@ -53,10 +53,19 @@ def move_since(pairs, reference, which):
     finite. The chunks have noted theirs, which count in a box that keeps its size."""
     if changed_since(pairs, which):
         return largest_own_move(pairs, reference, which)
-    largest, total = 0.0, 0.0
+    largest = 0.0
     for c in range(pairs.moves.shape[0]):
-        largest, total = max(largest, pairs.moves[c, 0]), total + pairs.moves[c, 1]
-    return largest, total
+        largest = max(largest, pairs.moves[c, 0])
+    return largest, total_move(pairs)
+
+
+@jit
+def total_move(pairs):
+    """Return a number that is finite if all noted moves are."""
+    total = 0.0
+    for c in range(pairs.moves.shape[0]):
+        total += pairs.moves[c, 1]
+    return total
 
 
 @jit

@@ -16,7 +16,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.cluster_load import AT_ONCE, add_moves, note_moves
+from kickdrift.forces.cluster_load import AT_ONCE, add_moves, note_moves, total_move
 from kickdrift.forces.cluster_sums import add_collected, collected_mean, forces_on, no_mean_yet
 from kickdrift.forces.clusters import BUILT, LANES, STRIDE, chunk_clusters, load_vector, store_vector, unsigned
 from kickdrift.forces.evaluate import clear
@@ -113,7 +113,7 @@ def take_steps(force, plan, x, v, a):
                 stage, taken = 0, taken + 1
         sweep = Sweep(pairs, chunks, source if kicked else NONE, mean, spans[:kicked], drift)
         each_chunk(handle(sweep), chunks, "sweep_chunk")
-        if not is_finite(pairs.moves[:, 1].sum()):
+        if not is_finite(total_move(pairs)):
             pairs.counts[BUILT] = 0
             return OK
         fresh = fresh and drift == 0.0
