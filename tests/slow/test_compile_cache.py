@@ -70,7 +70,7 @@ class Workshop:
         """Copy the package's own code from other tests' cache, if any. The pair list, above all, takes three times as
         long to compile as a law."""
         jit = folder() / "jit"
-        for pattern in ("forces.list_code.*.nbc", "forces.evaluate.measure.*.nbc", "jit.handle.put_array.*.nbc"):
+        for pattern in ("forces.list_code.*.nbc", "forces.evaluate.measure.*.nbc"):
             for path in jit.rglob(pattern):
                 copy = self.cache / "jit" / path.relative_to(jit)
                 copy.parent.mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ class Workshop:
         (self.path / name).write_text("\n".join(parts))
 
     def run(self, script="script.py"):
-        """Output of the script, and the number of new compiled functions, without those that write parameters."""
+        """Output of the script, and the number of new compiled functions."""
         before = self.compiled()
         command = [sys.executable, "-B", script, str(self.cache)]
         done = subprocess.run(command, cwd=self.path, capture_output=True, text=True, timeout=300)
@@ -88,7 +88,7 @@ class Workshop:
         return [float(word) for word in done.stdout.split()], len(self.compiled() - before)
 
     def compiled(self):
-        return {path for path in self.cache.rglob("*.nbc") if "put_array" not in path.name}
+        return {*self.cache.rglob("*.nbc")}
 
 
 @pytest.fixture

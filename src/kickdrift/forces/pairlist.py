@@ -38,7 +38,7 @@ from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.forces.pair_rows import copy_to_single
 from kickdrift.forces.row_lanes import Tiles, blocks
 from kickdrift.forces.special_pairs import clear_special, mark_special, place_special, without_special
-from kickdrift.forces.tile_rows import write_tiles
+from kickdrift.forces.tile_rows import all_within, write_tiles
 from kickdrift.jit.chunks import chunk_task, each_chunk
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
@@ -237,15 +237,17 @@ def make_rows(block: Any, pairs: Any, c: int) -> None:
 @overload(make_rows)
 def _make_rows(block, pairs, c):
     if block.instance_class is Tiles:
-        return lambda block, pairs, c: write_tiles(pairs, c, all_within)
+        return lambda block, pairs, c: write_tiles(pairs, c)
     return lambda block, pairs, c: particle_rows(pairs, c)
 
 
-@jit
-def all_within(pairs, cluster, other, s):
-    """Return 64 bits that mark the pairs of two clusters within reach; see `pairs_within`."""
-    table = np.empty(4 * 6 * WIDTH, np.float32)
-    return pairs_within(pairs, cluster, other, s, spread_rows(pairs, cluster, table), table)
+@overload(all_within)
+def _all_within(pairs, cluster, other, s):
+    def within(pairs, cluster, other, s):
+        table = np.empty(4 * 6 * WIDTH, np.float32)
+        return pairs_within(pairs, cluster, other, s, spread_rows(pairs, cluster, table), table)
+
+    return within
 
 
 @as_written

@@ -6,6 +6,8 @@ the chunk's own clusters.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from kickdrift.forces.clusters import (
@@ -31,11 +33,16 @@ UNSHIFTED = SHIFTS // 2
 ALL = 0xFFFF  # bits of 16 lanes
 
 
-@jit
-def write_tiles(pairs, c, pairs_within):
-    """Write chunk c's rows of tiles.
+def all_within(pairs: Any, cluster: int, other: int, s: int) -> int:
+    """Return 64 bits that mark the pairs of two clusters within reach; see `pairlist`, which imports this module.
 
-    ``pairs_within(pairs, cluster, other, s, reach2, table)`` returns 64 bits for special pairs of clusters."""
+    A function that takes a compiled function as an argument would not be kept on disk."""
+    raise NotImplementedError("for compiled code")
+
+
+@jit
+def write_tiles(pairs, c):
+    """Write chunk c's rows of tiles."""
     span, near, rows, start, used = pairs.near_span, pairs.near[c], pairs.rows[c], pairs.row_start[c], pairs.used[c]
     x, zero, table = pairs.x_single, joined(0.0, 0.0), tile_table()
     begin, end = chunk_clusters(pairs, c)
@@ -71,7 +78,7 @@ def write_tiles(pairs, c, pairs_within):
                 | in_reach(table, place + PER_ROW, high, reach2) << 3
             )
             if is_special(pairs.special, c, other):
-                bits = pairs_within(pairs, cluster, other, s)
+                bits = all_within(pairs, cluster, other, s)
                 without_special(pairs.special, pairs.place, c, cluster, near[first + k], bits, filled)
                 members[k] = 0
             shifts |= int(members[k] != 0) << s

@@ -32,6 +32,10 @@ from kickdrift.jit.sources import Sources
 FunctionIdentity._unique_ids = count(secrets.randbits(60))
 
 
+PRUNED_EVERY = 20  # saves of a process; looking at all files takes longer than a save
+_saved = count()
+
+
 class DriverCache:
     """Cache of one driver, with the methods that numba calls. Reads code from every private place, and writes to the
     one writable place."""
@@ -104,7 +108,8 @@ class DriverCache:
         except OSError:
             return
         use(path)
-        prune(path.parent)
+        if next(_saved) % PRUNED_EVERY == 0:
+            prune(path.parent)
 
     def enable(self) -> None: ...
 

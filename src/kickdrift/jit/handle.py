@@ -9,6 +9,7 @@ keeps nothing alive.
 from __future__ import annotations
 
 import ctypes
+import struct
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -19,7 +20,6 @@ from numba import typeof, types
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
 
-from kickdrift.jit.compile import driver
 from kickdrift.jit.numba_private import (
     AttributeTemplate,
     as_dtype,
@@ -162,22 +162,13 @@ def _offsets(kind: types.BaseTuple) -> tuple[int, ...]:
     return tuple(whole.get_element_offset(context.target_data, k) for k in range(len(kind)))
 
 
-@driver
-def put_array(array, place):
-    """Write the structure of an array, without its owner, to the memory at ``place``."""
-    write_at(place, array)
-
-
-@intrinsic
-def write_at(typingctx, place, array):
-    """Write an array's structure to an address."""
-
-    def codegen(context, builder, sig, args):
-        value = _unowned(context, builder, array, args[1])
-        builder.store(value, builder.inttoptr(args[0], value.type.as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(types.intp, array), codegen
+def put_array(array: NDArray[Any], place: int) -> None:
+    """Write the structure of an array to the memory at ``place``, in numba's layout: no owner, no parent, the number of
+    items, their size, their address, shape and strides."""
+    address = array.__array_interface__["data"][0]
+    numbers = (0, 0, array.size, array.itemsize, address, *array.shape, *array.strides)
+    structure = struct.pack(f"{len(numbers)}n", *numbers)
+    ctypes.memmove(place, structure, len(structure))
 
 
 def handle_at(kind: Handle) -> Any:

@@ -6,11 +6,13 @@ import json
 
 import numpy as np
 import pytest
+from numba import typeof
 from typer.testing import CliRunner
 
 import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
+from kickdrift.forces import list_code
 from kickdrift.forces.bound import BoundForces
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.run_defaults import RunDefaults
@@ -49,6 +51,15 @@ def test_forces_and_sums_are_those_of_float64_but_for_float32s_rounding(n, shape
     assert abs(mixed.pairs - double.pairs) <= 2  # pairs at the cutoff itself
     assert mixed.potential == pytest.approx(double.potential, rel=1e-5)
     assert mixed.virial == pytest.approx(double.virial, rel=1e-5)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_the_disk_keeps_the_code_of_lists_and_forces(mixed):
+    """Code that refers to an object of one process cannot be kept; then each process compiles for seconds."""
+    system = liquid()
+    (force,) = BoundForces(system, mixed=mixed).forces
+    codes = [list_code._CODE[typeof(force.ready().pairs)], type(force)._compiled_for[typeof(force.ready().parts)]]
+    assert not any(code._library.has_dynamic_globals for code in codes)
 
 
 def test_an_open_box():

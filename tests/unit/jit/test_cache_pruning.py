@@ -3,6 +3,7 @@ use."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -117,6 +118,7 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
     monkeypatch.setattr(code_cache, "warm", lambda: ())
     monkeypatch.setattr(pruning, "_used", set())
     monkeypatch.setattr(pruning, "BYTES", 1)
+    monkeypatch.setattr(code_cache, "PRUNED_EVERY", 1)
 
     def compiled(number):
         assert driver(lambda x: x + number)(1.0) == 1.0 + number
@@ -126,8 +128,14 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
     assert len(compiled(2.0)) == 2, "this process still uses the first"
     pruning._used.clear()
     assert len(compiled(3.0)) == 1
+    monkeypatch.setattr(code_cache, "PRUNED_EVERY", 2)
+    monkeypatch.setattr(code_cache, "_saved", itertools.count(1))
+    pruning._used.clear()
+    assert len(compiled(4.0)) == 2, "not every save looks for old code"
+    pruning._used.clear()
+    assert len(compiled(5.0)) == 1
     monkeypatch.setattr(code_cache, "prune", lambda folder: (_ for _ in ()).throw(AssertionError))
-    assert len(compiled(3.0)) == 1, "nothing may be saved"
+    assert len(compiled(5.0)) == 1, "nothing may be saved"
 
 
 @pytest.mark.long
@@ -135,7 +143,7 @@ def test_processes_that_save_and_prune_at_once(tmp_path):
     """Each process gets its results, whatever the others remove."""
     script = (
         "import sys; from pathlib import Path; import kickdrift.jit.cache as c; from kickdrift.jit import pruning;"
-        "pruning.BYTES = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"
+        "pruning.BYTES = 1; c.PRUNED_EVERY = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"
         "from kickdrift.jit.compile import driver;"
         "made = lambda n: driver(lambda x: x + n)(1.0);"
         "print(sum(made(float(n)) for n in range(12)))"
