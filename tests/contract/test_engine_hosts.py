@@ -87,7 +87,7 @@ def test_machines_that_cannot_be_reached_and_engines_without_processes(tmp_path)
         "ssh: connect to host node2 port 22: Connection refused",
     ),
     (
-        "[mpiexec@node1] HYDU_create_process (/src/launch.c:73): execvp error on file /ssh (No such file or directory)\n"
+        "[mpiexec@node1] HYDU_create_process (/src/launch.c:7): execvp error on file /ssh (No such file or directory)\n"
         "[mpiexec@node1] main (/src/mpiexec/mpiexec.c:270): process manager error waiting for completion",
         "execvp error on file /ssh (No such file or directory)",
     ),

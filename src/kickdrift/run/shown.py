@@ -37,8 +37,9 @@ class ShownReport(Shown):
             lines.append(("engine", f"{self.engine} {self.engine_version}{where}"))
         chosen = {"dt": self.dt, "rtol": self.rtol, "atol": self.atol, **self.options}
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
+        steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
-        lines.append(("length", f"{self.steps:,} steps{rejected}, {measured(f'{self.time:g}', time_unit)}"))
+        lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))
         if self.y is not None:
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
         energy_unit = units.symbol("energy") if units else ""
