@@ -116,7 +116,7 @@ class ShownSimulation(Shown):
 
 
 def took_text(report: Any) -> str:
-    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    """Shares of a run's time: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
     seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
     total = sum(seconds.values())
     decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4

@@ -164,7 +164,7 @@ def _state(found: dict[str, Any]) -> str:
 
 @unwarned
 def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
-    """What a report says of energy, momentum, temperature and pressure, from the samples."""
+    """Statements of a report on energy, momentum, temperature and pressure, from the samples."""
     seen = samples.observables
     found: dict[str, Any] = {}
     if len(samples.steps) and {"total_energy", "kinetic_energy"} <= seen.keys():
