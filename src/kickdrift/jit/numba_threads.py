@@ -62,7 +62,7 @@ def _code() -> Any:
 def _share(team, code, place, count):
     if not replace(read(team + TURNS), 0, 1):
         for c in range(count):
-            call_task(code, place, c)
+            call_task(code, place, c, 0)
         return
     write(team + LEFT, count)
     _share_out(team, code, place, count, min(read(team + THREADS), count))
@@ -74,7 +74,7 @@ def _share_out(team, code, place, count, threads):
     for thread in prange(threads):
         left = add(team + LEFT, -1)
         while left >= 0:
-            call_task(code, place, count - 1 - left)
+            call_task(code, place, count - 1 - left, thread)
             if thread > 0:
                 add(team + HELPED, 1)
             left = add(team + LEFT, -1)
