@@ -14,6 +14,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.engines import hosts as other_machines
+from kickdrift.engines import lammps_processes
 from kickdrift_validation.performance.scaling_engine import two_namespaces, way_there
 
 HOW = {"engine": "lammps", "integrator": "velocity-verlet"}
@@ -76,6 +77,35 @@ def test_machines_that_cannot_be_reached_and_engines_without_processes(tmp_path)
         kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts).run(1)
     with pytest.raises(kd.InputError, match=r"^engine 'native': hosts: native runs on this machine alone; only lammps"):
         kd.Simulation(kd.load("lj-1000"), hosts=hosts)
+
+
+@pytest.mark.parametrize(("said", "cause"), [
+    (
+        "ssh: connect to host node2 port 22: Connection refused\n"
+        "[mpiexec@node1] ui_cmd_cb (/src/mpiexec/pmiserv_pmci.c:51): Launch proxy failed.\n"
+        "[mpiexec@node1] main (/src/mpiexec/mpiexec.c:270): process manager error waiting for completion",
+        "ssh: connect to host node2 port 22: Connection refused",
+    ),
+    (
+        "[mpiexec@node1] HYDU_create_process (/src/launch.c:7): execvp error on file /ssh (No such file or directory)\n"
+        "[mpiexec@node1] main (/src/mpiexec/mpiexec.c:270): process manager error waiting for completion",
+        "execvp error on file /ssh (No such file or directory)",
+    ),
+    (
+        "Warning: Permanently added 'node2' to the list of known hosts.\nTraceback (most recent call last):\n"
+        "ModuleNotFoundError: No module named 'kickdrift'\n"
+        "[mpiexec@node1] main (/src/mpiexec/mpiexec.c:270): process manager error waiting for completion",
+        "ModuleNotFoundError: No module named 'kickdrift'",
+    ),
+])  # fmt: skip
+def test_processes_that_do_not_start_say_why(said, cause, monkeypatch, tmp_path):
+    """The lines are those of MPICH 5.0.2."""
+    program = tmp_path / "mpiexec"
+    program.write_text(f"#!/bin/sh\ncat >&2 <<'END'\n{said}\nEND\nexit 255\n")
+    program.chmod(0o700)
+    monkeypatch.setattr(lammps_processes, "mpiexec", lambda: program)
+    with pytest.raises(RuntimeError, match=f"^mpiexec ended with status 255: {re.escape(cause)}$"):
+        lammps_processes.Processes(2)
 
 
 @pytest.mark.long

@@ -35,7 +35,7 @@ def with_tableau() -> list[str]:
 
 
 def conditions(name: str) -> Iterator[Claim]:
-    """Of the order stated and of the next."""
+    """Claims on the order conditions of the stated order and of the next one."""
     method = integrator(name)
     assert method.butcher is not None
     a, b = method.butcher
@@ -57,7 +57,7 @@ def beside_scipy(name: str) -> Claim:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Of every method with a tableau."""
+    """Claims on every method with a tableau."""
     for name in with_tableau():
         yield from conditions(name)
     for name in SCIPY:

@@ -165,7 +165,7 @@ def triangle() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """Of all cases, or of the quick ones."""
+    """Claims on all cases if ``long``, else on the quick cases."""
     rows = triangle()
     try:
         import rebound

@@ -45,7 +45,7 @@ WORKERS, SEED = 2, 1
 
 
 class Mean(NamedTuple):
-    """Of the replicas at a state, and what the equation says there."""
+    """Mean of the replicas at a state, and the value of the equation there."""
 
     density: float
     temperature: float
@@ -122,7 +122,7 @@ def draw(means: list[Mean], path: Path) -> None:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
-    """Of one state, or of all."""
+    """Claims on all states if ``long``, else on one state."""
     replicas, means = LONG_REPLICAS if long else REPLICAS, []
     for temperature, density in STATES if long else STATES[:1]:
         table = ensemble(temperature, density, replicas).run(workers=WORKERS)

@@ -19,12 +19,12 @@ A box at rest lacks the pressure k_B T / V of its centre of mass, which the equa
 A step of 0.0025, since the kinetic energy at whole steps is low by about (omega dt)^2 / 6 of itself, omega^2 some 260
 here: 0.1 % at dt* = 0.005, more than the errors below. The bound is three errors, of the run and of the reference
 together. The equations are fits: the differences to NIST's points, which they were not forced through, show how far
-they can be trusted, and stand in the table. Of Thol 2015 at liquid densities, Allen & Tildesley's published molecular
-dynamics (md_nve_lj in the GUIDE of their examples: P* = 0.987 of 256 particles at T* = 1.0022, rho* = 0.75, 0.0029 of
-the centre of mass to be added) tells how far: its pressure is 0.0087 under the equation's, which is taken as the
-equation's error. It used to be taken as none; then runs of ours, of which the means lie 0.0083 (0.0028) under it at the
-first state (ensemble_pressures.py), pass or fail by their seed. LAMMPS, whose pressures are ours to rounding step by
-step (lj_lammps_melt.py), lies 0.0115 (0.0029) under it there.
+they can be trusted, and stand in the table. Allen & Tildesley's published molecular dynamics tell how
+far Thol 2015 can be trusted at liquid densities (md_nve_lj in the GUIDE of their examples: P* = 0.987 of 256 particles
+at T* = 1.0022, rho* = 0.75, and 0.0029 of the centre of mass to be added). Their pressure is 0.0087 below the
+equation's. This difference counts as the equation's error: without it, runs would pass or fail by their seed. The means
+of kickdrift's runs lie 0.0083 (0.0028) below the equation at the first state (ensemble_pressures.py). LAMMPS, whose
+pressures equal kickdrift's to rounding step by step (lj_lammps_melt.py), lies 0.0115 (0.0029) below the equation there.
 
 At T* = 1.5, rho* = 0.6 with the cutoff at 3 sigma the pressure lies 0.0055 (0.0011) under Thol 2016 in the mean of five
 seeds. LAMMPS shows the same from four starts of its own: 0.0062 (0.0013). The cause is open, the equation or what the

@@ -70,7 +70,7 @@ def apart(system: kd.System) -> bool:
 
 
 def pericentre_errors(name: str, orbits: int, **options: float) -> np.ndarray:
-    """Of the times of the pericentres, in periods."""
+    """Errors of the times of the pericentres, in periods."""
     sim = kd.Simulation(ellipse(), name, **options, events=[kd.Crossing.pericentre(1, 0)])
     end = (orbits + 0.3) * 2 * math.pi
     if sim.method.chooses_steps:

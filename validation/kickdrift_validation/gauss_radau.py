@@ -43,7 +43,7 @@ EPSILON = float(np.finfo(float).eps)
 
 
 def record(name: str) -> dict[str, Any]:
-    """Of a system in binary128."""
+    """Record of a system in binary128."""
     return json.loads((NBODY / "quad_states.json").read_text(encoding="utf-8"))[name]
 
 

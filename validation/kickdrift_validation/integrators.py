@@ -211,7 +211,7 @@ def study(names: list[str] | None = None) -> Iterator[Claim]:
 
 
 def fixed_claims(name: str, row: Fixed) -> Iterator[Claim]:
-    """Of a method of fixed steps."""
+    """Claims on a method with fixed steps."""
     method = integrator(name)
     found, order = ", ".join(f"{s:.3f}" for s in row.slopes), method.order
     near = sum(abs(s - order) <= ORDER for s in row.slopes)
@@ -240,8 +240,9 @@ def fixed_claims(name: str, row: Fixed) -> Iterator[Claim]:
 
 
 def adaptive_claims(name: str, slopes: list[float]) -> Iterator[Claim]:
-    """Of kickdrift's own methods: SciPy's steps are SciPy's business. On two problems, for on an orbit the part of the
-    error that grows with time may change its sign from one tolerance to another (rosenbrock's does, near 1e-8)."""
+    """Claims on kickdrift's own methods; SciPy chooses its steps itself. There are two problems: on an orbit, the part
+    of the error that grows with time may change its sign from one tolerance to another (rosenbrock's does, near
+    1e-8)."""
     if integrator(name).family != "SciPy":
         near = sum(abs(s - 1.0) <= PROPORTIONAL for s in slopes)
         text = f"{name}: powers of the tolerance that the error grows with, on {', '.join(SOLVED)}"

@@ -63,7 +63,7 @@ class Energies(NamedTuple):
 
     @property
     def slope(self) -> float:
-        """Of a line through the start, per period."""
+        """Slope of a line through the start, per period."""
         return float(self.periods @ self.error / (self.periods @ self.periods))
 
     @property
@@ -239,7 +239,7 @@ def draw(found: dict[str, Energies], target: Path) -> Path:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """Of a tenth of the periods, or of all."""
+    """Claims on all periods if ``long``, else on a tenth of them."""
     return study(LONG if long else SHORT, figures)
 
 

@@ -31,7 +31,7 @@ class Direct(NamedTuple):
 
 
 def pairs(x: np.ndarray, edges: np.ndarray, cutoff: float) -> Pairs:
-    """Of particles at x (n, 3) in a periodic box."""
+    """Pairs of particles at x (n, 3) in a periodic box."""
     i, j = np.triu_indices(len(x), k=1)
     separation = x[i] - x[j]
     separation -= edges * np.round(separation / edges)

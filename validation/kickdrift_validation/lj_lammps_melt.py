@@ -161,7 +161,7 @@ def melting() -> list[Claim]:
 
 
 def positions(figures: Path | None) -> list[Claim]:
-    """Of 1000 particles, for 1000 steps."""
+    """Claims on the positions of 1000 particles, for 1000 steps."""
     start, theirs = started("sc", SMALL, WARM)
     ours = frames_of(start.simulation(), STEPS)
     own = [apart(ours, frames_of(start.simulation(nudge), STEPS)) for nudge in range(PAIRS)]

@@ -63,7 +63,7 @@ def error_of(name: str, problem: str, steps: int) -> float:
 
 
 def slope(name: str, problem: str) -> float:
-    """Of the error against the step: a line through the finest four steps above round-off, from 8 steps on."""
+    """Slope of the error against the step: a line through the finest four steps above round-off, from 8 steps on."""
     method = integrator(name)
     ratio = math.sqrt(2.0) if method.order >= 6 else 2.0
     most = MOST_STEPS if method.family in EXPLICIT else MOST_STEPS_IN_PYTHON
@@ -137,7 +137,7 @@ def symplecticity_error(name: str) -> float:
 
 
 def evaluations(name: str, subject: kd.Problem, dt: float = 0.01) -> tuple[float, int]:
-    """Of the force: per step under way, and those of the start besides."""
+    """Evaluations of the force for each step under way, and further ones at the start."""
     sim = kd.Simulation(subject, name, dt=dt)
     first = sim.run(10).force_evaluations
     then = sim.run(10).force_evaluations - first

@@ -63,7 +63,7 @@ class Cell(NamedTuple):
 
     @property
     def our_verdict(self) -> str:
-        """Of the map."""
+        """The map's verdict."""
         return verdict(self.ours)
 
 
@@ -127,7 +127,7 @@ def judged(cells: list[Cell], least: int) -> Iterator[Claim]:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
-    """Of the large map, or of a small one."""
+    """Claims on the large map if ``long``, else on a small one."""
     size, checked, least = (LONG_CELLS, LONG_CHECKED, LONG_AGREED) if long else (CELLS, CHECKED, AGREED)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

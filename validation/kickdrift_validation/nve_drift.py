@@ -63,7 +63,7 @@ def study(steps: int, seeds: int, truncation: str) -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """Of the switch; of the force shift too in the long set."""
+    """Claims on the switch, and in the long set on the force shift too."""
     if not long:
         return study(*SHORT, "switch")
     return [row for truncation in ("switch", "force-shift") for row in study(*LONG, truncation)]

@@ -143,7 +143,7 @@ ADAPTIVE: dict[str, list[str]] = {
 
 
 def polynomial(coefficients: Sequence[str], dt: Decimal) -> Matrix:
-    """Of dt A: a matrix a + b A with A^2 = -1."""
+    """Polynomial of dt A: a matrix a + b A with A^2 = -1."""
     a = sum((fraction(c) * dt**k * (-1) ** (k // 2) for k, c in enumerate(coefficients) if k % 2 == 0), Decimal(0))
     b = sum((fraction(c) * dt**k * (-1) ** (k // 2) for k, c in enumerate(coefficients) if k % 2), Decimal(0))
     return [[a, b], [-b, a]]

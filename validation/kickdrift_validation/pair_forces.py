@@ -38,12 +38,12 @@ def force(truncation: str, **more: float) -> kd.LennardJones:
 
 
 def slope(energy: Callable[[float], float], step: float) -> float:
-    """Of the energy at 0."""
+    """Slope of the energy at 0."""
     return sum(w * (energy(k * step) - energy(-k * step)) for k, w in SIXTH.items()) / step
 
 
 def gradients(truncation: str) -> Iterator[Claim]:
-    """Of one truncation."""
+    """Claims on one truncation."""
     x, edges = crystal()
     law = force(truncation, **({"switch_start": SWITCH_START} if truncation == "switch" else {}))
 

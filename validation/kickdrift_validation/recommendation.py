@@ -69,7 +69,7 @@ CASES = (
 
 
 def error_of(subject: kd.System | kd.Problem, choice: Choice, length: float) -> float:
-    """Of the recommended run."""
+    """Error of the recommended run."""
     sim = kd.Simulation(subject, choice.method, dt=choice.dt, rtol=choice.rtol, atol=choice.atol)
     seen: list[tuple[float, np.ndarray]] = []
 
@@ -123,7 +123,7 @@ def study(case: Case, seeds: int = SEEDS) -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """Of one system, or of all and whether their winners differ."""
+    """Claims on one system; if ``long``, on all systems and on whether their winners differ."""
     rows = [row for case in CASES if long or case.name == SHORT for row in study(case)]
     winners = {str(row["value"]).split(", ")[1] for row in rows if ", " in str(row["value"])}
     if long:

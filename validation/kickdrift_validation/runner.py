@@ -176,7 +176,7 @@ def terminable() -> Iterator[None]:
 def _outcome(
     script: Script, run: _Running, limit: float | None, tell: Callable[[Script, Claim | None], None]
 ) -> Outcome:
-    """Of a process that has ended; a script that stopped on an error, or found nothing, is a failed claim."""
+    """Outcome of a process that has ended. A script that stopped on an error, or found nothing, is a failed claim."""
     run.messages.seek(0)
     last = next((line.strip() for line in reversed(run.messages.read().splitlines()) if line.strip()), "no message")
     run.messages.close()

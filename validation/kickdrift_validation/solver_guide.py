@@ -124,8 +124,8 @@ def main() -> None:
             print(" | ".join(rows[-1]), *found.evidence, sep="\n    ", flush=True)
     heading = ["for", "system", "error", "over", "take", "evaluations", "the next, cost", "usually named, cost"]
     note = (
-        "Costs are in wall time, over that of the one to take, with other work beside; below 1.2 timing cannot tell "
-        "two apart."
+        "A cost is a wall time over the wall time of the method to take, on a busy machine. Costs below 1.2 are no "
+        "difference."
     )
     text = f"{table(heading, rows)}\n\n{note} {where('numpy', 'scipy')}."
     if given.docs:

@@ -13,13 +13,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.derivatives import cost_of_a_direction
 
 DT, STEPS = 0.4, 16
 Rows = list[tuple[float, ...]]
@@ -282,23 +282,10 @@ def spectra() -> Iterator[Claim]:
 
 
 def costs() -> Iterator[Claim]:
-    steps = 4000
     for name, rows in (("giants that meet", MEETING), ("passages of the pericentre", DIVING)):
         system = system_of(rows)
-        directions, ratios = 6 * len(system), []
-        kd.transition_matrix(system, DT, "trace", DT)
-        kd.Simulation(system, "trace", DT).advance(1)
-        for _ in range(5):
-            sim = kd.Simulation(system, "trace", DT)
-            alone = -process_time()
-            sim.advance(steps)
-            alone += process_time()
-            together = -process_time()
-            kd.transition_matrix(system, steps * DT, "trace", DT)
-            together += process_time()
-            ratios.append((together - alone) / directions / alone)
-        value = float(np.median(ratios))
-        text = f"trace, {name}: time of one of {directions} directions over that of a step"
+        value = cost_of_a_direction(system, "trace", DT, 4000, 5)
+        text = f"trace, {name}: time of one of {6 * len(system)} directions over that of a step"
         yield claim(text, value, "at most 1.3", value <= 1.3, "the same run without directions")
 
 

@@ -247,7 +247,7 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, shots: list[byte
 
 
 def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
-    """Of all pages; long or not is the same."""
+    """Claims on all pages; ``long`` changes nothing."""
     return tried(figures, store=False)
 
 

@@ -59,7 +59,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """What to run, or why nothing is recommended. Nothing switches by itself.
+    """A recommended method and step, or the reason for none. Nothing switches by itself.
 
     Attributes
     ----------

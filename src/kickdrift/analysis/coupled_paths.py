@@ -207,7 +207,7 @@ def _estimates(looks: Floats, paths: CoupledPaths, steps: int) -> Floats:
 
 
 class Bath(NamedTuple):
-    """What a bath does to the mean kinetic energy in the long run.
+    """Effect of a bath on the mean kinetic energy in the long run.
 
     rate : heat that it gives in a unit of time for each unit that the kinetic energy lacks
     share : what the kinetic energy that it meets has in excess, for each unit that the discretization takes in a step

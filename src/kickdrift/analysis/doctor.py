@@ -21,7 +21,7 @@ LEFT_OUT = ("test", "docs", "validation")  # extras for developers
 
 @dataclass(frozen=True, repr=False)
 class Installation(Shown):
-    """What ``kickdrift doctor`` prints.
+    """Facts about this installation, which ``kickdrift doctor`` prints.
 
     Attributes
     ----------

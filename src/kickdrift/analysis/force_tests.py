@@ -28,7 +28,7 @@ SAMPLED = 24  # particles and directions whose force is tested
 
 
 class Subject(NamedTuple):
-    """What the tests need of a system: evaluation, positions near its own, lengths, and a random generator."""
+    """A system as the tests see it: evaluation, positions near its own, lengths, and a random generator."""
 
     evaluate: Evaluator
     states: list[Floats]

@@ -102,7 +102,7 @@ class SampledRun:
 
     @property
     def point(self) -> Point:
-        """Where the run stands. The run must have a temperature."""
+        """The point of the run. The run must have a temperature."""
         assert self.temperature is not None
         return Point(self.temperature, self.pressure, self.boltzmann, self.particles, float(self.volume.mean()))
 
@@ -265,7 +265,7 @@ def _conserved(name: str, system: System) -> tuple[bool, bool, str]:
 
 
 def _likeness(system: System, of_box: bool) -> tuple[Any, ...]:
-    """What two runs of the same system have in common."""
+    """Facts in which two runs of the same system agree."""
     names = tuple(system.species[k] for k in system.species_index)
     box = system.box.described("") if of_box else ""
     return system.units.name, tuple(system.state.masses.tolist()), names, repr(system.forces), box

@@ -19,7 +19,7 @@ ROUNDING = 1e3  # times the spacing of floats near the values
 
 
 class Jump(NamedTuple):
-    """What jumps along a line, and where.
+    """A jump along a line: its quantity and its place.
 
     derivative : 0 for the energy, 1 for the force, 2 for its slope, 3 for its curvature
     size : of the jump, in units of energy over length to the power ``derivative``

@@ -168,7 +168,7 @@ def _noting(label: str, move: Callable[[int, int], Any]) -> Callable[[int, int],
 
 
 def stopped_at() -> str:
-    """Where Ctrl-C stopped a command that writes nothing before its end."""
+    """The place at which Ctrl-C stopped a command that writes nothing before its end."""
     if not _doing:
         return "interrupted; all written files are whole"
     return f"stopped at {_doing}; nothing is kept, and the same command begins again"

@@ -96,7 +96,7 @@ class Interruption:
 
 
 def _identity(path: Path | None) -> tuple[int, int, int] | None:
-    """What tells whether another file was put in a file's place, or the file was written."""
+    """Numbers that change if another file takes a file's place, or if the file is written."""
     try:
         found = os.stat(path) if path is not None else None
     except (OSError, ValueError):

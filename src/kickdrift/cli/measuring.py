@@ -310,7 +310,7 @@ def _certify_forces(
 
 
 def _tested(name: str, calculator: str | None) -> Any:
-    """What ``force_checks`` tests: Atoms with a calculator, a force, or a System."""
+    """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
     from kickdrift.forces import FORCES
     from kickdrift.systemfile.files import is_shipped
     from kickdrift.systemfile.python_file import load_or_run

@@ -92,10 +92,10 @@ class Engine:
 
     def refusal(self, job: Job) -> str | None:
         """Reason why the engine cannot run this job, or None."""
-        if job.processes > 1 and not self.processes:
-            return f"processes: {self.name} runs in one process, not in {job.processes}"
         if job.hosts and not self.processes:
             return f"hosts: {self.name} runs on this machine alone"
+        if job.processes > 1 and not self.processes:
+            return f"processes: {self.name} runs in one process, not in {job.processes}"
         if not self.foreign:
             return None
         if job.threads > 1:

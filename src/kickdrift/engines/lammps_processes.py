@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import secrets
 import shutil
 import signal
@@ -31,6 +32,8 @@ SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's add
 KEY = "KICKDRIFT_LAMMPS_KEY"  # name of the variable with the key, for connections over the network
 KEPT = ("HYDRA_LAUNCHER", "HYDRA_LAUNCHER_EXEC")  # mpiexec's variables that a user sets to reach other machines
 START_SECONDS = 120.0  # limit for the start of all processes
+QUIET = ("=", "Warning:")  # beginnings of lines that say nothing: mpiexec's frame, and ssh's notes on known machines
+_MPIEXEC = re.compile(r"\[(mpiexec|proxy:\d+)@\S+\] \w+ \([^)]*\): ")  # beginning of a line of mpiexec's own
 POLL_SECONDS = 0.5
 END_SECONDS = 5.0
 
@@ -77,20 +80,31 @@ class Processes:
                 if connection := _proven(stream, self._key):
                     self._connections.append(connection)
             if self._process.poll() is not None:
-                raise RuntimeError(f"mpiexec ended with status {self._process.returncode}{self._last_words()}")
+                raise RuntimeError(f"mpiexec ended with status {self._process.returncode}{self._cause()}")
             if monotonic() > until:
                 raise self._late(len(self._connections))
 
     def _late(self, came: int) -> RuntimeError:
         return RuntimeError(f"{came} of {self.count} processes started within {START_SECONDS:g} s")
 
-    def _last_words(self) -> str:
-        """A process's last output."""
+    def _lines(self) -> list[str]:
+        """The output of mpiexec and of all processes."""
         self._said.flush()
         self._said.seek(0)
-        lines = [line.strip() for line in self._said.read().splitlines()]
-        telling = [line for line in lines if "rror" in line]
+        return [line.strip() for line in self._said.read().splitlines()]
+
+    def _last_words(self) -> str:
+        """The last error in the output."""
+        telling = [line for line in self._lines() if "rror" in line]
         return f": {telling[-1]}" if telling else ""
+
+    def _cause(self) -> str:
+        """The reason why the processes did not start: a program's last error, else the first line. mpiexec's further
+        lines only say that mpiexec ends."""
+        lines = [line for line in self._lines() if line and not line.startswith(QUIET)]
+        own = [line for line in lines if "rror" in line and not _MPIEXEC.match(line)]
+        telling = own[-1:] or lines[:1]
+        return f": {_MPIEXEC.sub('', telling[0])}" if telling else ""
 
     def _all(self, what: str, *arguments: Any) -> Any:
         try:

@@ -45,7 +45,7 @@ class Fene(NamedTuple):
 
     @property
     def problem(p):
-        """What is wrong with these parameters; "" if nothing is."""
+        """The fault in these parameters, as text; "" if nothing is."""
         alone = p.epsilon == 0.0 and p.sigma != 1.0
         return f"sigma is {p.sigma:g} and epsilon 0: the core has no strength; give epsilon too" if alone else ""
 

@@ -103,7 +103,7 @@ def takes_batches(calculator: Any) -> bool:
 
 
 def installation(module: str) -> str:
-    """What to install for a missing module of ASE; else ""."""
+    """The package to install for a missing module of ASE; else ""."""
     return "; ASE: pip install 'kickdrift[ase]'" if module.split(".")[0] == "ase" and "ase" not in sys.modules else ""
 
 

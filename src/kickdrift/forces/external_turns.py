@@ -19,7 +19,7 @@ _here = threading.local()  # the seat of the run in this thread
 
 
 class Question(NamedTuple):
-    """What a run asks. Questions with the same ``key`` are answered together."""
+    """A question that a run asks. Questions with the same ``key`` are answered together."""
 
     key: Hashable
     answers: Answers

@@ -46,7 +46,7 @@ def _of_law(trait: str) -> property:
 
 
 class Form(NamedTuple):
-    """What one kind of law looks like.
+    """Form of one kind of law.
 
     Attributes
     ----------

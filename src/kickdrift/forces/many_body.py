@@ -1,4 +1,4 @@
-"""What all many-body forces have in common: their checks and their binding."""
+"""Common parts of all many-body forces: their checks and their binding."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ManyBodyForce(ListedForce, Grouped):
 
     @property
     def source(self) -> str:
-        """Where the parameters come from, for messages."""
+        """The source of the parameters, for messages."""
         raise NotImplementedError
 
     def law(self, species: tuple[str, ...]) -> Any:

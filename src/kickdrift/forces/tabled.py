@@ -55,7 +55,7 @@ class TabledForce(ManyBodyForce):
 
     @property
     def source(self) -> str:
-        """Where the parameters come from, for messages."""
+        """The source of the parameters, for messages."""
         found: str = self._source  # type: ignore[attr-defined]
         return found
 

@@ -301,7 +301,7 @@ SPLITTING = Option(
 
 
 def coupling_of(options: Mapping[str, Any]) -> str:
-    """Which edges of the box change together in a run with these options; "" if the box keeps its size."""
+    """The edges of the box that change together in a run with these options; "" if the box keeps its size."""
     if options.get(PRESSURE.name) is None:
         return ""
     return options.get(COUPLING.name) or "isotropic"

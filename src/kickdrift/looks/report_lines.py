@@ -71,7 +71,7 @@ def mean_text(mean: float, error: float | None, unit: str) -> str:
 
 
 def verdict_text(asked: float | None, verdict: str | None, unit: str) -> str:
-    """What was asked of a bath or a barostat beside the mean; empty without a verdict."""
+    """The value asked of a bath or a barostat with its verdict, as text; empty without a verdict."""
     return "" if verdict is None or asked is None else f", asked {measured(f'{asked:g}', unit)}: {verdict}"
 
 

@@ -77,7 +77,7 @@ def bricks_of(cell: Cell) -> Bricks:
 
 
 class MinimumImage(NamedTuple):
-    """What gives distances between nearest images of particles inside a box; see `squared_distances`."""
+    """Numbers that give distances between nearest images of particles inside a box; see `squared_distances`."""
 
     matrix: NDArray[np.float64]  # (3, 3) as of a Cell
     inverse: NDArray[np.float64]  # (3,) 1 over its diagonal, 0 for an axis that is not periodic

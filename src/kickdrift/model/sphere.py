@@ -36,7 +36,7 @@ class Sphere(NamedTuple):
         return self.mass * np.asarray(self.velocity)
 
     def problem(self) -> str:
-        """What is wrong with the values, as text; "" if nothing is."""
+        """The fault in the values, as text; "" if nothing is."""
         for key, value in (("mass", self.mass), ("radius", self.radius)):
             if not (is_number(value) and 0 <= value < np.inf):
                 return f"{key} {shown(value)}; expected a number, zero or more"

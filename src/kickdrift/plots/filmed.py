@@ -1,4 +1,4 @@
-"""What a film shows: a liquid as spheres in its box, or a few bodies with trails and names."""
+"""Contents of a film: a liquid as spheres in its box, or a few bodies with trails and names."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def has_trails(run: reader.Run) -> bool:
 
 
 class Filmed:
-    """What both kinds of films share: rows, notes, colours and the text of the time."""
+    """Shared parts of both kinds of films: rows, notes, colours and the text of the time."""
 
     def __init__(self, run: reader.Run, rows: list[int], colour: str | None, usual: str) -> None:
         with own_matplotlib_folder():

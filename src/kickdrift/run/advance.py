@@ -119,7 +119,7 @@ class Integration:
 
     @property
     def purpose(self) -> str:
-        """What code is compiled for: the method, and the forces or the Problem."""
+        """The purpose of compiled code: the method, and the forces or the Problem."""
         return purpose_of(self.integrator, self._job.system)
 
     @property

@@ -1,4 +1,4 @@
-"""Which runs can go back in time."""
+"""Checks of runs that go back in time."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ Told = Callable[[int, int], Any]
 
 
 class Follower(Protocol):
-    """What follows a run. ``follow`` is called now and then with the amount done and the total, as ``progress`` is."""
+    """A view that follows a run. ``follow`` is called now and then with the amount done and the total, like
+    ``progress``."""
 
     def settle(self, sim: Any, done: int, of: int) -> None:
         """Show the equilibration before a run, after so many of its steps; ``sim`` takes these steps."""

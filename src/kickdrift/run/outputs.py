@@ -153,7 +153,7 @@ class Outputs:
         return writer
 
     def _method(self) -> dict[str, Any]:
-        """What a file says of the Simulation."""
+        """The Simulation as a file describes it."""
         run = self._run
         return {
             "integrator": run.integrator,

@@ -1,4 +1,4 @@
-"""What a Simulation says of the present: system, time, energies, forces, orbits and events so far."""
+"""The present of a Simulation: system, time, energies, forces, orbits and events so far."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a Problem's run writes: a file that can be resumed, or a table."""
+"""Files of a Problem's run: a file that can be resumed, or a table."""
 
 from __future__ import annotations
 

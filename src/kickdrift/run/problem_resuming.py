@@ -1,4 +1,4 @@
-"""What resuming a Problem's run needs: the Problem, its samples, and warnings where it is another one."""
+"""Parts for resuming a Problem's run: the Problem, its samples, and warnings where it is another one."""
 
 from __future__ import annotations
 

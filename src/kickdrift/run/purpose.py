@@ -1,4 +1,4 @@
-"""What the code of a run is compiled for, in words."""
+"""The purpose of a run's compiled code, in words."""
 
 from __future__ import annotations
 

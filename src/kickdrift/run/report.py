@@ -39,7 +39,7 @@ DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_v
 
 
 class About(NamedTuple):
-    """What a Report needs beside its own numbers, to print and draw itself.
+    """Facts that a Report needs beside its own numbers, to print and draw itself.
 
     Attributes
     ----------

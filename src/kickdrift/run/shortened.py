@@ -11,7 +11,7 @@ from kickdrift.model.state import Floats
 
 
 class Stepping(Protocol):
-    """What a shortened step needs of a run; see `run.advance.Integration`."""
+    """A run as a shortened step sees it; see `run.advance.Integration`."""
 
     stepper: Any
     options: Options

@@ -37,8 +37,9 @@ class ShownReport(Shown):
             lines.append(("engine", f"{self.engine} {self.engine_version}{where}"))
         chosen = {"dt": self.dt, "rtol": self.rtol, "atol": self.atol, **self.options}
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
+        steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
-        lines.append(("length", f"{self.steps:,} steps{rejected}, {measured(f'{self.time:g}', time_unit)}"))
+        lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))
         if self.y is not None:
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
         energy_unit = units.symbol("energy") if units else ""
@@ -115,7 +116,7 @@ class ShownSimulation(Shown):
 
 
 def took_text(report: Any) -> str:
-    """Where the time of a run went: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
+    """Shares of a run's time: "1.4 s: stepping 0.9, 1001 looks 0.1, writing 0.3, compiling 0.1"."""
     seconds = {part: spent or 0.0 for part, spent in report.seconds.items()}
     total = sum(seconds.values())
     decimals = 0 if total >= 100 else 1 if total >= 1 else 2 if total >= 0.1 else 4

@@ -70,7 +70,7 @@ class Asked(NamedTuple):
         )
 
     def compiled_or_not(self, made: Callable[[bool], Any]) -> tuple[Any, list[str]]:
-        """What ``made(compiled)`` returns, and a warning where f does not compile."""
+        """The result of ``made(compiled)``, and a warning where f does not compile."""
         if self.compiled is not None:
             return made(bool(self.compiled)), []
         try:

@@ -34,7 +34,7 @@ NEAR = 1e-15  # relative to a step's times; a time this near to an end of the st
 
 
 class Shape:
-    """What the steps see of the user's problem: y as one row of floats, and time as growing from its start.
+    """The user's problem as the steps see it: y as one row of floats, and time as growing from its start.
 
     Backward in time, s = -t grows. Then velocities, the second half of a separable y, change their sign too.
     """

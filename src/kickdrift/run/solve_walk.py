@@ -28,7 +28,7 @@ MESSAGES = {
 
 @dataclass
 class Walk:
-    """What a walk found; see ``kickdrift.Solution``."""
+    """Results of a walk; see ``kickdrift.Solution``."""
 
     t: Any
     y: Any

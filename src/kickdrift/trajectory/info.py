@@ -159,7 +159,7 @@ def room_lines(found: dict[str, Any], length: str) -> list[tuple[str, str]]:
 
 
 def method_rows(method: dict[str, Any]) -> list[tuple[str, str]]:
-    """What a file says of its Simulation, by key."""
+    """Facts in a file about its Simulation, by key."""
     rows = [(key, short(method[key])) for key in _METHOD_FIRST if method.get(key) is not None]
     return rows + [(k, short(value)) for k, value in method.items() if k not in _METHOD_SHOWN and value is not None]
 

@@ -176,7 +176,7 @@ def new_run(
 
 
 def add_method(own: h5py.Group, method: dict[str, Any]) -> None:
-    """What the Simulation says of itself, the versions of all programs, and room for the report."""
+    """Write facts about the Simulation, the versions of all programs, and room for the report."""
     add_text(own, "method", to_json(method))
     add_text(own, "versions", to_json(versions()))
     new_series(own, "report", (), "u1", rows=CHUNK_BYTES // 8)

@@ -55,7 +55,7 @@ def overview_of(run: Run) -> Lines:
     ]
     if found["steps"]:
         (first, last), (begin, end) = found["steps"], found["time"]
-        lines.append(("length", f"{last - first:,} steps, {measured(f'{end - begin:g}', units['time'])}"))
+        lines.append(("length", f"{counted(last - first, 'step', ',')}, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:
         heat, work = report.get("heat"), report.get("work")
@@ -83,7 +83,7 @@ def overview_of_problem(run: ProblemRun | ProblemTable) -> Lines:
     seen = samples.observables
     if found["steps"]:
         (first, last), (begin, end) = found["steps"], found["time"]
-        lines.append(("length", f"{last - first:,} steps, {end - begin:g}"))
+        lines.append(("length", f"{counted(last - first, 'step', ',')}, {end - begin:g}"))
         lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in seen[Y][-1][:MOST]) + _more(seen[Y][-1])))
         energy = report.get("energy") if report else _energy(run, samples, seen[ENERGY]) if ENERGY in seen else None
         lines += energy_lines(energy, "", "", end - begin) if isinstance(energy, dict) else []
@@ -164,7 +164,7 @@ def _state(found: dict[str, Any]) -> str:
 
 @unwarned
 def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
-    """What a report says of energy, momentum, temperature and pressure, from the samples."""
+    """Statements of a report on energy, momentum, temperature and pressure, from the samples."""
     seen = samples.observables
     found: dict[str, Any] = {}
     if len(samples.steps) and {"total_energy", "kinetic_energy"} <= seen.keys():

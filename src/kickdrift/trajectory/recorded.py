@@ -1,4 +1,4 @@
-"""What every run's file has, of particles or of a Problem: samples, events, checkpoints, the plan and the report."""
+"""Contents of every run's file, of particles or of a Problem: samples, events, checkpoints, the plan and the report."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Recorded:
         raise NotImplementedError
 
     def _read_rows(self, found: Outline) -> None:
-        """Which rows there are, and which of them are damaged."""
+        """Read which rows exist, and which of them are damaged."""
         self.committed = found.committed
         self._samples = found.committed.samples
         self._observables = found.observables

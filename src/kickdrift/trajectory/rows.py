@@ -256,7 +256,7 @@ class Rows:
 
 
 def outline_of(contents: Contents) -> header.Outline:
-    """What a file holds, of particles or of a Problem."""
+    """Outline of a file, of particles or of a Problem."""
     if contents.has(problem_header.PROBLEM):
         return problem_header.read(contents)
     return header.read(contents)

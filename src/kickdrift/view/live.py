@@ -1,4 +1,4 @@
-"""What a live view is told of a run: frames, curves and a line of text, a few times a second.
+"""Messages to a live view of a run: frames, curves and a line of text, a few times a second.
 
 The run's own thread packs them between two calls of compiled code. No further look is taken, so the run keeps its bits.
 Frames get a small share of the processor's time, so the run keeps its speed.

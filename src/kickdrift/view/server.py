@@ -58,7 +58,7 @@ source.addEventListener("error", () => { source.close(); view.say("The connectio
 
 
 class Reader:
-    """What one open page has yet to get. A page that is slow gets the newest frame alone."""
+    """Messages that one open page has not yet received. A page that is slow gets the newest frame alone."""
 
     def __init__(self, missed: list[tuple[str, str]]) -> None:
         self.told, self.frame = deque(missed), ""

@@ -1,4 +1,4 @@
-"""What a view shows at every moment: the particles, their sizes and names. A Stage turns moments into packed chunks."""
+"""Contents of a view at each moment: the particles, their sizes and names. A Stage packs moments into chunks."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class Stage:
         return found | more
 
     def notes(self) -> list[str]:
-        """What the view leaves out, as text."""
+        """Parts that the view leaves out, as text."""
         if self.stride == 1:
             return []
         shown = len(self.masses[self.rows])

@@ -1,4 +1,4 @@
-"""What ``view()`` of a System, a Simulation and a run returns: a widget in a notebook, else a page."""
+"""Results of ``view()`` of a System, a Simulation and a run: a widget in a notebook, else a page."""
 
 from __future__ import annotations
 

@@ -23,6 +23,7 @@ from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.h5md import Writer
+from tests.figures import saved_by
 
 G, SUN = 1.0, 1.0
 
@@ -186,15 +187,7 @@ def test_bad_input(run, tmp_path):
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    figures = []
-    save = plots.save_figure
-
-    def keep(figure, target):
-        figures.append(figure)
-        return save(figure, target)
-
-    monkeypatch.setattr(plots, "save_figure", keep)
-    return figures
+    return saved_by(monkeypatch, plots)
 
 
 def panels(figure):

@@ -18,6 +18,7 @@ from kickdrift.model.system import System
 from kickdrift.plots import orbits
 from kickdrift.plots import runs as plots
 from kickdrift.trajectory.h5md import Writer
+from tests.figures import saved_by
 
 
 @pytest.fixture
@@ -56,15 +57,7 @@ def rows() -> list[dict]:
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    figures = []
-    save = plots.save_figure
-
-    def keep(figure, target):
-        figures.append(figure)
-        return save(figure, target)
-
-    monkeypatch.setattr(plots, "save_figure", keep)
-    return figures
+    return saved_by(monkeypatch, plots)
 
 
 def png_size(path: Path) -> tuple[int, int]:

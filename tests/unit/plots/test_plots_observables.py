@@ -16,6 +16,7 @@ from kickdrift.model.state import State
 from kickdrift.plots import observables as of
 from kickdrift.plots import runs
 from kickdrift.trajectory.h5md import Writer
+from tests.figures import saved_by
 
 
 def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
@@ -35,15 +36,7 @@ def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
 @pytest.fixture
 def drawn(monkeypatch):
     """Figures that were saved."""
-    figures = []
-    save = runs.save_figure
-
-    def keep(figure, target):
-        figures.append(figure)
-        return save(figure, target)
-
-    monkeypatch.setattr(runs, "save_figure", keep)
-    return figures
+    return saved_by(monkeypatch, runs)
 
 
 @pytest.mark.parametrize("kind", list(of.KINDS))

@@ -8,6 +8,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.plots import problems as plots
+from tests.figures import saved_by
 
 PENDULUM, LORENZ = kd.load("ode-pendulum"), kd.load("ode-lorenz")
 
@@ -15,15 +16,7 @@ PENDULUM, LORENZ = kd.load("ode-pendulum"), kd.load("ode-lorenz")
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """The figures that were saved."""
-    figures = []
-    save = plots.save_figure
-
-    def keep(figure, target):
-        figures.append(figure)
-        return save(figure, target)
-
-    monkeypatch.setattr(plots, "save_figure", keep)
-    return figures
+    return saved_by(monkeypatch, plots)
 
 
 def line(axes, k: int = 0):

@@ -38,7 +38,7 @@ def count(text: str, found: float, agrees: bool, published: float, reference: st
 
 
 def counts() -> list[Claim]:
-    """Of the splittings."""
+    """Claims on the number of evaluations of the splittings."""
     published = {
         "forest-ruth": (3, FOREST_RUTH),
         "yoshida4": (3, f"{YOSHIDA}, eq. 2.11"),
@@ -163,7 +163,7 @@ def eighth() -> Reading:
 
 
 def power(name: str, dt: float, order: int) -> Reading:
-    """Of dt in the error of the position after an orbit."""
+    """Power of dt in the error of the position after an orbit."""
     found = math.log2(run(name, 1, dt)[0] / run(name, 1, dt / 2)[0])
     return near(f"{name}, power of dt in its error", found, round(found) == order, order, 0.05, "its order")
 

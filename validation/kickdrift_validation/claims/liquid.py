@@ -64,7 +64,7 @@ def run(method: str, dt: float, steps: int) -> Run:
 
 
 def power(dts: list[float], values: list[float]) -> float:
-    """Of dt in the values."""
+    """Power of dt in the values."""
     return float(np.polyfit(np.log(dts), np.log(np.abs(values)), 1)[0])
 
 
@@ -101,7 +101,7 @@ def rk4_law() -> tuple[dict[float, Run], bool, str]:
 
 
 def rms_at_the_end(slope: float, steps: float) -> float:
-    """Of an error that grows evenly."""
+    """Root mean square at the end of an error that grows evenly."""
     return abs(slope) * steps / math.sqrt(3)
 
 

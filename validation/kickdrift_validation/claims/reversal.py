@@ -68,7 +68,7 @@ def zero(text: str, differ: int, unit: str) -> Reading:
 
 
 def floats() -> list[Reading]:
-    """Of velocity Verlet in float64."""
+    """Readings of velocity Verlet in float64."""
     orbit = reversal_error("velocity-verlet", kepler(0.5), 0.01, STEPS, careful=False)
     # What rounding makes of the energy shifts the phase for the rest of both ways: n^(3/2) eps dt after n steps.
     bound = 10 * EPSILON * (2 * STEPS) ** 1.5 * 0.01

@@ -24,7 +24,7 @@ EPSILON = float(np.finfo(float).eps)
 
 
 def error(method: str, rtol: float, length: float) -> float:
-    """Of the state at the end."""
+    """Error of the state at the end."""
     problem = kepler(0.5)
     assert problem.exact is not None
     options = {} if method == "gauss-radau15" else {"atol": rtol}

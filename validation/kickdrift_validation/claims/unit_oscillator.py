@@ -58,7 +58,7 @@ class Errors(NamedTuple):
 
 
 def errors(problem: kd.Problem, method: str, length: float, steps: int) -> Errors:
-    """Of a run."""
+    """Errors of a run."""
     sim = kd.Simulation(problem, method, dt=length / steps)
     sim.run(steps, every=steps)
     assert problem.exact is not None
@@ -99,7 +99,7 @@ def halving() -> list[Claim]:
 
 
 def log_growth(dt: float, steps: int = 60_000) -> float:
-    """Of forward Euler's amplitude, per step."""
+    """Growth of the logarithm of forward Euler's amplitude, per step."""
     sim = kd.Simulation(harmonic_oscillator(), "euler", dt=dt)
     sim.run(steps, every=steps)
     return math.log(math.hypot(*sim.state.y)) / steps

@@ -26,7 +26,7 @@ def energy_of_places(system: System) -> bool:
 
 
 def taken_by_bounce(system: System, before: Floats, after: Floats, bodies: tuple[int, ...]) -> Taken:
-    """What the two bodies of a bounce lost, whose velocities alone differ between two states (2, 3, n)."""
+    """Losses of the two bodies of a bounce, whose velocities alone differ between two states (2, 3, n)."""
     rows = list(bodies)
     m, x = system.coherent_masses[rows], before[0][:, rows]
     v, u = before[1][:, rows], after[1][:, rows]

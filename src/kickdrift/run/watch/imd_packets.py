@@ -63,7 +63,7 @@ class Units(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What a frame says, in the system's units.
+    """A frame's numbers, in the system's units.
 
     Attributes
     ----------

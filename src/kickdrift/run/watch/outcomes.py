@@ -1,4 +1,4 @@
-"""What becomes of two bodies that touch, where the number or the masses of the bodies may change."""
+"""Outcomes for two bodies that touch, where the number or the masses of the bodies may change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the file of a Problem's run says once, checked; its samples and checkpoints are as in every run's file."""
+"""Facts that stand once in the file of a Problem's run, checked. Samples and checkpoints are as in every file."""
 
 from __future__ import annotations
 

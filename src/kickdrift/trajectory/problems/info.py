@@ -1,4 +1,4 @@
-"""What the file of a Problem's run holds, as a dictionary and as text."""
+"""Contents of the file of a Problem's run, as a dictionary and as text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def info(run: ProblemRun) -> dict[str, Any]:
 
 
 def describe(run: ProblemRun) -> str:
-    """What `info` finds, for a reader."""
+    """Results of `info`, for a reader."""
     found = info(run)
     given = ", ".join(f"{key} = {short(value)}" for key, value in found["parameters"].items())
     equation = f"{found['equation']}{': ' * bool(given)}{given}" if found["equation"] else "made in Python"
@@ -45,12 +45,12 @@ def describe(run: ProblemRun) -> str:
 
 
 def describe_any(run: ProblemRun | ProblemTable) -> str:
-    """What a Problem's run or table holds, for a reader."""
+    """Contents of a Problem's run or table, for a reader."""
     return describe(run) if isinstance(run, ProblemRun) else describe_table(run)
 
 
 def describe_table(table: ProblemTable) -> str:
-    """What the table of a Problem's run holds, for a reader."""
+    """Contents of the table of a Problem's run, for a reader."""
     return "\n".join([str(table.path), *(f"  {key:<10}  {value}" for key, value in table_rows(table))])
 
 

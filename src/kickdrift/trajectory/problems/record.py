@@ -27,7 +27,7 @@ ALIKE = 1e-9  # relative difference of f that another processor may make
 
 
 class ProblemRecord(Protocol):
-    """What a run's file says of its Problem; see ``ProblemRun``."""
+    """Facts in a run's file about its Problem; see ``ProblemRun``."""
 
     @property
     def path(self) -> Path: ...
@@ -128,7 +128,7 @@ def problem_of(run: ProblemRecord) -> Problem:
 
 
 def differences(problem: Problem, run: ProblemRecord) -> list[str]:
-    """What differs between a Problem and the one that a run was given, apart from f itself."""
+    """Differences between a Problem and the Problem of a run, apart from f itself."""
     record = run.problem_record
     pairs = {
         "the number of unknowns": (len(problem), len(run.y0)),
