@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kickdrift.batch.lane_events import LaneEvents, run_with_events
 from kickdrift.batch.members import common, members_of
-from kickdrift.batch.sampling import momentum_scales, run_lanes, sampled_steps
+from kickdrift.batch.sampling import by_member, momentum_scales, run_lanes, sampled_steps
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
@@ -178,8 +178,7 @@ class Batch:
         """Steps (k,), their longest even stretch, and samples (members, LOOK, k) of the members."""
         if self._joined is None:
             steps = np.array(self._steps)
-            looks = np.ascontiguousarray(np.concatenate(self._looks).transpose(2, 1, 0))
-            self._joined = steps, even_stretch(steps), looks
+            self._joined = steps, even_stretch(steps), by_member(self._looks)
         return self._joined
 
     def record(self, i: int) -> LaneRecord:
