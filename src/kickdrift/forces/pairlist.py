@@ -49,6 +49,8 @@ from kickdrift.jit.packing import append_members
 from kickdrift.jit.single import joined, load_single
 from kickdrift.jit.vectors import WIDTH
 
+OUTWORN = -1  # status of lists that must be made anew
+
 
 @jit
 def refresh(pairs, x, chunks):
@@ -57,22 +59,9 @@ def refresh(pairs, x, chunks):
     adopt(pairs)
     if counts[BUILT]:
         each_chunk(handle(Loading(pairs, x)), chunks, "load_chunk")
-        inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
-        jumped = (
-            inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
-        )  # a particle has passed the whole range of the force since the last call
-        if not is_finite(total) or (jumped and not counts[JUMPS_ALLOWED]):
-            return BLOWN_UP
-        room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
-        if room >= 0.0 and 4.0 * inner <= room**2:
-            return OK
-        each_chunk(pairs, chunks, "outer_move_chunk")
-        outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
-        room = pairs.outer_skin - pairs.inner_skin
-        room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
-        if room >= 0.0 and 4.0 * outer <= room**2:
-            prune(pairs, chunks)
-            return OK
+        status = outlasts(pairs, chunks)
+        if status != OUTWORN:
+            return status
     for k in range(3):
         for i in range(x.shape[1]):
             if not is_finite(x[k, i]):
@@ -87,6 +76,31 @@ def refresh(pairs, x, chunks):
     prune(pairs, chunks)
     counts[BUILT] = 1
     return OK
+
+
+@jit
+def outlasts(pairs, chunks):
+    """Prune the outer list if the noted moves of the particles need it.
+
+    Return OK if all pairs within the cutoff are then in the inner list, OUTWORN if the lists must be made anew, or
+    BLOWN_UP."""
+    inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
+    jumped = (
+        inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
+    )  # a particle has passed the whole range of the force since the last call
+    if not is_finite(total) or (jumped and not pairs.counts[JUMPS_ALLOWED]):
+        return BLOWN_UP
+    room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
+    if room >= 0.0 and 4.0 * inner <= room**2:
+        return OK
+    each_chunk(pairs, chunks, "outer_move_chunk")
+    outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
+    room = pairs.outer_skin - pairs.inner_skin
+    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
+    if room >= 0.0 and 4.0 * outer <= room**2:
+        prune(pairs, chunks)
+        return OK
+    return OUTWORN
 
 
 @jit
