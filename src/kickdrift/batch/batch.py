@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from kickdrift.batch.lane_events import LaneEvents, run_with_events
 from kickdrift.batch.members import common, members_of
-from kickdrift.batch.sampling import momentum_scales, run_lanes, sampled_steps
+from kickdrift.batch.sampling import by_member, momentum_scales, run_lanes, sampled_steps
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.integrators.batch_stepping import LaneStepper, from_lanes
 from kickdrift.integrators.step_length import start_warning
 from kickdrift.jit.notices import compiling_for
-from kickdrift.looks.record import BOTH, Record, Series
+from kickdrift.looks.record import BOTH, Record, Series, even_stretch
 from kickdrift.model.capacity import check_room
 from kickdrift.model.limits import whole_number
 from kickdrift.model.state import Floats, State
@@ -83,7 +83,7 @@ class Batch:
         self._begun = momentum_scales(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) from each run
-        self._joined: tuple[NDArray[np.int64], Floats] | None = None
+        self._joined: tuple[NDArray[np.int64], slice, Floats] | None = None
         self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
 
     def __len__(self) -> int:
@@ -174,21 +174,22 @@ class Batch:
         return [self.report(i) if finite else None for i, finite in enumerate(self.finite)]
 
     @property
-    def _samples(self) -> tuple[NDArray[np.int64], Floats]:
-        """Steps (k,) and samples (members, LOOK, k) of the members."""
+    def _samples(self) -> tuple[NDArray[np.int64], slice, Floats]:
+        """Steps (k,), their longest even stretch, and samples (members, LOOK, k) of the members."""
         if self._joined is None:
-            looks = np.ascontiguousarray(np.concatenate(self._looks).transpose(2, 1, 0))
-            self._joined = np.array(self._steps), looks
+            steps = np.array(self._steps)
+            self._joined = steps, even_stretch(steps), by_member(self._looks)
         return self._joined
 
     def record(self, i: int) -> LaneRecord:
         """Samples of member ``i`` and its cost."""
-        steps, samples = self._samples
+        steps, even, samples = self._samples
         system, looks, taken = self.systems[i], samples[i], self._taken
         last = self._events.steps.get(i, self.steps_done) if self._events else self.steps_done
         if last < self.steps_done:  # an event has ended the run between two samples
             row = int(np.searchsorted(steps, last))
             steps, looks, taken = np.append(steps[:row], last), looks[:, : row + 1], last - int(steps[0])
+            even = even_stretch(steps)
         massive = int(np.count_nonzero(system.state.masses))
         warning = start_warning(system, self.method, float(self.dt[i]))
         series = Series(
@@ -201,6 +202,7 @@ class Batch:
             angular_momentum=looks[5:8].T,
             kinetics=looks[0],
             pairs=0.5 * massive * (massive - 1) + massive * (len(system) - massive),
+            even=even,
         )
         return LaneRecord(
             begun=True,

@@ -14,6 +14,7 @@ from kickdrift.model.system import System
 
 PAIR_STEPS = 200_000_000  # pairs and steps of one system between checks for Ctrl-C; some seconds
 PIECE_SAMPLES = 100_000  # samples in one piece of memory
+TRANSPOSED = 64  # samples of all members that are put in another order at once, within a cache
 
 
 def momentum_scales(systems: Sequence[System]) -> tuple[Floats, Floats]:
@@ -50,3 +51,16 @@ def run_lanes(stepper: LaneStepper, counts: NDArray[np.int64], done: int, watch:
         looks, exponents = zip(*parts, strict=True)
         found.append((np.concatenate(looks), np.concatenate(exponents)))
     return np.concatenate([f[0] for f in found], axis=-1), np.concatenate([f[1] for f in found], axis=-1)
+
+
+def by_member(looks: Sequence[Floats]) -> Floats:
+    """Samples (members, LOOK, k) of runs with samples (k, LOOK, members) each, one after the other."""
+    _, numbers, members = looks[0].shape
+    found = np.empty((members, numbers, sum(map(len, looks))))
+    at = 0
+    for some in looks:
+        for begin in range(0, len(some), TRANSPOSED):
+            part = some[begin : begin + TRANSPOSED]
+            found[:, :, at : at + len(part)] = part.transpose(2, 1, 0)
+            at += len(part)
+    return found

@@ -7,14 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.looks.record import even_looks
+from kickdrift.looks.record import Stretch, even_looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
-from kickdrift.statistics.drift import ROUNDINGS, Drift, drift, energy_error, rounding_of
+from kickdrift.statistics.drift import ROUNDINGS, Drift, EnergyError, drift, rounding_of
 
 
 @unwarned
-def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic: float, even: bool) -> Drift:
+def energy_trend(
+    steps: NDArray[np.int64],
+    times: Floats,
+    total: Floats,
+    kinetic: float,
+    even: bool,
+    error: EnergyError,
+    looks: Stretch | None = None,
+) -> Drift:
     """Drift of the relative energy error.
 
     Parameters
@@ -22,6 +30,8 @@ def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic
     steps, times, total : (k,) of the samples
     kinetic : the first sample's kinetic energy; nan if there is none
     even : whether steps are equally long. Otherwise the errors are interpolated to evenly spaced times.
+    error : the ``energy_error`` of ``total``
+    looks : the `even_looks`, if they are known
 
     Raises
     ------
@@ -29,11 +39,10 @@ def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic
         For values that are not finite.
     """
     first = 0.0 if np.isnan(kinetic) else kinetic
-    error = energy_error(total, first)
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     at, errors = times, (total - error.initial) / scale
     if even:
-        chosen = even_looks(steps, times)
+        chosen = even_looks(steps, times) if looks is None else looks
         at, errors = at[chosen], errors[chosen]
     if at[-1] < at[0]:  # back in time
         at, errors = at[::-1], errors[::-1]

@@ -21,6 +21,9 @@ from kickdrift.model.state import Floats
 STEPPING, LOOKS, BOTH, WRITING, OBSERVING = "stepping", "looks", "stepping and looks", "writing", "observing"
 
 
+Stretch = slice | NDArray[np.int64]
+
+
 class Series(NamedTuple):
     """A run's samples as arrays.
 
@@ -35,6 +38,7 @@ class Series(NamedTuple):
     kinetics : (k,) kinetic energy; nan for a Problem
     temperatures, pressures, volumes : (k,) None if a sample has none; volumes of a box that a barostat changes
     taken : (k,) energy that events had taken out, or minus the heat and the work that bath and barostat had given
+    even : the `even_looks`, if they are known
     """
 
     steps: NDArray[np.int64]
@@ -52,6 +56,7 @@ class Series(NamedTuple):
     taken: Floats | float = 0.0
     pressures: Floats | None = None
     volumes: Floats | None = None
+    even: Stretch | None = None
 
 
 def even_stretch(steps: NDArray[np.int64]) -> slice:
@@ -71,12 +76,13 @@ def on_grid(steps: NDArray[np.int64], times: Floats) -> NDArray[np.bool_]:
     later = counts > 0
     if not later.any():
         return np.ones(len(steps), bool)
-    step = float(np.median(apart[later] / counts[later]))
+    lengths = np.sort(apart[later] / counts[later])
+    step = 0.5 * float(lengths[(len(lengths) - 1) // 2] + lengths[len(lengths) // 2])  # np.median's
     rounding = 8.0 * float(np.finfo(float).eps) * float(np.abs(times).max() + apart.max())
     return np.asarray(np.abs(apart - counts * step) <= 1e-6 * step + rounding)
 
 
-def even_looks(steps: NDArray[np.int64], times: Floats) -> slice | NDArray[np.int64]:
+def even_looks(steps: NDArray[np.int64], times: Floats) -> Stretch:
     """Return the index of the looks in the longest stretch of looks that are equally long apart."""
     whole = on_grid(steps, times)
     if whole.all():

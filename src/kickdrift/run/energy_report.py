@@ -91,7 +91,7 @@ def energy_report(
         total = total - work.given
     if np.isnan(total[0]):
         return None  # a Problem without an energy function
-    error = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
+    error = whole = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     if unknown:
         error = replace(error, rms_relative_error=math.nan, max_relative_error=math.nan)
         return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown))
@@ -100,7 +100,7 @@ def energy_report(
         working = [name for name in working if name not in work.by_force]
 
     def judged() -> tuple[float, float, str]:
-        trend = energy_trend(series.steps, series.times, total, kinetic, even)
+        trend = energy_trend(series.steps, series.times, total, kinetic, even, whole, series.even)
         return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
 
     return EnergyReport.later(error, series.final, judged, work)

@@ -266,6 +266,22 @@ def autoregress(rest, before, longest, given, workspace):
 
 
 @driver
+def undo_whitening(frequencies, whitener, cosines, sines):
+    """Divide amplitudes (L,) of waves in a whitened series by the whitener's response at their ``frequencies`` (L,)."""
+    frequencies, whitener = unowned(frequencies), unowned(whitener)
+    cosines, sines = unowned(cosines), unowned(sines)
+    last = whitener.size - 1
+    for i in range(frequencies.size):
+        turn = complex(math.cos(frequencies[i]), -math.sin(frequencies[i]))
+        over = complex(whitener[last], 0.0)
+        for k in range(last - 1, -1, -1):
+            over = over * turn + whitener[k]
+        half = 0.5 * last * frequencies[i]
+        apart = complex(cosines[i], -sines[i]) / (over * complex(math.cos(half), math.sin(half)))
+        cosines[i], sines[i] = apart.real, -apart.imag
+
+
+@driver
 def whiten(y, whitener, white):
     """white (n + 1 - w,) <- sums of w numbers of ``y`` (n,), the last one first, times the ``whitener`` (w,)."""
     y, whitener, white = unowned(y), unowned(whitener), unowned(white)

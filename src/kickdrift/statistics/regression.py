@@ -43,12 +43,11 @@ def trend_regression(y: Floats, waves: Waves) -> Fit:
     slope = found.slope / noise.sum
     change = slope - waves.slope
     if len(waves):
-        last = len(noise.whitener) - 1
-        powers = np.tile(np.exp(-1j * waves.frequencies)[:, None], last).cumprod(axis=1)
-        over = (noise.whitener[0] + powers @ noise.whitener[1:]) * np.exp(0.5j * last * waves.frequencies)
-        apart = (found.cosines - 1j * found.sines) / over
-        cosines, sines = apart.real - waves.cosines, -apart.imag - waves.sines
-        rest = Fits(waves.rest).less(waves.frequencies, cosines, sines, change)
+        from kickdrift.statistics.noise_kernel import undo_whitening
+
+        cosines, sines = found.cosines.copy(), found.sines.copy()
+        undo_whitening(waves.frequencies, noise.whitener, cosines, sines)
+        rest = Fits(waves.rest).less(waves.frequencies, cosines - waves.cosines, sines - waves.sines, change)
     else:
         rest = waves.rest - change * places
     return noise.fit(slope, found.rest, found.variance, left, float(np.var(rest)))

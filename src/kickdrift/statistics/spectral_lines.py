@@ -94,20 +94,20 @@ def spectral_lines(y: Floats, floor: float) -> tuple[Waves, bool]:
     ``MIN_CYCLES`` cycles stay in the series, because trend and wave would share its change arbitrarily. ``floor`` is
     the level of rounding.
     """
+    from kickdrift.statistics.wave_kernel import prewhiten
+
     n = len(y)
     most = min(MAX_LINES, n // 20)
-    fits = Fits(y)
+    fits, white = Fits(y), np.empty(n - 1)
     waves = fits.line()
     bins = (n - 1) / (2.0 * np.pi)
     for _ in range(MAX_LINES):
-        rest = waves.rest
-        if max(rest.max(), -rest.min()) <= floor:
+        if prewhiten(waves.rest, _taper(n - 1), white) <= floor:
             break
-        redness = max(float(rest[1:] @ rest[:-1]) / float(rest @ rest), 0.0)
-        peaks, slow = _peaks(rest[1:] - redness * rest[:-1], waves.frequencies * bins, most)
+        peaks, slow = _peaks(white, waves.frequencies * bins, most)
         if not len(peaks):
             return waves, slow
-        waves = fits.waves(np.append(waves.frequencies, peaks / bins), 4)
+        waves = fits.waves(np.concatenate((waves.frequencies, peaks / bins)), 4)
         signs = np.abs(waves.frequencies - np.pi) < 1.0 / n
         if signs.any():  # towards alternating signs, a double root, Gauss-Newton only halves the distance
             there = fits.waves(np.where(signs, np.pi, waves.frequencies))
@@ -116,11 +116,11 @@ def spectral_lines(y: Floats, floor: float) -> tuple[Waves, bool]:
 
 
 def _peaks(white: Floats, known: Floats, most: int) -> tuple[NDArray[np.int64], bool]:
-    """Places of new lines in the spectrum of a series, and whether there is a slow wave. ``known`` are the places of
-    the known lines, and ``most`` is the largest number of lines."""
+    """Places of new lines in the spectrum of a tapered series, and whether there is a slow wave. ``known`` are the
+    places of the known lines, and ``most`` is the largest number of lines."""
     if most <= len(known):
         return np.empty(0, np.int64), False
-    spectrum = np.fft.rfft(white * _taper(len(white)))
+    spectrum = np.fft.rfft(white)
     if not len(known):
         power = (spectrum.real**2 + spectrum.imag**2)[1:]
         m = int(np.count_nonzero(power))

@@ -22,11 +22,15 @@ def factor(room, which, count, least):
         if i < count and matrix[i, i] > least:
             scales[i] = 1.0 / math.sqrt(matrix[i, i])
     for i in range(count):
-        for b in range(i // WIDTH * WIDTH, count, WIDTH):
+        for b in range(i // WIDTH * WIDTH, count, 2 * WIDTH):  # two at once, since each sum waits for the one before
+            d = b + WIDTH if b + WIDTH < count else b
             row = scales[i] * load(scales, b) * load(matrix, i * columns + b)
+            row2 = scales[i] * load(scales, d) * load(matrix, i * columns + d)
             for m in range(i):
                 row = row - matrix[m, i] * load(matrix, m * columns + b)
+                row2 = row2 - matrix[m, i] * load(matrix, m * columns + d)
             store(matrix, i * columns + b, row)
+            store(matrix, i * columns + d, row2)
         inverse = 1.0 / math.sqrt(matrix[i, i]) if matrix[i, i] > HIDDEN else 0.0
         inverses[i] = inverse
         for b in range(i // WIDTH * WIDTH, count, WIDTH):
@@ -39,11 +43,14 @@ def forward(room, which, count, right, end):
     matrix, scales, inverses = room.systems[which], room.scales[which], room.inverses[which]
     columns = scales.size
     for i in range(count):
-        for b in range(0, end, WIDTH):
-            row = scales[i] * load(right, i * columns + b)
+        for b in range(0, end, 2 * WIDTH):
+            d = b + WIDTH if b + WIDTH < end else b
+            row, row2 = scales[i] * load(right, i * columns + b), scales[i] * load(right, i * columns + d)
             for m in range(i):
                 row = row - matrix[m, i] * load(right, m * columns + b)
+                row2 = row2 - matrix[m, i] * load(right, m * columns + d)
             store(right, i * columns + b, inverses[i] * row)
+            store(right, i * columns + d, inverses[i] * row2)
 
 
 @jit
@@ -78,13 +85,20 @@ def gauss_newton(n, frequencies, room):
     for i in range(count):  # the series changes with w by k (b cos - a sin), for a wave a cos + b sin
         minus_a, b = found[0, i], found[1, i]
         right_side = minus_a * found[2, i + 1] + b * found[3, i + 1]
-        for p in range(i // WIDTH * WIDTH, count, WIDTH):
+        for p in range(i // WIDTH * WIDTH, count, 2 * WIDTH):
+            q = p + WIDTH if p + WIDTH < count else p
             by_even, by_odd = minus_a * load(found, p), b * load(found, columns + p)
+            by_even2, by_odd2 = minus_a * load(found, q), b * load(found, columns + q)
             of_even, of_odd = load(slopes, size + i * columns + p), load(slopes, i * columns + p)
+            of_even2, of_odd2 = load(slopes, size + i * columns + q), load(slopes, i * columns + q)
             for m in range(count + 1):
-                of_even = of_even - across[0, m, i] * load(across, m * columns + p)
-                of_odd = of_odd - across[1, m, i] * load(across, size + m * columns + p)
+                even, odd = across[0, m, i], across[1, m, i]
+                of_even = of_even - even * load(across, m * columns + p)
+                of_odd = of_odd - odd * load(across, size + m * columns + p)
+                of_even2 = of_even2 - even * load(across, m * columns + q)
+                of_odd2 = of_odd2 - odd * load(across, size + m * columns + q)
             store(changes, i * columns + p, by_even * of_even + by_odd * of_odd)
+            store(changes, i * columns + q, by_even2 * of_even2 + by_odd2 * of_odd2)
         for m in range(count + 1):
             right_side -= minus_a * across[0, m, i] * across[0, m, count] + b * across[1, m, i] * across[1, m, count]
         if not changes[i, i] > HIDDEN * (minus_a * minus_a + b * b) * n**3 / 24.0:  # also at alternating signs

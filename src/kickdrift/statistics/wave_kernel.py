@@ -64,38 +64,54 @@ def project(frequencies, room):
     for p in range(0, places.size, WIDTH):
         one, line = one + load(halves, p), line + load(places, p) * load(halves, places.size + p)
     found[0, 0], found[1, 0] = lane_sum(one), lane_sum(line)
-    for j in range(frequencies.size):
-        over_cos, over_sin = first_places(frequencies[j], j, room)
+    last = frequencies.size - 1
+    for i in range(0, last + 1, 2):  # two at once, since each rotation waits for the one before
+        j = min(i + 1, last)
+        over_cos, over_sin = first_places(frequencies[i], i, room)
         c, s = load(room.first, 0), load(room.first, WIDTH)
+        over_cos2, over_sin2 = first_places(frequencies[j], j, room)
+        c2, s2 = load(room.first, 0), load(room.first, WIDTH)
         cosine, sine, times_sine, times_cosine = zero, zero, zero, zero
+        cosine2, sine2, times_sine2, times_cosine2 = zero, zero, zero, zero
         for p in range(0, places.size, WIDTH):
             of_even, of_odd, k = load(halves, p), load(halves, places.size + p), load(places, p)
+            k_even, k_odd = k * of_even, k * of_odd
             cosine, sine = cosine + c * of_even, sine + s * of_odd
-            times_sine, times_cosine = times_sine + s * (k * of_even), times_cosine + c * (k * of_odd)
+            times_sine, times_cosine = times_sine + s * k_even, times_cosine + c * k_odd
+            cosine2, sine2 = cosine2 + c2 * of_even, sine2 + s2 * of_odd
+            times_sine2, times_cosine2 = times_sine2 + s2 * k_even, times_cosine2 + c2 * k_odd
             c, s = c * over_cos - s * over_sin, s * over_cos + c * over_sin
-        found[0, j + 1], found[1, j + 1] = lane_sum(cosine), lane_sum(sine)
-        found[2, j + 1], found[3, j + 1] = lane_sum(times_sine), lane_sum(times_cosine)
+            c2, s2 = c2 * over_cos2 - s2 * over_sin2, s2 * over_cos2 + c2 * over_sin2
+        found[0, i + 1], found[1, i + 1] = lane_sum(cosine), lane_sum(sine)
+        found[2, i + 1], found[3, i + 1] = lane_sum(times_sine), lane_sum(times_cosine)
+        found[0, j + 1], found[1, j + 1] = lane_sum(cosine2), lane_sum(sine2)
+        found[2, j + 1], found[3, j + 1] = lane_sum(times_sine2), lane_sum(times_cosine2)
 
 
 @jit
 def take_off(n, frequencies, room):
     """Subtract the solution from ``halves``."""
     places, halves, solution = room.places, room.halves, room.solution
-    size, middle = places.size, halves[0, 0]
-    for j in range(frequencies.size + 1):
-        a, b = 2.0 * solution[0, j], 2.0 * solution[1, j]
-        middle -= solution[0, j]
-        if j == 0:
-            for p in range(0, size, WIDTH):
-                store(halves, p, load(halves, p) - a)
-                store(halves, size + p, load(halves, size + p) - b * load(places, p))
-            continue
-        over_cos, over_sin = first_places(frequencies[j - 1], j - 1, room)
+    size, middle, last = places.size, halves[0, 0], frequencies.size - 1
+    for i in range(last + 2):
+        middle -= solution[0, i]
+    a, b = 2.0 * solution[0, 0], 2.0 * solution[1, 0]
+    for p in range(0, size, WIDTH):
+        store(halves, p, load(halves, p) - a)
+        store(halves, size + p, load(halves, size + p) - b * load(places, p))
+    for i in range(0, last + 1, 2):  # two at once, as in ``project``
+        j = min(i + 1, last)
+        a, b = 2.0 * solution[0, i + 1], 2.0 * solution[1, i + 1]
+        a2, b2 = (2.0 * solution[0, j + 1], 2.0 * solution[1, j + 1]) if j > i else (0.0, 0.0)
+        over_cos, over_sin = first_places(frequencies[i], i, room)
         c, s = load(room.first, 0), load(room.first, WIDTH)
+        over_cos2, over_sin2 = first_places(frequencies[j], j, room)
+        c2, s2 = load(room.first, 0), load(room.first, WIDTH)
         for p in range(0, size, WIDTH):
-            store(halves, p, load(halves, p) - a * c)
-            store(halves, size + p, load(halves, size + p) - b * s)
+            store(halves, p, load(halves, p) - a * c - a2 * c2)
+            store(halves, size + p, load(halves, size + p) - b * s - b2 * s2)
             c, s = c * over_cos - s * over_sin, s * over_cos + c * over_sin
+            c2, s2 = c2 * over_cos2 - s2 * over_sin2, s2 * over_cos2 + c2 * over_sin2
     for i in range((n + 1) // 2, size):
         halves[0, i], halves[1, i] = 0.0, 0.0
     if n % 2:
@@ -156,6 +172,22 @@ def take_off_waves(y, frequencies, coefficients, rest, workspace):
         room.solution[0, i], room.solution[1, i] = coefficients[2 * i], coefficients[2 * i + 1]
     take_off(y.size, frequencies, room)
     unfold(rest, room)
+
+
+@driver
+def prewhiten(rest, taper, white):
+    """white (n - 1,) <- the series ``rest`` (n,) less its predecessors times its correlation with these, unless that
+    is negative; then times the ``taper`` (n - 1,). Return the largest modulus of the series."""
+    rest, taper, white = unowned(rest), unowned(taper), unowned(white)
+    largest, squares, products = abs(rest[0]), rest[0] * rest[0], 0.0
+    for i in range(1, rest.size):
+        largest = max(largest, abs(rest[i]))
+        squares += rest[i] * rest[i]
+        products += rest[i] * rest[i - 1]
+    redness = products / squares if products > 0.0 else 0.0
+    for i in range(white.size):
+        white[i] = (rest[i + 1] - redness * rest[i]) * taper[i]
+    return largest
 
 
 @driver

@@ -98,8 +98,8 @@ def sums_for(n, w, room):
 
 @jit
 def fill_turns(n, frequencies, room):
-    """Fill in ``turns``."""
-    for i in range(room.turns.shape[1]):
+    """Fill in ``turns``, for a multiple of eight."""
+    for i in range((frequencies.size + WIDTH - 1) // WIDTH * WIDTH):
         half = 0.5 * frequencies[i] if i < frequencies.size else 0.5
         room.turns[0, i], room.turns[1, i] = math.sin(half), math.cos(half)
         room.turns[2, i], room.turns[3, i] = math.sin(n * half), math.cos(n * half)
@@ -140,9 +140,10 @@ def fill_products(n, frequencies, room):
                 store(systems, size + row + 1, p1)
                 store(across, size + row, p2)
             lanes = (mask_bits(near) & ~mask_bits(itself)) | mask_bits(far)
-            for j in range(b, min(b + WIDTH, count)):
-                if (lanes >> (j - b)) & 1:
-                    fill_pair(n, frequencies, room, i, j)
+            if lanes:
+                for j in range(b, min(b + WIDTH, count)):
+                    if (lanes >> (j - b)) & 1:
+                        fill_pair(n, frequencies, room, i, j)
 
 
 @jit

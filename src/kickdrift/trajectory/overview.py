@@ -192,7 +192,7 @@ def _so_far(run: Run, samples: Samples) -> dict[str, Any]:
 def _energy(run: Run | ProblemRun, samples: Samples, total: Floats, kinetic: float = 0.0) -> dict[str, Any]:
     try:
         error = energy_error(total, kinetic)
-        trend = energy_trend(samples.steps, samples.times, total, kinetic, run.method.get("dt") is not None)
+        trend = energy_trend(samples.steps, samples.times, total, kinetic, run.method.get("dt") is not None, error)
     except InputError:  # energies that are not finite
         return {}
     said = {"drift_per_unit_time": trend.slope, "drift_error": trend.error, "verdict": trend.verdict}
