@@ -47,7 +47,7 @@ class ClusterList(NamedTuple):
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, without padding
     first: NDArray[np.int64]  # (clusters,) index in `order` of a cluster's first particle
-    column: NDArray[np.int64]  # (n,)
+    column: NDArray[np.int32]  # (n,) column of each particle
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
     place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
     offset: NDArray[np.float64]  # (3 slots,) whole edges subtracted from each position
@@ -141,7 +141,7 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
         first=np.zeros(clusters, np.int64),
-        column=np.zeros(n, np.int64),
+        column=np.zeros(n, np.int32),
         column_clusters=np.zeros(clusters + 2, np.int64),
         place=np.zeros(n, np.int64),
         offset=aligned((3 * slots,)),

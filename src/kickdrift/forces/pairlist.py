@@ -14,7 +14,7 @@ from kickdrift.forces.box_change import PRUNED, SEARCHED, adopt, keep_lengths, l
 from kickdrift.forces.cluster_load import Loading, keep_positions, move_since
 from kickdrift.forces.cluster_search import search
 from kickdrift.forces.cluster_sort import sort
-from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, N_CLUSTERS, PRUNES, ROOM_NEEDED, copy
+from kickdrift.forces.clusters import BUILT, JUMPS_ALLOWED, PRUNES, ROOM_NEEDED, chunk_clusters, copy
 from kickdrift.forces.kernel import BLOWN_UP, GROW, OK
 from kickdrift.forces.pair_rows import copy_to_single
 from kickdrift.forces.particle_rows import pairs_within, particle_rows, spread_rows
@@ -52,26 +52,63 @@ def refresh(pairs, x, chunks):
         if room >= 0.0 and 4.0 * outer <= room**2:
             prune(pairs, chunks)
             return OK
-    for k in range(3):
-        for i in range(x.shape[1]):
-            if not is_finite(x[k, i]):
-                return BLOWN_UP
+    each_chunk(handle(Loading(pairs, x)), chunks, "finite_chunk")
+    if not all_finite(pairs):
+        return BLOWN_UP
     counts[BUILT] = 0
     sort(pairs, x, chunks)
     place_special(pairs.special, pairs.place)
     search(pairs, chunks)
     if counts[ROOM_NEEDED] > pairs.near.shape[1]:
         return GROW
-    copy(flat(x), flat(pairs.built_at))
+    each_chunk(handle(Loading(pairs, x)), chunks, "built_at_chunk")
     prune(pairs, chunks)
     counts[BUILT] = 1
     return OK
 
 
+@chunk_task
+def finite_chunk(loading, c):
+    """Note in ``moves[c, 1]`` how many of chunk c's coordinates are not finite."""
+    never_inline()
+    numbers, chunks = flat(loading.x), loading.pairs.moves.shape[0]
+    other = 0
+    for p in range(c * numbers.size // chunks, (c + 1) * numbers.size // chunks):
+        other += int(not is_finite(numbers[p]))
+    loading.pairs.moves[c, 1] = other
+
+
+@jit
+def all_finite(pairs):
+    """Tell whether no chunk has found a coordinate that is not finite."""
+    for c in range(pairs.moves.shape[0]):
+        if pairs.moves[c, 1] > 0.0:
+            return False
+    return True
+
+
+@chunk_task
+def built_at_chunk(loading, c):
+    """Keep the positions of chunk c, of a search, in the order of the particles."""
+    never_inline()
+    given, kept, chunks = flat(loading.x), flat(loading.pairs.built_at), loading.pairs.moves.shape[0]
+    begin, end = c * given.size // chunks, (c + 1) * given.size // chunks
+    copy(given[begin:end], kept[begin:end])
+
+
+@chunk_task
+def single_chunk(pairs, c):
+    """In mixed precision, copy the positions of chunk c's clusters to float32."""
+    never_inline()
+    begin, end = chunk_clusters(pairs, c)
+    copy_to_single(pairs, begin, end)
+
+
 @jit
 def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
-    copy_to_single(pairs, 0, pairs.counts[N_CLUSTERS])
+    if pairs.x_single.size:
+        each_chunk(pairs, chunks, "single_chunk")
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
     keep_lengths(pairs, PRUNED)
