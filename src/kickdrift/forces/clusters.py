@@ -61,7 +61,8 @@ class ClusterList(NamedTuple):
     inner_reference: NDArray[np.float64]
     near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
     near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
-    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, cluster by cluster
+    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, cluster by cluster; like ``used``,
+    # valid where ``touched``
     rows: NDArray[np.int32]  # (chunks, entries, 2) the inner list: the index of a block's first x in `x`, and the
     # index of the row's shifted positions in the cluster's table
     used: NDArray[np.int64]  # (chunks, clusters) bits of the shifts in a cluster's rows

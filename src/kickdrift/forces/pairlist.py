@@ -1,7 +1,7 @@
 """The cluster pair list: pairs of particles that may be within the cutoff, arranged for SIMD.
 
-The list has two levels: an outer list of near clusters (`cluster_search`), and rows of particles (`particle_rows`) or of
-tiles (`tile_rows`), which are made again from the outer list between two searches.
+The list has two levels. The outer list has the clusters near each cluster (`cluster_search`). The inner list has rows of
+particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
 """
 
 from __future__ import annotations
@@ -72,19 +72,19 @@ def finite_chunk(loading, c):
     """Note in ``moves[c, 1]`` how many of chunk c's coordinates are not finite."""
     never_inline()
     numbers, chunks = flat(loading.x), loading.pairs.moves.shape[0]
-    other = 0
+    bad = 0
     for p in range(c * numbers.size // chunks, (c + 1) * numbers.size // chunks):
-        other += int(not is_finite(numbers[p]))
-    loading.pairs.moves[c, 1] = other
+        bad += int(not is_finite(numbers[p]))
+    loading.pairs.moves[c, 1] = bad
 
 
 @jit
 def all_finite(pairs):
     """Tell whether no chunk has found a coordinate that is not finite."""
+    bad = 0.0
     for c in range(pairs.moves.shape[0]):
-        if pairs.moves[c, 1] > 0.0:
-            return False
-    return True
+        bad += pairs.moves[c, 1]
+    return bad == 0.0
 
 
 @chunk_task
