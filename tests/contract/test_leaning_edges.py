@@ -14,7 +14,7 @@ import kickdrift as kd
 PACKAGE = Path(kd.__file__).parent
 WORDS = {"triclinic", "leans", "leaning_image", "square_by_edges"}
 KNOW = {
-    "model/box.py", "model/cell.py", "model/nearness.py", "forces/pairlist.py", "trajectory/edges.py",
+    "model/box.py", "model/cell.py", "model/nearness.py", "forces/cluster_search.py", "trajectory/edges.py",
     "systemfile/writing.py", "forces/bonded_kernel.py",
 }  # fmt: skip
 VOLUME = 4.0 * 3.0 * 9.0  # of the leaning box below; its c x a is (0, 36, 2)

@@ -28,7 +28,9 @@ class Sorting(NamedTuple):
     z: Any  # (n,) positions along z, less the edges
     low: Any  # (3,) lowest corner
     extent: Any  # (3,)
-    ends: Any  # (columns + 1,) number of particles up to the end of each column
+    ends: Any  # (columns + 1,) first particle of each column, in the order of columns
+    places: Any  # (chunks, columns) number of a chunk's particles in each column, then the place of the next one
+    before: Any  # (n,) particles in the former order, which is nearly the new one
 
 
 @strict
@@ -40,26 +42,28 @@ def sort(pairs, x, chunks):
     nx, ny = columns(n, extent)
     pairs.counts[NX], pairs.counts[NY] = nx, ny
     pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]
-    sort_with(pairs, x, chunks, np.empty((3, n)), np.empty(n), low, extent, np.zeros(nx * ny + 1, np.int64))
+    ends, places = np.zeros(nx * ny + 1, np.int64), np.zeros((chunks.number, nx * ny), np.int64)
+    sort_with(pairs, x, chunks, np.empty((3, n)), np.empty(n), low, extent, ends, places, pairs.order.copy())
 
 
 @strict
-def sort_with(pairs, x, chunks, offset, z, low, extent, ends):
+def sort_with(pairs, x, chunks, offset, z, low, extent, ends, places, before):
     """Do the work of `sort`, whose arrays outlive this call: a handle keeps none alive."""
-    order, column, first = pairs.order, pairs.column, pairs.column_clusters
-    sorting = handle(Sorting(pairs, x, offset, z, low, extent, ends))
+    first = pairs.column_clusters
+    sorting = handle(Sorting(pairs, x, offset, z, low, extent, ends, places, before))
     each_chunk(sorting, chunks, "columns_of_chunk")
-    for c in column:
-        ends[c + 1] += 1
-    first[0] = 0
-    for c in range(ends.size - 1):
-        first[c + 1] = first[c] + (ends[c + 1] + WIDTH - 1) // WIDTH
-        ends[c + 1] += ends[c]
+    each_chunk(sorting, chunks, "counts_of_chunk")
+    first[0] = at = 0
+    for column in range(ends.size - 1):
+        begin = at
+        for c in range(places.shape[0]):
+            count = places[c, column]
+            places[c, column] = at
+            at += count
+        ends[column + 1] = at
+        first[column + 1] = first[column] + (at - begin + WIDTH - 1) // WIDTH
     pairs.counts[N_CLUSTERS] = first[ends.size - 1]
-    before = order.copy()  # nearly sorted already
-    for i in before:
-        order[ends[column[i]]] = i
-        ends[column[i]] += 1
+    each_chunk(sorting, chunks, "order_of_chunk")
     each_chunk(sorting, chunks, "clusters_of_chunk")
 
 
@@ -99,15 +103,45 @@ def columns_of_chunk(sorting, c):
 
 
 @chunk_task
+def counts_of_chunk(sorting, c):
+    """Count chunk c's particles, by the former order, in each column."""
+    never_inline()
+    column, before, places = sorting.pairs.column, sorting.before, sorting.places[c]
+    n, chunks = before.size, sorting.places.shape[0]
+    for k in range(c * n // chunks, (c + 1) * n // chunks):
+        places[column[before[k]]] += 1
+
+
+@chunk_task
+def order_of_chunk(sorting, c):
+    """Bring chunk c's particles to their columns, in the former order."""
+    never_inline()
+    order, column, before, places = sorting.pairs.order, sorting.pairs.column, sorting.before, sorting.places[c]
+    n, chunks = before.size, sorting.places.shape[0]
+    for k in range(c * n // chunks, (c + 1) * n // chunks):
+        i = before[k]
+        at = places[column[i]]
+        order[at] = i
+        places[column[i]] = at + 1
+
+
+@chunk_task
 def clusters_of_chunk(sorting, c):
     """Sort the particles of chunk c's columns by z, and make their clusters."""
     never_inline()
     pairs, order, ends, low, extent = sorting.pairs, sorting.pairs.order, sorting.ends, sorting.low, sorting.extent
     far = low + 2.0 * extent + FAR * pairs.cutoff  # further than any particle minus an edge
     chunks, all_columns = pairs.force.shape[0], pairs.counts[NX] * pairs.counts[NY]
-    for column in range(c * all_columns // chunks, (c + 1) * all_columns // chunks):
-        start, end = ends[column - 1] if column else 0, ends[column]
-        shell_sort(order[start:end], sorting.z)
+    from_column, to_column = c * all_columns // chunks, (c + 1) * all_columns // chunks
+    longest = 0
+    for column in range(from_column, to_column):
+        longest = max(longest, ends[column + 1] - ends[column])
+    heights = np.empty(longest)
+    for column in range(from_column, to_column):
+        start, end = ends[column], ends[column + 1]
+        for k in range(start, end):
+            heights[k - start] = sorting.z[order[k]]
+        shell_sort(order[start:end], heights)
         cluster = pairs.column_clusters[column]
         for begin in range(start, end, WIDTH):
             pairs.first[cluster] = begin
@@ -151,15 +185,17 @@ def fill_cluster(pairs, x, offset, cluster, column, particles, far):
 
 @jit
 def shell_sort(order, z):
-    """Sort particle numbers by z, then by number (Shell 1959, gaps of Ciura 2001); fast for nearly sorted input."""
+    """Sort particle numbers by their z, then by number (Shell 1959, gaps of Ciura 2001); fast for nearly sorted input.
+
+    ``z`` holds the heights of these particles, and is sorted too."""
     for gap in (1750, 701, 301, 132, 57, 23, 10, 4, 1):
         for k in range(gap, order.size):
-            i = order[k]
+            i, height = order[k], z[k]
             at = k
             while at >= gap:
-                j = order[at - gap]
-                if z[j] < z[i] or (z[j] == z[i] and j < i):
+                j, other = order[at - gap], z[at - gap]
+                if other < height or (other == height and j < i):
                     break
-                order[at] = j
+                order[at], z[at] = j, other
                 at -= gap
-            order[at] = i
+            order[at], z[at] = i, height

@@ -48,7 +48,7 @@ class ClusterList(NamedTuple):
     counts: NDArray[np.int64]
     order: NDArray[np.int64]  # (n,) particles in slot order, without padding
     first: NDArray[np.int64]  # (clusters,) index in `order` of a cluster's first particle
-    column: NDArray[np.int64]  # (n,)
+    column: NDArray[np.int32]  # (n,) column of each particle
     column_clusters: NDArray[np.int64]  # (columns + 1,) the first cluster of each column
     place: NDArray[np.int64]  # (n,) index of each particle in `x` and `force`
     offset: NDArray[np.float64]  # (3 slots,) whole edges subtracted from each position
@@ -62,7 +62,8 @@ class ClusterList(NamedTuple):
     inner_reference: NDArray[np.float64]
     near_span: NDArray[np.int64]  # (clusters, 2) first and last entry + 1 of a cluster
     near: NDArray[np.int32]  # (chunks, room) the outer list, entries: cluster << 5 | shift
-    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, cluster by cluster
+    row_start: NDArray[np.int64]  # (chunks, slots + 1) the first entry of each row, cluster by cluster; like ``used``,
+    # valid where ``touched``
     rows: NDArray[np.int32]  # (chunks, entries, 2) the inner list: the index of a block's first x in `x`, and the
     # index of the row's shifted positions in the cluster's table
     used: NDArray[np.int64]  # (chunks, clusters) bits of the shifts in a cluster's rows
@@ -149,7 +150,7 @@ def cluster_list(
         counts=np.zeros(8, np.int64),
         order=np.arange(n, dtype=np.int64),
         first=np.zeros(clusters, np.int64),
-        column=np.zeros(n, np.int64),
+        column=np.zeros(n, np.int32),
         column_clusters=np.zeros(clusters + 2, np.int64),
         place=np.zeros(n, np.int64),
         offset=aligned((3 * slots,)),

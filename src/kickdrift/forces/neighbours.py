@@ -113,6 +113,8 @@ def make_rows(rows, pairs):
                 if r2 < reach2:
                     add_pair(rows, narrow, WIDTH * cluster + i, WIDTH * cluster + j)
         for c in range(pairs.rows.shape[0]):
+            if not pairs.touched[c, cluster]:
+                continue
             listed, start = pairs.rows[c], pairs.row_start[c]
             for lane in range(WIDTH):
                 at = first + lane

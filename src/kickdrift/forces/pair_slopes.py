@@ -220,9 +220,9 @@ def sum_slopes(force, u, s, number, c):
     clusters, room = pairs.counts[N_CLUSTERS], pairs.x.size // STRIDE
     longest = 0
     for cluster in range(clusters):
-        for row in range(WIDTH * cluster, WIDTH * cluster + WIDTH):
-            longest = max(longest, start[row + 1] - start[row])
         if touched[cluster]:
+            for row in range(WIDTH * cluster, WIDTH * cluster + WIDTH):
+                longest = max(longest, start[row + 1] - start[row])
             for q in range(number):
                 store_vector(s, q * room + cluster, splat(0.0), splat(0.0), splat(0.0))
     parts = blocks(pairs.block)
@@ -232,6 +232,8 @@ def sum_slopes(force, u, s, number, c):
     laws = force.law, force.at_cutoff, force.truncation, force.tables
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(clusters):
+        if not touched[cluster]:
+            continue
         first = WIDTH * cluster
         within = begin <= cluster and cluster < end and not is_inside(pairs.special, cluster)
         if start[first] == start[first + WIDTH] and not within:

@@ -78,6 +78,8 @@ def sum_pairs(force, sums, deviation, c, thread):
     begin, end = chunk_clusters(pairs, c)
     rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs)
     for cluster in range(pairs.counts[N_CLUSTERS]):
+        if not touched[cluster]:
+            continue
         first = rows_each * cluster
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:

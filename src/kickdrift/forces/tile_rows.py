@@ -6,8 +6,6 @@ the chunk's own clusters.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from kickdrift.forces.clusters import (
@@ -20,6 +18,7 @@ from kickdrift.forces.clusters import (
     table_place,
 )
 from kickdrift.forces.pair_rows import fill_table, tile_table
+from kickdrift.forces.particle_rows import pairs_within, spread_rows
 from kickdrift.forces.special_pairs import clear_special, is_special, mark_special, without_special
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.masks import mask_bits
@@ -33,11 +32,11 @@ UNSHIFTED = SHIFTS // 2
 ALL = 0xFFFF  # bits of 16 lanes
 
 
-def all_within(pairs: Any, cluster: int, other: int, s: int) -> int:
-    """Return 64 bits that mark the pairs of two clusters within reach; see `pairlist`, which imports this module.
-
-    A function that takes a compiled function as an argument would not be kept on disk."""
-    raise NotImplementedError("for compiled code")
+@jit
+def all_within(pairs, cluster, other, s):
+    """Return 64 bits that mark the pairs of two clusters within reach; see `pairs_within`."""
+    table = np.empty(4 * 6 * WIDTH, np.float32)
+    return pairs_within(pairs.x, pairs.shifts, cluster, other, s, spread_rows(pairs, cluster, table), table)
 
 
 @jit

@@ -27,11 +27,12 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.cluster_load import Loading
+from kickdrift.forces.cluster_search import search
 from kickdrift.forces.cluster_sort import sort
 from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import N_CLUSTERS
 from kickdrift.forces.evaluate import clear, sum_of
-from kickdrift.forces.pairlist import prune, search
+from kickdrift.forces.pairlist import prune
 from kickdrift.integrators.loops import add_scaled
 from kickdrift.jit.chunks import each_chunk
 from kickdrift.jit.compile import jit
