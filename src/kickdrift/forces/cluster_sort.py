@@ -38,7 +38,8 @@ def sort(pairs, x, chunks):
     """Sort the particles into columns and by z (ids break ties), and make padded clusters with bounding boxes."""
     n = pairs.order.size
     low, extent = extents(pairs, x)
-    pairs.origin[:] = low + 0.5 * extent
+    for k in range(3):  # compiling the assignment of a whole array takes a second longer
+        pairs.origin[k] = low[k] + 0.5 * extent[k]
     nx, ny = columns(n, extent)
     pairs.counts[NX], pairs.counts[NY] = nx, ny
     pairs.grid[0], pairs.grid[1], pairs.grid[2], pairs.grid[3] = extent[0] / nx, extent[1] / ny, low[0], low[1]

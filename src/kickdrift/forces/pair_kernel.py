@@ -133,13 +133,13 @@ def remake(force, built_at, pruned_at):
     pairs = force.pairs
     pairs.counts[BUILT] = 0
     now, then = pairs.live.copy(), pairs.made_in.copy()
-    pairs.live[:] = then[SEARCHED]
+    copy(then[SEARCHED], pairs.live)
     status = refresh(pairs, built_at, force.chunks)
     if status == OK:
-        pairs.live[:] = then[PRUNED]
+        copy(then[PRUNED], pairs.live)
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
-    pairs.live[:] = now
+    copy(now, pairs.live)
     return status
 
 

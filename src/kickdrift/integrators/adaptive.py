@@ -71,7 +71,12 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
     bound = handle(forces)
     count = stages.shape[1]
     trial, k = work[0], work[1:]
-    flat_y, flat_trial, flat_k = y.reshape(-1), trial.reshape(-1), k.reshape((count + 1, -1))
+    flat_y, flat_before, flat_trial, flat_k = (
+        y.reshape(-1),
+        before.reshape(-1),
+        trial.reshape(-1),
+        k.reshape((count + 1, -1)),
+    )
     exponent, longest, end, clip = settings[0], settings[1], settings[2], settings[3] != 0.0
     c = np.zeros(count + 1)
     for stage in range(count + 1):
@@ -86,7 +91,8 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
             h = end - t
         if cursor[STAGE] == 0:
             if cursor[FRESH]:
-                flat_k[0, :] = flat_k[count]
+                for i in range(flat_k.shape[1]):
+                    flat_k[0, i] = flat_k[count, i]
             else:
                 status = fill_derivative(bound, t, y, k[0], cursor)
                 if status != OK:
@@ -111,8 +117,8 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
             factor = step_factor(numbers, exponent, error, clock[ERROR], clock[ERROR_BEFORE])
             if clock[REJECTED_LAST] != 0.0:
                 factor = min(1.0, factor)
-            before[:] = y
-            y[:] = trial
+            for i in range(flat_y.size):
+                flat_before[i], flat_y[i] = flat_y[i], flat_trial[i]
             following = max(h * factor, clock[NEXT]) if last else h * factor
             clock[BEFORE], clock[TIME], clock[LAST], clock[NEXT] = t, end if last else t + h, h, following
             clock[ERROR_BEFORE], clock[ERROR], clock[REJECTED_LAST] = clock[ERROR], error, 0.0

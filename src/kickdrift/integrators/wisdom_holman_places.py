@@ -8,7 +8,8 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.wisdom_holman_bodies import Bodies
 from kickdrift.jit.by_address import status_at
-from kickdrift.jit.compile import driver, strict
+from kickdrift.jit.compile import driver, inlined, strict
+from kickdrift.jit.memory import flat
 from kickdrift.model.state import Floats
 
 
@@ -65,6 +66,14 @@ def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
                 leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y)
 
 
+@inlined
+def copy(source, target):
+    """target <- source, contiguous. The assignment of a whole array would take a second longer to compile."""
+    source, target = flat(source), flat(target)
+    for k in range(source.size):
+        target[k] = source[k]
+
+
 @driver
 def shown_steps(
     forces, looks, loop, bodies, orbit, carry, centre, first_seen, kernel, step, end, back, aside, slots, listed,
@@ -80,7 +89,10 @@ def shown_steps(
     status = status_at(loop, (forces, bodies, step, dt, start, first, steps, cursor))
     if status != OK:
         return status
-    orbit[...], carry[...], centre[...], first_seen[...] = bodies.orbit, bodies.carry, bodies.centre, bodies.first
+    copy(bodies.orbit, orbit)
+    copy(bodies.carry, carry)
+    copy(bodies.centre, centre)
+    copy(bodies.first, first_seen)
     shown = Bodies(
         orbit, carry, centre, bodies.table, bodies.inside, first_seen, bodies.work, bodies.massive, bodies.jacobi,
         bodies.order, bodies.central, bodies.gm, bodies.shares, bodies.x, bodies.a, kernel,

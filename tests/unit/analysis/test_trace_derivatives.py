@@ -417,9 +417,14 @@ def test_deviations_scale_in_a_passage():
 def test_the_systems_own_method_serves_where_it_can():
     own = meeting().with_run(integrator="trace", dt=DT)
     assert kd.transition_matrix(own, 4.0).integrator == "trace"
-    assert kd.transition_matrix(own, 4.0, second=True, bodies=1).integrator == "trace"
     some = light(meeting(), (7.0, 0.1, 2.0, 0.0)).with_run(integrator="trace", dt=DT)
     assert kd.transition_matrix(some, 4.0, masses=True).integrator == "gauss-radau15"
+
+
+@pytest.mark.long  # compiles second derivatives
+def test_the_systems_own_method_serves_for_second_derivatives():
+    own = meeting().with_run(integrator="trace", dt=DT)
+    assert kd.transition_matrix(own, 4.0, second=True, bodies=1).integrator == "trace"
 
 
 @pytest.mark.parametrize(
