@@ -113,7 +113,10 @@ def take_steps(force, plan, x, v, a):
                 stage, taken = 0, taken + 1
         sweep = Sweep(pairs, chunks, source if kicked else NONE, mean, spans[:kicked], drift)
         each_chunk(handle(sweep), chunks, "sweep_chunk")
-        if not is_finite(pairs.moves[:, 1].sum()):
+        total = 0.0
+        for c in range(pairs.moves.shape[0]):  # `sum` would load SciPy with the compiled code
+            total += pairs.moves[c, 1]
+        if not is_finite(total):
             pairs.counts[BUILT] = 0
             return OK
         fresh = fresh and drift == 0.0
