@@ -23,7 +23,6 @@ class BesidePairs(PairKernel):
     `ready` fills in. The compiled body ``add(force, wanted, t, x, v, a, sums)`` returns a status."""
 
     add: ClassVar[Any]
-    takes_steps = False  # deviations move as further particles, which are in no cluster
 
     def __init__(self, parts: Any, own: Any = None) -> None:
         super().__init__(parts)

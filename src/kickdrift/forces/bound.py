@@ -162,9 +162,9 @@ class BoundForces:
 
     @property
     def takes_steps(self) -> bool:
-        """Whether one force acts alone, and can take steps by itself; see `sorted_steps`."""
-        only = self.forces[0] if len(self.forces) == 1 else None
-        return isinstance(only, PairKernel) and only.takes_steps
+        """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Its subclasses move more
+        than particles, or visit neighbours."""
+        return [type(force) for force in self.forces] == [PairKernel]
 
     def keep_sorted(self) -> None:
         """Give the force that takes steps its memory for particles in the order of the clusters."""

@@ -62,11 +62,6 @@ class PairKernel(BoundForce):
         return compute_for(kind, add_forces, fill_tables, take_steps)
 
     @property
-    def takes_steps(self) -> bool:
-        """Whether the force can take steps by itself; see `sorted_steps`."""
-        return True
-
-    @property
     def pairs(self) -> ClusterList:
         """List of pairs."""
         pairs: ClusterList = self.parts.pairs

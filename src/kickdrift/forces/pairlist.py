@@ -1,7 +1,7 @@
 """The cluster pair list: pairs of particles that may be within the cutoff, arranged for SIMD.
 
-The list has two levels. The outer list has the clusters near each cluster (`cluster_search`). The inner list has rows of
-particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
+The list has two levels. The outer list has the clusters near each cluster (`cluster_search`). The inner list has rows
+of particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
 """
 
 from __future__ import annotations
