@@ -42,7 +42,7 @@ class EnergyReport:
         Empty without such laws
     work_error : largest error of the sum of this work, from the distance between looks
 
-    Slope, interval and verdict take about a millisecond. They are computed when one of them is first read.
+    Slope, interval and verdict take about half a millisecond. They are computed when one of them is first read.
     """
 
     initial: float
