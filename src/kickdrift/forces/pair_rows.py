@@ -32,7 +32,7 @@ from kickdrift.jit.single import (
     store_narrow,
     sums_of_quarters,
 )
-from kickdrift.jit.vectors import F64, WIDTH, single_type
+from kickdrift.jit.vectors import F64, WIDTH, lanes_type, single_type
 
 ROW = 4  # particles in a row of tiles
 PLACES = (
@@ -53,9 +53,14 @@ def _working_arrays(zero, pairs, chunks, c, thread):
 
         def double(zero, pairs, chunks, c, thread):
             forces = force_memory(pairs, chunks, c, thread)
-            return pairs.x, forces, forces, particle_table(pairs.x), particle_sums()
+            return pairs.x, forces, forces, np.empty(SHIFTS * TABLE_STRIDE), np.zeros(WIDTH * STRIDE)
 
-        return double
+        def on_lines(zero, pairs, chunks, c, thread):
+            forces = force_memory(pairs, chunks, c, thread)
+            table = line_aligned(np.empty(SHIFTS * TABLE_STRIDE + WIDTH))
+            return pairs.x, forces, forces, table, line_aligned(np.zeros(WIDTH * STRIDE + WIDTH))
+
+        return on_lines if zero == lanes_type else double
 
     def tiles(zero, pairs, chunks, c, thread):
         forces = force_memory(pairs, chunks, c, thread)
@@ -66,21 +71,10 @@ def _working_arrays(zero, pairs, chunks, c, thread):
     def single(zero, pairs, chunks, c, thread):
         forces = force_memory(pairs, chunks, c, thread)
         reactions = thread_memory(pairs.thread_single, pairs, c, thread)
-        return pairs.x_single, forces, reactions, particle_table(pairs.x_single), particle_sums()
+        table = np.empty(SHIFTS * TABLE_STRIDE, np.float32)
+        return pairs.x_single, forces, reactions, table, np.zeros(WIDTH * STRIDE)
 
     return tiles if zero == single_type else single
-
-
-@as_written
-def particle_table(x):
-    """Return an empty table for rows of particles, in the precision of ``x``, on a boundary of cache lines."""
-    return line_aligned(np.empty(SHIFTS * TABLE_STRIDE + 2 * WIDTH, x.dtype))
-
-
-@as_written
-def particle_sums():
-    """Return room for the forces of a cluster's rows of particles, on a boundary of cache lines."""
-    return line_aligned(np.zeros(WIDTH * STRIDE + WIDTH))
 
 
 @as_written

@@ -43,7 +43,7 @@ from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, worki
 from kickdrift.forces.pair_sum import sum_pairs
 from kickdrift.forces.pair_upkeep import refresh_force
 from kickdrift.forces.pair_variation import Deviation
-from kickdrift.forces.row_ends import store_row_force
+from kickdrift.forces.row_ends import rows_in_one_loop, store_row_force
 from kickdrift.forces.row_lanes import blocks, nothing
 from kickdrift.forces.special_pairs import UNSHIFTED, is_inside
 from kickdrift.forces.special_slopes import (
@@ -199,7 +199,7 @@ def chunk_forces_and_slopes(force, c, thread):
     """Sum the forces of chunk c's pairs and their variations along one deviation into the chunk's own arrays."""
     never_inline()
     own, u, s = force.force, flat(force.deviations), flat(force.slopes[c])
-    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c, thread)
+    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), rows_in_one_loop(own.lanes), c, thread)
     laws = own.law, own.at_cutoff, own.truncation, own.tables
     add_special_slopes(own.pairs.special, laws, own.pairs, u, s, 1, c, own.cutoff**2)
 

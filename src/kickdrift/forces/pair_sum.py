@@ -28,11 +28,14 @@ from kickdrift.forces.pair_rows import (
 )
 from kickdrift.forces.pair_variation import (
     add_row_slopes,
+    deviation_at,
+    row_deviation,
     slope_within,
+    store_row_slope,
     varied_row,
     vary_cluster,
 )
-from kickdrift.forces.row_ends import of_row, row_forces, rows_together, store_at_end, store_so_far
+from kickdrift.forces.row_ends import of_row, row_forces, row_of, rows_in_one_loop, store_row_force
 from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
@@ -47,20 +50,20 @@ from kickdrift.jit.vectors import WIDTH
 def chunk_forces(force, c, thread):
     """Sum the forces of chunk c's pairs into the chunk's own array."""
     never_inline()
-    sum_pairs(force, None, None, c, thread)
+    sum_pairs(force, None, None, rows_in_one_loop(force.lanes), c, thread)
 
 
 @chunk_task
 def chunk_forces_and_sums(force, c, thread):
     """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
     never_inline()
-    sum_pairs(force, force.sums, None, c, thread)
+    sum_pairs(force, force.sums, None, rows_in_one_loop(force.lanes), c, thread)
 
 
 @as_written
-def sum_pairs(force, sums, deviation, c, thread):
+def sum_pairs(force, sums, deviation, together, c, thread):
     """Sum the forces of chunk c's pairs. If they are not None, also sum energy and virial, and the variation along one
-    `Deviation`."""
+    `Deviation`. ``together`` is the number of rows that one loop goes through; if it is None, each row has a loop."""
     pairs = force.pairs
     zero = nothing(force.lanes)
     x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c, thread)
@@ -76,7 +79,8 @@ def sum_pairs(force, sums, deviation, c, thread):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs)
+    rows_each, front = WIDTH // pairs.per_row, streams(pairs)
+    loops, rows_of_loop = (rows_each, 1) if together is None else (1, together)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if not touched[cluster]:
             continue
@@ -99,22 +103,31 @@ def sum_pairs(force, sums, deviation, c, thread):
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
-        for row in range(0, rows_each, together):
+        for row in range(loops):
             fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
-            varied, before = (zero, zero, zero), place
-            for k in range(start[first + row], start[first + row + together]):
+            if deviation is not None:
+                varied = row_deviation(deviation, cluster, row, zero)
+            if together is not None:
+                before = place
+            for k in range(start[first + row], start[first + row + rows_of_loop]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
                 i, j = own + particle_of(zero, next_place), slot_of(next_other)
                 next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
-                fx, fy, fz = of_row((fx, fy, fz), place, before)
+                if together is not None:
+                    fx, fy, fz = of_row((fx, fy, fz), place, before)
+                    if deviation is not None:
+                        varied = deviation_at(deviation, varied, cluster, place, before)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
-                store_so_far(row_sums, place, fx, fy, fz)
+                if together is not None:
+                    store_row_force(row_sums, row_of(place), fx, fy, fz)
                 subtract_reactions(reactions, other, -g, dx, dy, dz)
                 if deviation is not None:
-                    varied = varied_row(deviation, varied, cluster, place, before, other, g, h, dx, dy, dz)
+                    varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
+                    if together is not None:
+                        store_row_slope(deviation, row_of(place), varied)
                     h = slope_within(laws, i, j, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
@@ -122,11 +135,15 @@ def sum_pairs(force, sums, deviation, c, thread):
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
                     along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
-                before, place = place, next_place
+                if together is not None:
+                    before, place = place, next_place
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
-            store_at_end(row_sums, row, fx, fy, fz)
+            if together is None:
+                store_row_force(row_sums, row, fx, fy, fz)
+                if deviation is not None:
+                    store_row_slope(deviation, row, varied)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(

@@ -1,9 +1,9 @@
 """The ends of rows in the pair sum: how a row's forces begin anew, and where they go.
 
 Rows of particles are short, and a processor cannot predict where each of many rows ends: it lost a sixth of the time of
-the sum in large systems. So one loop goes through all rows of a cluster, without a branch at their ends. After each
-entry the loop stores the row's forces up to there, and the next row's forces overwrite nothing of them. A row of tiles
-is long, so it has a loop of its own.
+the sum in large systems. With AVX-512 in float64, one loop therefore goes through all rows of a cluster, without a
+branch at their ends. After each entry it stores the row's forces so far. Elsewhere each row has a loop of its own: rows
+of tiles are longer, and with narrower vectors the stores take longer than the branches.
 
 The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
 """
@@ -14,6 +14,7 @@ from typing import Any
 
 from kickdrift.forces.clusters import STRIDE, store_vector
 from kickdrift.forces.pair_rows import in_float64
+from kickdrift.forces.row_lanes import Wide
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.masks import less_than_next, select
@@ -22,54 +23,29 @@ from kickdrift.jit.single import load_single, sums_in_quarters
 from kickdrift.jit.vectors import WIDTH, single_type
 
 
-def rows_together(zero: Any) -> int:
-    """Return the number of rows that one loop goes through: all of a cluster's particles, or one row of tiles."""
+def rows_in_one_loop(lanes: Any) -> int | None:
+    """Return the number of rows that one loop goes through, all of a cluster, or None if each row has a loop."""
     raise NotImplementedError("for compiled code")
 
 
-@overload(rows_together)
-def _rows_together(zero):
-    return (lambda zero: 1) if zero == single_type else (lambda zero: WIDTH)
+@overload(rows_in_one_loop)
+def _rows_in_one_loop(lanes):
+    return (lambda lanes: WIDTH) if lanes.instance_class is Wide else (lambda lanes: None)
 
 
-def of_row(sums: Any, place: int, before: int) -> Any:
+@as_written
+def row_of(place):
+    """Return the number of a particle's row in its cluster, from the row's place in the table."""
+    return place & (WIDTH - 1)
+
+
+@as_written
+def of_row(sums, place, before):
     """Return the sums of a row's forces up to its entry at ``place``: zeros where the entry ``before`` was another
-    row's. The places are those in the cluster's table."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(of_row)
-def _of_row(sums, place, before):
-    def together(sums, place, before):
-        x, y, z = sums
-        change = (place ^ before) & (WIDTH - 1)
-        return zero_unless_same(x, change), zero_unless_same(y, change), zero_unless_same(z, change)
-
-    return (lambda sums, place, before: sums) if sums[0] == single_type else together
-
-
-def store_so_far(row_sums: Any, place: int, fx: Any, fy: Any, fz: Any) -> None:
-    """Store a row's forces after its entry at ``place``, if a loop goes through more than one row."""
-
-
-@overload(store_so_far)
-def _store_so_far(row_sums, place, fx, fy, fz):
-    def together(row_sums, place, fx, fy, fz):
-        store_row_force(row_sums, place & (WIDTH - 1), fx, fy, fz)
-
-    return (lambda row_sums, place, fx, fy, fz: None) if fx == single_type else together
-
-
-def store_at_end(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
-    """Store a row's forces after its loop, if each row has one."""
-
-
-@overload(store_at_end)
-def _store_at_end(row_sums, row, fx, fy, fz):
-    def alone(row_sums, row, fx, fy, fz):
-        store_row_force(row_sums, row, fx, fy, fz)
-
-    return alone if fx == single_type else (lambda row_sums, row, fx, fy, fz: None)
+    row's."""
+    x, y, z = sums
+    change = row_of(place ^ before)
+    return zero_unless_same(x, change), zero_unless_same(y, change), zero_unless_same(z, change)
 
 
 def store_row_force(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
@@ -111,5 +87,5 @@ def _row_forces(row_sums, axis, start, first, zero):
 
 @as_written
 def particle_forces(row_sums, axis, start, first):
-    """Return `row_forces` for rows of particles. Rows without entries have stored nothing."""
+    """Return `row_forces` for rows of particles. Rows without entries may have stored nothing."""
     return select(less_than_next(start, first), sums_of_rows(row_sums, WIDTH * axis, STRIDE), 0.0)
