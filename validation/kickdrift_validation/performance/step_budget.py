@@ -4,9 +4,9 @@
         [--precision double mixed]
 
 The liquid is that of melt.py. Each part of a step runs by itself, many times over, on the state of a real run. The
-median turn counts; on one thread a turn is measured in processor time. Parts of a new pair list count as often as the
-run makes and prunes its list. The last rows are the sum of the parts and a whole step of `Simulation.run`. With
-``--shuffled`` the particles have a random order in memory.
+median turn counts; on one thread a turn is measured in processor time. Parts of a new pair list, and the change of
+order for its search, count as often as the run makes and prunes its list. The last rows are the sum of the parts and
+a whole step of `Simulation.run`. With ``--shuffled`` the particles have a random order in memory.
 
 The columns "predicted", for one thread and float64, follow from the bytes and operations of a part, counted by hand,
 and from the peaks of ``peaks.py``. The bytes come from the smallest cache that holds the arrays of the part. Operations
@@ -26,14 +26,12 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.cluster_load import Loading
 from kickdrift.forces.cluster_search import search
 from kickdrift.forces.cluster_sort import sort
-from kickdrift.forces.cluster_sums import add_accelerations
+from kickdrift.forces.cluster_sums import collected_mean
 from kickdrift.forces.clusters import N_CLUSTERS
-from kickdrift.forces.evaluate import clear, sum_of
 from kickdrift.forces.pairlist import prune
-from kickdrift.integrators.loops import add_scaled
+from kickdrift.forces.sorted_steps import GIVEN, Crossing, Sweep
 from kickdrift.jit.chunks import each_chunk
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
@@ -45,53 +43,29 @@ from kickdrift_validation.performance.roofline import KERNELS
 
 SIZES, MELT = (10**3, 22**3, 46**3, 10**6), 60
 STEP, PRUNING, SEARCH = "step", "pruning", "search"
-FORCES, COPIES = "forces of the pairs", ("positions to clusters, moves", "forces to particles")
-# Bytes that a part loads and stores for each particle, and bytes of a particle in its arrays: 24 for a vector, 8 for
-# the particle's place in the clusters
-BYTES = {
-    COPIES[0]: (56, 56),
-    COPIES[1]: (104, 56),
-    "accelerations cleared": (24, 24),
-    "accelerations checked": (24, 24),
-    "kicks": (144, 48),
-    "drift": (72, 48),
-}
-MOST_COPIED, UNEXPLAINED = 0.2, 0.2  # bounds of the claims, as shares of a whole step
+FORCES, SWEEP, CROSSING = "forces of the pairs", "kicks, drift, places, moves", "to the clusters' order and back"
+# Bytes that a part loads and stores for each particle, and bytes of a particle in its arrays. A sweep loads forces,
+# velocities, positions, edges and the positions of the last pruning, and stores velocities, positions and places.
+BYTES = {SWEEP: (200, 152)}
+MOST_SWEPT, UNEXPLAINED = 0.2, 0.2  # bounds of the claims, as shares of a whole step
 
 
 @jit
-def load_part(force, x, v, a):
-    each_chunk(handle(Loading(force.pairs, x)), force.chunks, "load_chunk")
+def cross_part(force, x, v, a):
+    crossing = handle(Crossing(force.pairs, force.chunks, force.inverse_masses, x, v, a))
+    each_chunk(crossing, force.chunks, "enter_chunk")
+    each_chunk(crossing, force.chunks, "leave_chunk")
+
+
+@jit
+def sweep_part(force, x, v, a):
+    mean = collected_mean(force.mixed, force.pairs, force.chunks)
+    each_chunk(handle(Sweep(force.pairs, force.chunks, GIVEN, mean, a[0, :2], 1e-30)), force.chunks, "sweep_chunk")
 
 
 @jit
 def forces_part(force, x, v, a):
     each_chunk(force, force.chunks, "chunk_forces")
-
-
-@jit
-def gather_part(force, x, v, a):
-    add_accelerations(force, a)
-
-
-@jit
-def clear_part(force, x, v, a):
-    clear(a)
-
-
-@jit
-def check_part(force, x, v, a):
-    a[0, 0] = sum_of(a)
-
-
-@jit
-def kick_part(force, x, v, a):
-    add_scaled(v, 1e-30, a)
-
-
-@jit
-def drift_part(force, x, v, a):
-    add_scaled(x, 1e-30, v)
 
 
 @jit
@@ -111,13 +85,9 @@ def search_part(force, x, v, a):
 
 
 PARTS: tuple[tuple[str, Any, str, int], ...] = (  # name, code, how often, times a step
-    (COPIES[0], load_part, STEP, 1),
+    (CROSSING, cross_part, SEARCH, 1),
+    (SWEEP, sweep_part, STEP, 1),
     (FORCES, forces_part, STEP, 1),
-    (COPIES[1], gather_part, STEP, 1),
-    ("accelerations cleared", clear_part, STEP, 1),
-    ("accelerations checked", check_part, STEP, 1),
-    ("kicks", kick_part, STEP, 2),
-    ("drift", drift_part, STEP, 1),
     ("list pruned", prune_part, PRUNING, 1),
     ("particles sorted", sort_part, SEARCH, 1),
     ("clusters searched", search_part, SEARCH, 1),
@@ -204,15 +174,15 @@ def predicted(n: int, peaks: dict[str, float]) -> dict[str, float]:
 
 
 def claims_of(found: dict[int, dict[str, float]]) -> Iterator[Claim]:
-    """Judge the budgets of one thread, by size: do the parts explain a step, and are the copies a small share?"""
+    """Judge the budgets of one thread, by size: the parts explain a step, and most of it goes to lists and forces."""
     for n, each in found.items():
         whole = each["a whole step"]
-        share, copied = each["sum"] / whole, sum(each[name] for name in COPIES) / whole
+        share, swept = each["sum"] / whole, (each[SWEEP] + each[CROSSING]) / whole
         holds = abs(share - 1) <= UNEXPLAINED
         text = f"{n} particles: sum of the parts over a whole step"
         yield claim(text, share, f"1 within {UNEXPLAINED:g}", holds, "the run itself")
-        text = f"{n} particles: share of the copies between particles and clusters"
-        yield claim(text, copied, f"at most {MOST_COPIED:g}", copied <= MOST_COPIED, "the run itself")
+        text = f"{n} particles: share of kicks, drifts and changes of order"
+        yield claim(text, swept, f"at most {MOST_SWEPT:g}", swept <= MOST_SWEPT, "the run itself")
 
 
 def claims(sizes: Sequence[int] = SIZES[:3]) -> Iterator[Claim]:
