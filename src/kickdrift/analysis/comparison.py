@@ -27,6 +27,10 @@ class Compared(Shown):
     """Results by method that print as tables; ``rows`` holds a row for each method and step."""
 
     rows: tuple[Any, ...]
+    recommendation: Any  # a Recommendation or None
+    time_unit: str
+    begin: float
+    asked: str
 
     def __repr__(self) -> str:
         return str(self)
@@ -35,6 +39,17 @@ class Compared(Shown):
     def methods(self) -> list[str]:
         """Names of the methods, in the order of the rows."""
         return list(dict.fromkeys(row.method for row in self.rows))
+
+    def _advice(self) -> Lines:
+        """The recommendation and the command or call that runs it, after an empty line; nothing without one."""
+        found = self.recommendation
+        if found is None:
+            return []
+        to_run = ""
+        if found.choice is not None:
+            command = f"kickdrift run {self.asked} {found.choice.options(found.length)}"
+            to_run = command if self.asked else found.choice.call(self.begin + found.length)
+        return [("", ""), *found.lines(self.time_unit, to_run)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,14 +144,7 @@ class Comparison(Compared):
             *(("note", note) for note in self.notes),
             ("time taken", f"{duration(self.wall_seconds)} on {counted(self.threads, 'thread')}"),
         ]
-        found = self.recommendation
-        if found is None:
-            return lines
-        to_run = ""
-        if found.choice is not None:
-            command = f"kickdrift run {self.asked} {found.choice.options(found.length)}"
-            to_run = command if self.asked else found.choice.call(self.begin + found.length)
-        return [*lines, ("", ""), *found.lines(self.time_unit, to_run)]
+        return [*lines, *self._advice()]
 
 
 def _cells(row: Row, energy: bool) -> list[str]:

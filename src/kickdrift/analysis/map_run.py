@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from kickdrift.analysis.columns import Columns
 from kickdrift.analysis.deviations import cadence
-from kickdrift.errors import RunError
+from kickdrift.analysis.map_pushes import pushes_of
+from kickdrift.analysis.varied_run import DEFAULT
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.central import gravitational_constant
 from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.variations import check_mapped
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -26,17 +29,38 @@ PIECE = 1000  # steps between two reports of progress
 
 class MapRun:
     """A System with derivatives under a method that has a tangent map. ``sim`` is a Simulation of the System, at the
-    start."""
+    start. Without columns the caller gives the deviations to ``start``."""
 
     by_differences: tuple[str, ...] = ()
-    system: System
-    sim: Simulation
-    dt: float
-    steps: int
     _rows: Floats  # (blocks, rows, numbers) duals; positions and velocities in the first two rows
     _order: NDArray[np.int64]  # (n,) rows of the map's bodies in the system
     _count: int  # columns
     _twice: bool  # there are second derivatives
+
+    def __init__(
+        self,
+        system: System,
+        columns: Columns | None,
+        name: str,
+        threads: int,
+        options: dict[str, Any],
+        twice: bool = False,
+    ) -> None:
+        self._others = [force for force in system.forces if not isinstance(force, Gravity)]
+        of_masses = None if columns is None else self._slopes_of_masses(system, columns, name)
+        self._pushes = pushes_of(system, columns)
+        sim = Simulation(system, name, threads=threads, **options)
+        assert sim.dt is not None
+        for force in self._others:
+            check_mapped(force, system, name, twice)
+        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
+        if columns is not None:
+            self._start_from(columns, of_masses, twice)
+
+    def _slopes_of_masses(self, system: System, columns: Columns, name: str) -> Floats | None:
+        """Slopes of the masses (n, columns) along the columns; None if no mass varies. Raises InputError for a column
+        that the map does not take."""
+        raise NotImplementedError
 
     def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
         """Start from slopes (2, 3, n, columns) of the system's state, and slopes of the masses (n, columns).
@@ -78,6 +102,11 @@ class MapRun:
         none = np.zeros((len(order), self._count, self._count)) if self._twice else None
         phase = derived(state.phase[:, :, order], slopes[:, :, order], None if second is None else second[:, :, order])
         return phase, derived(G * state.masses[order], by_mass, none)
+
+    def _without_slopes(self) -> InputError:
+        """The error of a map whose other forces have no exact slopes."""
+        names = ", ".join(force.name for force in self._others)
+        return InputError(f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not")
 
     def _found(self) -> Derived:
         """The phase at the step point with its derivatives, bodies in the map's order."""

@@ -169,14 +169,7 @@ class SamplingComparison(Compared):
             *(("note", note) for note in self.notes),
             ("time taken", f"{duration(self.wall_seconds)}, {steps:,} steps on {counted(self.threads, 'thread')}"),
         ]
-        found = self.recommendation
-        if found is None:
-            return lines
-        to_run = ""
-        if found.choice is not None:
-            command = f"kickdrift run {self.asked} {found.choice.options(found.length)}"
-            to_run = command if self.asked else found.choice.call(self.begin + found.length)
-        return [*lines, ("", ""), *found.lines(self.time_unit, to_run)]
+        return [*lines, *self._advice()]
 
 
 def advice(found: SamplingComparison, accuracy: float, length: float) -> SamplingAdvice:

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.analysis.columns import Columns
-from kickdrift.analysis.map_pushes import bound_others, pushes_of
+from kickdrift.analysis.map_pushes import bound_others
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
-from kickdrift.forces.variations import check_mapped
 from kickdrift.integrators.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.wisdom_holman import WisdomHolman
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
     from kickdrift.integrators.tangent_columns import Derived
@@ -31,38 +29,20 @@ KNOWN = ("coordinates", "corrector", "kernel", "compensated", "order")  # option
 class TangentRun(MapRun):
     """A System with derivatives under a Wisdom-Holman method.
 
-    It waits before the last drift of a step, which is joined to the next step's first. Without columns the caller gives
-    the deviations to ``start``.
+    The run waits before the last drift of a step, which is joined to the next step's first drift.
     """
 
-    def __init__(
-        self,
-        system: System,
-        columns: Columns | None,
-        name: str,
-        threads: int,
-        options: dict[str, Any],
-        twice: bool = False,
-    ) -> None:
-        others = [force for force in system.forces if not isinstance(force, Gravity)]
-        for text in () if columns is None else columns.parameters:
+    def _slopes_of_masses(self, system: System, columns: Columns, name: str) -> Floats | None:
+        for text in columns.parameters:
             if isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
                 raise InputError(f"parameters: the tangent map of {name} takes none of gravity; {DEFAULT} takes {text}")
-        self._pushes = pushes_of(system, columns)
-        sim = Simulation(system, name, threads=threads, **options)
-        assert sim.dt is not None
-        for force in others:
-            check_mapped(force, system, name, twice)
-        self._others = others
-        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
-        self._correct, self._begin, self._step, self._end = _rows(sim.method, sim.options)
-        self._modified = sim.options.get(KERNEL.name) == MODIFIED_KICK
-        if columns is not None:
-            self._start_from(columns, columns.of_masses(len(system)), twice)
+        return columns.of_masses(len(system))
 
     def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
         from kickdrift.integrators.wisdom_holman_tangent import tangents
 
+        self._correct, self._begin, self._step, self._end = _rows(self.sim.method, self.sim.options)
+        self._modified = self.sim.options.get(KERNEL.name) == MODIFIED_KICK
         system, masses = self.system, self.system.state.masses
         n, central = len(system), int(np.argmax(masses))
         self._order = np.concatenate([[central], np.delete(np.arange(n), central)])
@@ -80,10 +60,7 @@ class TangentRun(MapRun):
         further = self._bound.forces, self._bound.table, self._order
         given = self.dt, self.system.state.time, self.steps, steps, *further
         if tangent_steps(rows, len(self.system), row, self._modified, *given):
-            names = ", ".join(force.name for force in self._others)
-            raise InputError(
-                f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
-            )
+            raise self._without_slopes()
 
     def advance(self, steps: int) -> None:
         """Take steps."""

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.analysis.columns import Columns
-from kickdrift.analysis.map_pushes import bound_others, pushes_of
+from kickdrift.analysis.map_pushes import bound_others
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.gravity import Gravity
 from kickdrift.forces.pushes import parameter_of
-from kickdrift.forces.variations import check_mapped
 from kickdrift.jit.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.simulation import Simulation
 
 if TYPE_CHECKING:
     from kickdrift.integrators.tangent_columns import Derived
@@ -26,29 +24,24 @@ POINTS = 2**16  # rows of the path: points of all bodies that meet inside one st
 
 
 class TraceTangentRun(MapRun):
-    """A System with derivatives under `trace`. The bodies move as in a run without derivatives, to the last bit.
+    """A System with derivatives under `trace`. The bodies move as in a run without derivatives, to the last bit."""
 
-    Without columns the caller gives the deviations to ``start``."""
-
-    def __init__(
-        self,
-        system: System,
-        columns: Columns | None,
-        name: str,
-        threads: int,
-        options: dict[str, Any],
-        twice: bool = False,
-    ) -> None:
-        others = [force for force in system.forces if not isinstance(force, Gravity)]
-        for force in others:
-            check_mapped(force, system, name, twice)
-        of_masses = None if columns is None else _of_masses(system, columns, name)
-        self._others, self._pushes = others, pushes_of(system, columns)
-        sim = Simulation(system, name, threads=threads, **options)
-        assert sim.dt is not None
-        self.system, self.sim, self.dt, self.steps = system, sim, sim.dt, 0
-        if columns is not None:
-            self._start_from(columns, of_masses, twice)
+    def _slopes_of_masses(self, system: System, columns: Columns, name: str) -> Floats:
+        """See MapRun. A change of G acts as one of all masses."""
+        masses, found = system.state.masses, columns.of_masses(len(system))
+        made = np.zeros((len(system), columns.total)) if found is None else found
+        for body in np.flatnonzero(made.any(axis=1) & (masses == 0.0)):
+            raise InputError(
+                f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
+                f"{DEFAULT} does"
+            )
+        for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
+            number, key, value = parameter_of(system, text)
+            if isinstance(system.forces[number], Gravity):
+                if key != "G":
+                    raise InputError(f"parameters: the tangent map of {name} takes no {text}; {DEFAULT} does")
+                made[:, column] = masses / value
+        return made
 
     def start(self, slopes: Floats, of_masses: Floats | None = None, second: Floats | None = None) -> None:
         from kickdrift.integrators.trace_tangent import trace_tangents
@@ -78,10 +71,7 @@ class TraceTangentRun(MapRun):
 
             which = f"{self.sim.integrator}, dt = {self.dt:g}"
             if status == NO_SLOPES:
-                names = ", ".join(force.name for force in self._others)
-                raise InputError(
-                    f"{self.sim.integrator}: its tangent map needs exact slopes of {names}; {DEFAULT} does not"
-                )
+                raise self._without_slopes()
             if status == CROWDED:
                 raise RunError(f"{which}: step {self.steps + 1} has more than {POINTS} points of bodies that meet")
             raise RunError(f"{which}: blew up before step {self.steps + 1}")
@@ -97,21 +87,3 @@ class TraceTangentRun(MapRun):
 
         leave_democratic(self._rows, self._made.columns, len(self.system), found)
         found.values[:] = self._stepper.y[:, :, self._order].ravel()  # as without derivatives, to the last bit
-
-
-def _of_masses(system: System, columns: Columns, name: str) -> Floats:
-    """Slopes of the masses (n, columns) along the columns. A change of G acts as one of all masses."""
-    masses, found = system.state.masses, columns.of_masses(len(system))
-    made = np.zeros((len(system), columns.total)) if found is None else found
-    for body in np.flatnonzero(made.any(axis=1) & (masses == 0.0)):
-        raise InputError(
-            f"masses: {system.body(int(body))} has no mass, and the tangent map of {name} has no slope by it; "
-            f"{DEFAULT} does"
-        )
-    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
-        number, key, value = parameter_of(system, text)
-        if isinstance(system.forces[number], Gravity):
-            if key != "G":
-                raise InputError(f"parameters: the tangent map of {name} takes no {text}; {DEFAULT} does")
-            made[:, column] = masses / value
-    return made

@@ -83,7 +83,7 @@ class Batch:
         self._begun = momentum_scales(self.systems)
         self._steps: list[int] = []
         self._looks: list[Floats] = []  # (k, LOOK, members) from each run
-        self._joined: Floats | None = None
+        self._joined: tuple[NDArray[np.int64], Floats] | None = None
         self._taken, self._seconds, self._compiling = 0, 0.0, 0.0
 
     def __len__(self) -> int:
@@ -105,7 +105,10 @@ class Batch:
     @property
     def stopped(self) -> list[str]:
         """Event that ended each member's run, as a text; "" for a member that goes on."""
-        return [self._events.stopped.get(i, "") if self._events else "" for i in range(len(self))]
+        return [self._stopped_by(i) for i in range(len(self))]
+
+    def _stopped_by(self, i: int) -> str:
+        return self._events.stopped.get(i, "") if self._events else ""
 
     @property
     def phase(self) -> Floats:
@@ -171,16 +174,18 @@ class Batch:
         return [self.report(i) if finite else None for i, finite in enumerate(self.finite)]
 
     @property
-    def _samples(self) -> Floats:
-        """Samples of the members (members, LOOK, k)."""
+    def _samples(self) -> tuple[NDArray[np.int64], Floats]:
+        """Steps (k,) and samples (members, LOOK, k) of the members."""
         if self._joined is None:
-            self._joined = np.ascontiguousarray(np.concatenate(self._looks).transpose(2, 1, 0))
+            looks = np.ascontiguousarray(np.concatenate(self._looks).transpose(2, 1, 0))
+            self._joined = np.array(self._steps), looks
         return self._joined
 
     def record(self, i: int) -> LaneRecord:
         """Samples of member ``i`` and its cost."""
-        system, looks = self.systems[i], self._samples[i]
-        steps, taken, last = np.array(self._steps), self._taken, int(self._steps_of[i])
+        steps, samples = self._samples
+        system, looks, taken = self.systems[i], samples[i], self._taken
+        last = self._events.steps.get(i, self.steps_done) if self._events else self.steps_done
         if last < self.steps_done:  # an event has ended the run between two samples
             row = int(np.searchsorted(steps, last))
             steps, looks, taken = np.append(steps[:row], last), looks[:, : row + 1], last - int(steps[0])
@@ -230,7 +235,7 @@ class Member:
     state: Any = None  # needed for reports of Problems
 
     def __init__(self, batch: Batch, i: int) -> None:
-        self.system, self.record, self.stopped = batch.systems[i], batch.record(i), batch.stopped[i]
+        self.system, self.record, self.stopped = batch.systems[i], batch.record(i), batch._stopped_by(i)
         self.integrator, self.method, self.dt = batch.integrator, batch.method, float(batch.dt[i])
         self.options = batch.options.changed(dt=self.dt)
         self.engine_version = engine(NATIVE).version

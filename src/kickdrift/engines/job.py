@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """Request of a Simulation to an engine. ``named`` is the requested name of the method; ``hosts`` is a file that
-    lists the machines of the processes."""
+    """Request of a Simulation to an engine. ``named`` is the requested name of the method; ``hosts`` are the machines
+    of the processes by name, with the number of processes that each takes."""
 
     system: System
     method: Method
@@ -22,4 +23,4 @@ class Job:
     options: Options
     threads: int = 1
     processes: int = 1
-    hosts: str | None = None
+    hosts: Mapping[str, int] | None = None

@@ -18,12 +18,13 @@ import subprocess
 import sys
 import tempfile
 import weakref
+from collections.abc import Mapping
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening, slots
+from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening
 from kickdrift.engines.lammps_library import mpiexec
 
 SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's address
@@ -37,7 +38,7 @@ END_SECONDS = 5.0
 class Processes:
     """The methods of ``lammps_world.World``, on all processes at once. Answers are the first process's."""
 
-    def __init__(self, count: int, hosts: str | None = None) -> None:
+    def __init__(self, count: int, hosts: Mapping[str, int] | None = None) -> None:
         self.count, program = count, mpiexec()
         self.folder = folder = Path(tempfile.mkdtemp(prefix="kickdrift-"))
         self._said = (folder / "said").open("w+")
@@ -157,12 +158,11 @@ class Processes:
         return self._all("measure")
 
 
-def _machines(hosts: str, folder: Path) -> tuple[list[str], str]:
-    """Return mpiexec's options for a hosts file, and this machine's address as the others see it."""
-    listed = slots(hosts)
-    own = address_towards(list(listed))
+def _machines(hosts: Mapping[str, int], folder: Path) -> tuple[list[str], str]:
+    """Return mpiexec's options for these machines, and this machine's address as the others see it."""
+    own = address_towards(list(hosts))
     plain = folder / "hosts"  # without comments, which mpiexec takes at the start of a line alone
-    plain.write_text("".join(f"{name}:{count}\n" for name, count in listed.items()))
+    plain.write_text("".join(f"{name}:{count}\n" for name, count in hosts.items()))
     return ["-f", str(plain), "-localhost", own], own
 
 

@@ -78,6 +78,13 @@ class BesidePairs(PairKernel):
         return self.own.remake(built_at, pruned_at)
 
 
+def room_beside(own: PairKernel, by_masses: Floats) -> tuple[Any, int, int, Floats, Floats, Floats]:
+    """The first fields of the parts: ``own``, no machine code yet, room for the particles' phase and accelerations, and
+    -dm / m (n, k) along the deviations."""
+    a = np.zeros((3, len(by_masses)))
+    return own.parts, 0, 0, np.zeros((2, *a.shape)), a, by_masses
+
+
 @jit
 def copy_phase(force, x, v):
     """Copy positions and velocities of the particles, and set force.a to zero."""

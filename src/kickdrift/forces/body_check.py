@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.field_check import TIMES, extent_of, wrong_slope
+from kickdrift.forces.field_check import check_declared, extent_of, wrong_slope
 from kickdrift.forces.law_check import raised_at
 from kickdrift.model.checks import is_number
 from kickdrift.model.state import Floats
@@ -31,7 +31,9 @@ def try_bodies(force: Any, p: Any, system: Subject) -> None:
     energy, a = _called(force, p, x, v, masses, t)
     if system.dimensions == 2 and a[2].any():
         raise InputError(f"{force.name}: the law pushes particle {_first(a[2])} out of the plane of two dimensions")
-    _check_declared(force, p, x, v, masses, t, a)
+    rng = np.random.Generator(np.random.PCG64(1))
+    faster = v + rng.standard_normal(v.shape) * (float(np.abs(v).max()) or 1.0)
+    check_declared(force, "accelerations depend", lambda v, t: _called(force, p, x, v, masses, t)[1], v, faster, t)
     if n > MOST_SLOPES or energy is None or (force.velocity_dependent and _moves_energy(force, p, x, v, masses, t)):
         return
     _check_slope(force, p, system, t)
@@ -91,26 +93,6 @@ def _called(force: Any, p: Any, x: Floats, v: Floats, masses: Floats, t: float) 
 
 def _first(wrong: Any) -> int:
     return int(np.flatnonzero(wrong)[0])
-
-
-def _check_declared(force: Any, p: Any, x: Floats, v: Floats, masses: Floats, t: float, a: Floats) -> None:
-    """Refuse a law that depends on velocity or time, and does not say so."""
-    rng = np.random.Generator(np.random.PCG64(1))
-    faster = v + rng.standard_normal(v.shape) * (float(np.abs(v).max()) or 1.0)
-    states = [("velocity", "velocity_dependent", faster, t)]
-    states += [("time", "time_dependent", v, t + later) for later in TIMES]
-    for what, trait, other_v, other_t in states:
-        if getattr(force, trait):
-            continue
-        try:
-            _, after = _called(force, p, x, other_v, masses, other_t)
-        except InputError:
-            continue
-        if not np.array_equal(after, a):
-            raise InputError(
-                f"{force.name}: the law's accelerations depend on {what}; say {trait} = True in its class, so that "
-                "methods that need another kind of force refuse it"
-            )
 
 
 def _moves_energy(force: Any, p: Any, x: Floats, v: Floats, masses: Floats, t: float) -> bool:

@@ -16,7 +16,7 @@ from kickdrift.forces.kernel import GROW, OK, BoundForce
 from kickdrift.forces.law_check import not_compiled
 from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.pair_kernel import PairKernel
-from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned
+from kickdrift.forces.pair_lists import grown, memory, recalled, thinned, tuned, with_moving_parts
 from kickdrift.forces.seam import Forces, few_of, table_of
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.jit.team import team_of
@@ -159,6 +159,16 @@ class BoundForces:
         """Memory (chunks, 3) of each pair force with the virial along each axis at the last evaluation with sums."""
         kernels = [force for force in self.forces if isinstance(force, PairKernel)]
         return [force.parts.along for force in kernels if force.parts.along is not None]
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether one force acts alone, and can take steps by itself; see `sorted_steps`."""
+        only = self.forces[0] if len(self.forces) == 1 else None
+        return isinstance(only, PairKernel) and only.takes_steps
+
+    def keep_sorted(self) -> None:
+        """Give the force that takes steps its memory for particles in the order of the clusters."""
+        self.forces = tuple(with_moving_parts(force) for force in self.forces)
 
     def tune(self, stride: float) -> None:
         """Choose the cheapest pair lists; the next evaluation makes them.

@@ -8,10 +8,19 @@ from numba import types
 
 from kickdrift.forces.clusters import LANES, N_CLUSTERS, chunk_clusters, load_vector, store_vector, unsigned
 from kickdrift.jit.chunks import chunk_task, each_chunk
-from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_sum, splat
+
+FEW = 2  # chunks whose forces the second cache holds
+
+
+class Collecting(NamedTuple):
+    """What sums the forces of all chunks."""
+
+    pairs: Any  # a handle of a ClusterList
+    chunks: Any
 
 
 class Gathering(NamedTuple):
@@ -24,30 +33,57 @@ class Gathering(NamedTuple):
     mean: Any  # None, or in mixed precision the mean acceleration, which is subtracted
 
 
-def add_accelerations(mixed: Any, force: Any, a: Any) -> None:
+@jit
+def add_accelerations(force, a):
     """Sum the chunks' forces in one order, and add the accelerations to ``a``.
 
     In mixed precision the mean acceleration from all forces is zero but for rounding. It is subtracted, to conserve
     momentum as in float64."""
+    add_collected(force, collected_mean(force.mixed, force.pairs, force.chunks), a)
 
 
-@overload(add_accelerations)
-def _add_accelerations(mixed, force, a):
-    mean_of = no_mean if isinstance(mixed, types.NoneType) else mean_acceleration
+def collected_mean(mixed: Any, pairs: Any, chunks: Any) -> Any:
+    """Return None; in mixed precision, sum the chunks' forces and return the mean acceleration."""
+    raise NotImplementedError("for compiled code")
 
-    def add(mixed, force, a):
-        pairs, chunks, inverse_masses = force.pairs, force.chunks, force.inverse_masses
-        if not in_turn(chunks):
-            each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, None)), chunks, "collect_chunk")
-        mean = mean_of(mixed, pairs)
-        each_chunk(handle(Gathering(pairs, chunks, inverse_masses, a, mean)), chunks, "gather_chunk")
 
-    return add
+@overload(collected_mean)
+def _collected_mean(mixed, pairs, chunks):
+    if isinstance(mixed, types.NoneType):
+        return lambda mixed, pairs, chunks: None
+
+    def mean(mixed, pairs, chunks):
+        collect(pairs, chunks)
+        return mean_acceleration(mixed, pairs)
+
+    return mean
+
+
+def no_mean_yet(mixed: Any) -> Any:
+    """Return None; in mixed precision, a mean acceleration of zero."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(no_mean_yet)
+def _no_mean_yet(mixed):
+    return (lambda mixed: None) if isinstance(mixed, types.NoneType) else lambda mixed: (0.0, 0.0, 0.0)
 
 
 @jit
-def no_mean(mixed, pairs):
-    return None
+def add_collected(force, mean, a):
+    """Add the accelerations to ``a``; ``mean`` is from `collected_mean`."""
+    if mean is None:
+        collect(force.pairs, force.chunks)
+    each_chunk(
+        handle(Gathering(force.pairs, force.chunks, force.inverse_masses, a, mean)), force.chunks, "gather_chunk"
+    )
+
+
+@jit
+def collect(pairs, chunks):
+    """Sum all chunks' forces in the first chunk's array, unless chunks that ran in turn have done so."""
+    if not in_turn(chunks):
+        each_chunk(handle(Collecting(pairs, chunks)), chunks, "collect_chunk")
 
 
 @jit
@@ -62,23 +98,38 @@ def mean_acceleration(mixed, pairs):
 
 @jit
 def in_turn(chunks):
-    """Return whether the chunks run one after another, so that they can share memory; few chunks fit the cache
-    anyway."""
-    return chunks.team == 0 and chunks.number > 2
+    """Return whether the chunks run one after another, so that they can add to the totals."""
+    return chunks.team == 0 and chunks.number > FEW
 
 
 @jit
-def chunk_memory(numbers, pairs, chunks, c):
-    """Return chunk c's row of ``numbers`` (chunks, numbers in clusters), for the forces of the chunk's pairs.
+def thread_memory(numbers, pairs, c, thread):
+    """Return a part of this thread's row of ``numbers`` (threads, twice the numbers in all clusters), as memory for the
+    clusters of chunk c.
 
-    Chunks that run in turn share memory, which stays in the cache. The chunk's own clusters come first in this memory,
-    and earlier clusters lie before them. The memory is the second and third row; the first row holds the totals."""
-    if not in_turn(chunks):
-        return numbers[c]
+    The chunk's own clusters lie in the middle of the row, and earlier clusters before them. So all chunks of a thread
+    use the same memory, which stays in the cache."""
     begin, _ = chunk_clusters(pairs, c)
-    size = numbers.shape[1]
-    first = 2 * size - size // pairs.filled.size * begin
-    return numbers.ravel()[first : first + size]
+    size = numbers.shape[1] // 2
+    first = size - size // pairs.filled.size * begin
+    return numbers[thread][first : first + size]
+
+
+@jit
+def force_memory(pairs, chunks, c, thread):
+    """Return the memory in which this thread sums the forces of chunk c's pairs; few chunks fit the cache anyway."""
+    return pairs.force[c] if chunks.number <= FEW else thread_memory(pairs.thread_force, pairs, c, thread)
+
+
+@jit
+def hand_over(pairs, chunks, forces, cluster, c):
+    """Add the forces on a cluster from chunk c to the totals, if chunks run in turn, or copy the forces to the chunk's
+    own array."""
+    if in_turn(chunks):
+        add_to_total(pairs, forces, cluster, c)
+    elif chunks.number > FEW:
+        gx, gy, gz = load_vector(forces, cluster)
+        store_vector(pairs.force[c], cluster, gx, gy, gz)
 
 
 @jit
@@ -95,19 +146,43 @@ def add_to_total(pairs, forces, cluster, c):
 
 
 @chunk_task
-def collect_chunk(gathering, own):
-    """Sum all chunks' forces on the clusters of one chunk in the first chunk's array, in one order."""
+def collect_chunk(collecting, own):
+    """Sum all chunks' forces on the clusters of one chunk in the first chunk's array."""
     never_inline()
-    pairs, chunks = gathering.pairs, gathering.chunks
-    force, touched = pairs.force, pairs.touched
+    pairs = collecting.pairs
     begin, end = chunk_clusters(pairs, own)
     for cluster in range(begin, end):
-        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-        for c in range(chunks.number):
-            if touched[c, cluster]:
-                gx, gy, gz = load_vector(force[c], cluster)
-                fx, fy, fz = fx + gx, fy + gy, fz + gz
-        store_vector(force[0], cluster, fx, fy, fz)
+        fx, fy, fz = summed(pairs, collecting.chunks.number, cluster)
+        store_vector(pairs.force[0], cluster, fx, fy, fz)
+
+
+@as_written
+def summed(pairs, number, cluster):
+    """Return the sum of all chunks' forces on a cluster, in one order."""
+    fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+    for c in range(number):
+        if pairs.touched[c, cluster]:
+            gx, gy, gz = load_vector(pairs.force[c], cluster)
+            fx, fy, fz = fx + gx, fy + gy, fz + gz
+    return fx, fy, fz
+
+
+def forces_on(pairs: Any, chunks: Any, mean: Any, cluster: int) -> Any:
+    """Return the forces on a cluster after the sum of the pairs, and after `collected_mean`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(forces_on, forceinline=True)
+def _forces_on(pairs, chunks, mean, cluster):
+    if not isinstance(mean, types.NoneType):
+        return lambda pairs, chunks, mean, cluster: load_vector(pairs.force[0], cluster)
+
+    def each(pairs, chunks, mean, cluster):
+        if in_turn(chunks):
+            return load_vector(pairs.force[0], cluster)
+        return summed(pairs, chunks.number, cluster)
+
+    return each
 
 
 @chunk_task

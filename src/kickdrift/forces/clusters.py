@@ -20,6 +20,7 @@ N_CLUSTERS, NX, NY, BUILT, OUTER_BUILDS, PRUNES, ROOM_NEEDED, JUMPS_ALLOWED = ra
 unsigned = np.uint64  # type of an index, which saves numba's check for negative indices
 LANES = unsigned(WIDTH)
 STRIDE = 3 * WIDTH  # distance from one cluster to the next in `x` and `force`
+TABLE_STRIDE = 32  # distance from one shift to the next in a table; a power of two, from which a row follows quickly
 FAR = 30.0  # distance of the padding lanes from all particles, in cutoffs; far beyond, r^-12 underflows, slowly
 APART = 2.0  # distance between padding lanes, in cutoffs
 STRIDE_UNKNOWN = 0.01  # first guess, in cutoffs, of the fastest particle's move between evaluations
@@ -68,12 +69,16 @@ class ClusterList(NamedTuple):
     used: NDArray[np.int64]  # (chunks, clusters) bits of the shifts in a cluster's rows
     origin: NDArray[np.float64]  # (3,) the middle, the origin of positions in float32
     x_single: NDArray[np.float32]  # (3 slots,) in mixed precision, else empty
-    force_single: NDArray[np.float32]  # (chunks, 3 per_row slots) in mixed precision, else empty; zero between
-    # evaluations if rows have tiles
-    force: NDArray[np.float64]  # (chunks, 3 slots); see `cluster_sums.chunk_memory`
+    thread_single: NDArray[np.float32]  # (threads, 6 per_row slots) reactions in mixed precision, else empty; zero
+    # between evaluations if rows have tiles
+    thread_force: NDArray[
+        np.float64
+    ]  # (threads, 6 slots) forces, while a thread sums; see `cluster_sums.thread_memory`
+    force: NDArray[np.float64]  # (chunks, 3 slots)
     touched: NDArray[np.bool_]  # (chunks, clusters) whether a chunk's forces may be nonzero
     made: NDArray[np.int64]  # (chunks,) number of entries that the last search found
     moves: NDArray[np.float64]  # (chunks, 2) see `note_moves`
+    moving: NDArray[np.float64]  # (7 slots,) for steps in the order of the clusters, else empty; see `sorted_steps`
     code: int = 0  # address of the list's machine code
     special: Any = None  # pairs that are left out or scaled, if any; see `special_pairs`
 
@@ -87,9 +92,9 @@ def chunk_count(n: int) -> int:
 def table_place(per_row: int, shift: int, row: int) -> int:
     """Return the index of a row's shifted positions in its cluster's table.
 
-    The table is (shifts, 3, 8), or (shifts, 2 rows, 3, 16) with four particles in a row."""
+    The table is (shifts, 4, 8), the last eight unused, or (shifts, 2 rows, 3, 16) with four particles in a row."""
     if per_row == 1:
-        return STRIDE * shift + row
+        return TABLE_STRIDE * shift + row
     return 4 * STRIDE * shift + 2 * STRIDE * row
 
 
@@ -116,8 +121,11 @@ def empty_rows(chunks: int, room: int, per_row: int, block: Block) -> NDArray[np
     return np.empty((chunks, WIDTH // per_row * blocks(block) * room + WIDTH, 2), np.int32)
 
 
-def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool = False) -> ClusterList:
-    """Return empty lists for n particles; with ``single``, also the arrays of mixed precision."""
+def cluster_list(
+    n: int, box: Box, cutoff: float, lanes: RowLanes, threads: int = 0, single: bool = False
+) -> ClusterList:
+    """Return empty lists for n particles. ``threads`` have memory to sum forces; with ``single``, there are also the
+    arrays of mixed precision."""
     cell = cell_of(box)
     bricks = bricks_of(cell)
     inner_skin, outer_skin = skins(bricks, cutoff, STRIDE_UNKNOWN * cutoff)
@@ -161,11 +169,13 @@ def cluster_list(n: int, box: Box, cutoff: float, lanes: RowLanes, single: bool 
         used=np.zeros((chunks, clusters), np.int64),
         origin=np.zeros(3),
         x_single=aligned((3 * single_slots,), dtype=np.float32),
-        force_single=aligned((chunks, 3 * lanes.per_row * single_slots), dtype=np.float32),
+        thread_single=aligned((threads, 6 * lanes.per_row * single_slots), dtype=np.float32),
+        thread_force=aligned((threads, 6 * slots), fill=None),
         force=aligned((chunks, 3 * slots), fill=None),
         touched=np.zeros((chunks, clusters), np.bool_),
         made=np.zeros(chunks, np.int64),
         moves=np.zeros((chunks, 2)),
+        moving=aligned((0,)),
     )
 
 

@@ -7,11 +7,14 @@ by one cluster when the sum does. The processor does not see these streams, sinc
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from kickdrift.forces.clusters import N_CLUSTERS, NX, NY
+from kickdrift.forces.clusters import N_CLUSTERS, NX, NY, STRIDE
+from kickdrift.forces.pair_rows import ROW
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import fetch_to_read, fetch_to_write
+from kickdrift.jit.vectors import single_type
 
 FEW = 2000  # clusters whose positions and forces the second cache holds
 MOST = 4  # slabs on each side
@@ -24,26 +27,34 @@ class Streams(NamedTuple):
     apart: int  # distance from one to the next
     ahead: int  # how far the middle one is ahead of the sum
     sides: int  # number on each side of the middle one; -1 if there are none
-    size: int  # numbers of a cluster in the array of positions
-    size_of_reactions: int
 
 
 @as_written
-def streams(pairs, x, reactions):
+def streams(pairs):
     """Return the streams of the pair sum."""
-    clusters, places, reach = pairs.counts[N_CLUSTERS], pairs.filled.size, pairs.cutoff + pairs.inner_skin
+    clusters, reach = pairs.counts[N_CLUSTERS], pairs.cutoff + pairs.inner_skin
     apart = clusters // pairs.counts[NX]
     rows = int(reach / pairs.grid[1]) + 1
     sides = -1 if clusters < FEW else min(int(reach / pairs.grid[0]) + 1, MOST)
     ahead = rows * (apart // pairs.counts[NY]) + rows + SPARE
-    return Streams(apart, ahead, sides, x.size // places, reactions.size // places)
+    return Streams(apart, ahead, sides)
 
 
 @as_written
-def fetch_streams(found, pairs, x, reactions, cluster):
+def fetch_streams(found, pairs, x, reactions, cluster, zero):
     """Ask for the positions and reactions of the clusters at the front of all streams."""
     for side in range(-found.sides, found.sides + 1):
         front = cluster + side * found.apart + found.ahead
         if front >= 0 and front < pairs.counts[N_CLUSTERS]:
-            fetch_to_read(x, found.size * front)
-            fetch_to_write(reactions, found.size_of_reactions * front)
+            fetch_to_read(x, STRIDE * front, STRIDE)
+            fetch_reactions(reactions, front, zero)
+
+
+def fetch_reactions(reactions: Any, cluster: int, zero: Any) -> None:
+    """Ask for the reactions on a cluster, which are four for each particle if rows have tiles."""
+
+
+@overload(fetch_reactions)
+def _fetch_reactions(reactions, cluster, zero):
+    size = ROW * STRIDE if zero == single_type else STRIDE
+    return lambda reactions, cluster, zero: fetch_to_write(reactions, size * cluster, size)

@@ -33,7 +33,8 @@ def try_field(force: Any, values: dict[str, Any], system: Subject) -> None:
     for i in sorted({round(k) for k in np.linspace(0, len(system) - 1, MOST)}):
         at = _law(force, values, system, i)
         x, v, t = state.positions[i].copy(), state.velocities[i].copy(), float(state.time)
-        _check_declared(force, at, x, v, t)
+        faster = v + np.array([0.7, -1.3, 0.4]) * (float(np.abs(v).max()) or 1.0)
+        check_declared(force, "force depends", partial(_force, at, x), v, faster, t)
         if system.dimensions == 2 and at(x, v, t)[1][2] != 0:
             raise InputError(f"{force.name}: the law pushes particle {i} out of the plane of two dimensions")
         rng = np.random.Generator(np.random.PCG64(i))
@@ -48,6 +49,10 @@ def try_field(force: Any, values: dict[str, Any], system: Subject) -> None:
             f"{force.name}: law must return energy and force, minus the energy's slope; for particle {i} at "
             f"{_text(place)} it returns {_text(pushed)}, and its energy's slope gives {_text(slope)}"
         )
+
+
+def _force(at: At, x: Floats, v: Floats, t: float) -> Floats:
+    return at(x, v, t)[1]
 
 
 def _at_rest(at: At, t: float, x: Floats) -> tuple[Any, Floats]:
@@ -134,23 +139,24 @@ def _values(force: Any, found: Any, place: str) -> tuple[Any, Floats]:
     return energy if energy is None else float(energy), np.array(numbers, dtype=float)
 
 
-def _check_declared(force: Any, at: At, x: Floats, v: Floats, t: float) -> None:
-    """Refuse a law that depends on velocity or time, and does not say so."""
-    before = at(x, v, t)
-    faster = v + np.array([0.7, -1.3, 0.4]) * (float(np.abs(v).max()) or 1.0)
+def check_declared(
+    force: Any, what: str, push: Callable[[Floats, float], Floats], v: Floats, faster: Floats, t: float
+) -> None:
+    """Refuse a law whose ``push(v, t)`` depends on velocity or time, and which does not say so."""
+    before = push(v, t)
     states = [("velocity", "velocity_dependent", faster, t)]
     states += [("time", "time_dependent", v, t + later) for later in TIMES]
-    for what, trait, other_v, other_t in states:
+    for name, trait, other_v, other_t in states:
         if getattr(force, trait):
             continue
         try:
-            after = at(x, other_v, other_t)
+            after = push(other_v, other_t)
         except InputError:
             continue
-        if not np.array_equal(after[1], before[1]):
+        if not np.array_equal(after, before):
             raise InputError(
-                f"{force.name}: the law's force depends on {what}; say {trait} = True in its class, so that methods "
-                f"that need another kind of force refuse it"
+                f"{force.name}: the law's {what} on {name}; say {trait} = True in its class, so that methods that need "
+                "another kind of force refuse it"
             )
 
 

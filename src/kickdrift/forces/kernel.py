@@ -23,7 +23,8 @@ from kickdrift.jit.numba_private import TypingError
 OK, GROW, BLOWN_UP = 0, 1, 2  # status of a force evaluation: done, a list is full, positions make no sense
 RAISED = 4  # Python code inside raised, so no other step is tried; 3 is a stepper's STOPPED
 
-FORCES, FORCES_AND_SUMS, REMAKE = range(3)  # tasks of a bound force; REMAKE is for pair lists alone
+# tasks of a bound force; the last two are for pair lists alone
+FORCES, FORCES_AND_SUMS, REMAKE, TAKE_STEPS = range(4)
 KERNELS: dict[type, Any] = {}
 _ROWS: dict[type, int] = {}
 _NUMBERS = types.CPointer(types.float64)
@@ -85,7 +86,8 @@ def _run_body(force, t, x, v, a, sums):
 def call_force(typingctx, address, work, what, t, x, v, a, sums):
     """Run the machine code at ``address`` with the parts at ``work``; return a status.
 
-    ``what`` selects the task: FORCES, FORCES_AND_SUMS or REMAKE. x, v and a are (rows, n). ``sums`` may be None."""
+    ``what`` selects the task. x, v and a are (rows, n). ``sums`` may be None. For TAKE_STEPS ``sums`` is a plan of
+    ``t`` numbers; see `sorted_steps`."""
     arrays = [kind for kind in (x, v, a, sums) if isinstance(kind, types.Array)]
     if any(array.layout != "C" for array in arrays):
         raise TypingError("a force takes contiguous arrays")

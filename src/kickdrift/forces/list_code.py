@@ -20,7 +20,7 @@ from kickdrift.jit.chunks import Chunks
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Handle, address, handle_at
 
-REFRESH, PRUNE = range(2)  # tasks of the code
+REFRESH, PRUNE, OUTLAST = range(3)  # tasks of the code
 _CODE: dict[Any, Any] = {}  # addresses, by the type of list
 _SIGNATURE = types.int64(*5 * [types.int64], types.CPointer(types.float64))
 
@@ -42,6 +42,8 @@ def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
             pairlist.adopt(pairs)
             pairlist.prune(pairs, chunks)
             return OK
+        if what == OUTLAST:
+            return pairlist.outlasts(pairs, chunks)
         return pairlist.refresh(pairs, carray(x, (3, n)), chunks)
 
     return upkeep
@@ -71,3 +73,9 @@ def refresh(pairs, x, chunks):
 def prune(pairs, chunks):
     """Prune the outer list to make the inner list."""
     _call(pairs.code, address(pairs), chunks.number, chunks.team, PRUNE, pairs.built_at)
+
+
+@jit
+def outlasts(pairs, chunks):
+    """Prune the outer list if the noted moves need it; return OK, or another status if the list must be made anew."""
+    return _call(pairs.code, address(pairs), chunks.number, chunks.team, OUTLAST, pairs.built_at)

@@ -50,6 +50,8 @@ class ManyBodyWork(NamedTuple):
 class ManyBodyKernel(PairKernel):
     """A bound many-body force: ``parts`` is a ManyBodyWork."""
 
+    takes_steps = False
+
     @property
     def row_room(self) -> int:
         """See PairKernel."""

@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_particles, copy_phase
+from kickdrift.forces.beside_pairs import BesidePairs, add_by_masses, add_particles, copy_phase, room_beside
 from kickdrift.forces.clusters import N_CLUSTERS, STRIDE, unsigned
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.many_body_kernel import ManyBodyWork, refresh_rows, run_law
@@ -53,8 +53,7 @@ class ManyBodySlopesKernel(BesidePairs):
 
 def bind(own: PairKernel, by_masses: Floats) -> ManyBodySlopesKernel:
     """Bind a many-body force of n particles; ``by_masses`` is as in `ManyBodySlopes`."""
-    a = np.zeros((3, len(by_masses)))
-    return ManyBodySlopesKernel(ManyBodySlopes(own.parts, 0, 0, np.zeros((2, *a.shape)), a, by_masses), own)
+    return ManyBodySlopesKernel(ManyBodySlopes(*room_beside(own, by_masses)), own)
 
 
 def on_duals(work: ManyBodyWork) -> ManyBodyWork:

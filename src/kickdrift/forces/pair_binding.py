@@ -10,7 +10,8 @@ from kickdrift.forces.box_change import volume_of
 from kickdrift.forces.clusters import (
     cluster_list,
 )
-from kickdrift.forces.pair_kernel import PairKernel, PairWork, Tables
+from kickdrift.forces.pair_kernel import PairKernel, PairWork
+from kickdrift.forces.pair_upkeep import Tables
 from kickdrift.forces.row_lanes import row_lanes
 from kickdrift.forces.special_pairs import special_of
 from kickdrift.forces.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
@@ -62,7 +63,7 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
     laws = [[force.pair_law(a, b) for b in names] for a in names]
     cutoff = float(force.cutoff or 0.0)
     at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
-    pairs = cluster_list(n, system.box, cutoff, lanes, single=mixed)
+    pairs = cluster_list(n, system.box, cutoff, lanes, threads, single=mixed)
     special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
     pairs = pairs._replace(special=special)
     tables = None

@@ -14,33 +14,19 @@ from kickdrift.forces.box_change import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
     BUILT,
-    OUTER_BUILDS,
-    STRIDE,
     ClusterList,
     copy,
 )
-from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, BoundForce, call_force
+from kickdrift.forces.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
 from kickdrift.forces.list_code import list_code, prune, refresh
+from kickdrift.forces.pair_upkeep import fill_tables, refresh_force
 from kickdrift.forces.row_lanes import RowLanes
+from kickdrift.forces.sorted_steps import take_steps
 from kickdrift.forces.truncation import AtCutoff
 from kickdrift.jit.chunks import Chunks, each_chunk
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
-from kickdrift.jit.inner import overload
-from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
-
-
-class Tables(NamedTuple):
-    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
-    parameter."""
-
-    law: NDArray[np.float64]  # (parameters, species, slots)
-    at_cutoff: NDArray[np.float64]  # (2, species, slots)
-    law_pairs: NDArray[np.float64]  # (parameters, species, species)
-    at_cutoff_pairs: NDArray[np.float64]  # (2, species, species)
-    species: NDArray[np.int64]  # (n,)
-    row: NDArray[np.int64]  # (slots,) species in each slot
 
 
 class PairWork(NamedTuple):
@@ -73,7 +59,12 @@ class PairKernel(BoundForce):
         return made
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        return compute_for(kind, add_forces, fill_tables)
+        return compute_for(kind, add_forces, fill_tables, take_steps)
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether the force can take steps by itself; see `sorted_steps`."""
+        return True
 
     @property
     def pairs(self) -> ClusterList:
@@ -110,15 +101,24 @@ def ask(address, work, what, x, a):
     return call_force(address, work, what, 0.0, x, x, a, None)
 
 
-def compute_for(kind: types.Type, add: Callable[..., int], complete: Callable[..., int]) -> Callable[..., int]:
+@jit
+def take_none(force, plan, x, v, a):
+    return OK
+
+
+def compute_for(
+    kind: types.Type, add: Callable[..., int], complete: Callable[..., int], take: Callable[..., int] = take_none
+) -> Callable[..., int]:
     """All tasks for this type of ``parts`` with a list of pairs, as a function to compile for its address.
 
-    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it. Both
-    return a status."""
+    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it.
+    ``take(force, plan, x, v, a)`` takes steps. All return a status."""
     restore = handle_at(Handle(kind))
 
     def compute(work, what, n, t, x, v, a, sums):
         force = restore(work)
+        if what == TAKE_STEPS:
+            return take(force, carray(sums, (int(t),)), carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
         if what == REMAKE:
             status = remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
             return complete(force) if status == OK else status
@@ -144,24 +144,6 @@ def remake(force, built_at, pruned_at):
 
 
 @jit
-def fill_tables(force):
-    """Write the parameters of each pair of species to the slots of a new list; return a status."""
-    spread(force.tables, force.pairs)
-    return OK
-
-
-@jit
-def refresh_force(force, x):
-    """Update the list, and what belongs to its slots, for positions x (3, n); return a status."""
-    pairs = force.pairs
-    builds = pairs.counts[OUTER_BUILDS]
-    status = refresh(pairs, x, force.chunks)
-    if status == OK and pairs.counts[OUTER_BUILDS] != builds:
-        spread(force.tables, pairs)
-    return status
-
-
-@jit
 def add_forces(force, wanted, x, a, sums):
     """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
@@ -179,29 +161,5 @@ def add_forces(force, wanted, x, a, sums):
         scaled = scaled_tail(pairs, force.tail_volume)
         sums[0] += scaled * force.tail[0]
         sums[1] += scaled * force.tail[1]
-    add_accelerations(force.mixed, force, a)
+    add_accelerations(force, a)
     return OK
-
-
-def spread(tables: Any, pairs: ClusterList) -> None:
-    """After a sort, write the parameters of each pair of species to the slots."""
-
-
-@overload(spread)
-def _spread(tables, pairs):
-    if isinstance(tables, types.NoneType):
-        return lambda tables, pairs: None
-
-    def spread_tables(tables, pairs):
-        for i in range(pairs.place.size):
-            p = pairs.place[i]
-            s = p // STRIDE * WIDTH + p % STRIDE
-            of_i = tables.species[i]
-            tables.row[s] = of_i
-            for row in range(tables.law.shape[1]):
-                for k in range(tables.law.shape[0]):
-                    tables.law[k, row, s] = tables.law_pairs[k, row, of_i]
-                for k in range(2):
-                    tables.at_cutoff[k, row, s] = tables.at_cutoff_pairs[k, row, of_i]
-
-    return spread_tables

@@ -18,6 +18,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.forces.neighbours import whole_blocks
 from kickdrift.forces.pair_kernel import PairKernel
 from kickdrift.forces.special_pairs import with_special_room
+from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
 
 THIN = 1e-3  # part of the cutoff: a skin for rounding alone
@@ -61,6 +62,11 @@ def with_room(bound: PairKernel, room: int) -> PairKernel:
     rows = empty_rows(chunks, room, pairs.per_row, pairs.block)
     special = with_special_room(pairs.special, room)
     return bound.with_list(near=np.empty((chunks, room), np.int32), rows=rows, special=special)
+
+
+def with_moving_parts(bound: Any) -> Any:
+    """Return the bound force with memory for steps in the order of the clusters; see `sorted_steps`."""
+    return bound.with_list(moving=aligned((bound.pairs.x.size // 3 * 7,), fill=None))
 
 
 def memory(bound: PairKernel, varies: bool = False) -> dict[str, Any]:

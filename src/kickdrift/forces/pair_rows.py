@@ -10,27 +10,26 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from kickdrift.forces.cluster_sums import chunk_memory
+from kickdrift.forces.cluster_sums import force_memory, thread_memory
 from kickdrift.forces.clusters import (
     APART,
     SHIFTS,
     STRIDE,
+    TABLE_STRIDE,
     load_vector,
-    store_vector,
     table_place,
 )
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import in_eight, lane_numbers, multiply_add
 from kickdrift.jit.masks import lowest_bit, select
-from kickdrift.jit.memory import broadcast, line_aligned, load, load_like, store, sums_of_rows
+from kickdrift.jit.memory import broadcast, line_aligned, load, load_like, store
 from kickdrift.jit.single import (
     four_of,
     halves,
     load_four_times,
     load_single,
     store_narrow,
-    sums_in_quarters,
     sums_of_quarters,
 )
 from kickdrift.jit.vectors import F64, WIDTH, single_type
@@ -42,34 +41,46 @@ PLACES = (
 )  # distances in the table between shifts and between rows, for rows of four particles
 
 
-def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int) -> Any:
+def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int, thread: int) -> Any:
     """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
     precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(working_arrays)
-def _working_arrays(zero, pairs, chunks, c):
+def _working_arrays(zero, pairs, chunks, c, thread):
     if zero.vector.element == F64:
 
-        def double(zero, pairs, chunks, c):
-            forces = chunk_memory(pairs.force, pairs, chunks, c)
-            return pairs.x, forces, forces, np.empty(SHIFTS * STRIDE), np.zeros(WIDTH * STRIDE)
+        def double(zero, pairs, chunks, c, thread):
+            forces = force_memory(pairs, chunks, c, thread)
+            return pairs.x, forces, forces, particle_table(pairs.x), particle_sums()
 
         return double
 
-    def tiles(zero, pairs, chunks, c):
-        forces = chunk_memory(pairs.force, pairs, chunks, c)
-        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
+    def tiles(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
         row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
         return pairs.x_single, forces, reactions, tile_table(), row_sums
 
-    def single(zero, pairs, chunks, c):
-        forces = chunk_memory(pairs.force, pairs, chunks, c)
-        reactions = chunk_memory(pairs.force_single, pairs, chunks, c)
-        return pairs.x_single, forces, reactions, np.empty(SHIFTS * STRIDE, np.float32), np.zeros(WIDTH * STRIDE)
+    def single(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
+        return pairs.x_single, forces, reactions, particle_table(pairs.x_single), particle_sums()
 
     return tiles if zero == single_type else single
+
+
+@as_written
+def particle_table(x):
+    """Return an empty table for rows of particles, in the precision of ``x``, on a boundary of cache lines."""
+    return line_aligned(np.empty(SHIFTS * TABLE_STRIDE + 2 * WIDTH, x.dtype))
+
+
+@as_written
+def particle_sums():
+    """Return room for the forces of a cluster's rows of particles, on a boundary of cache lines."""
+    return line_aligned(np.zeros(WIDTH * STRIDE + WIDTH))
 
 
 @as_written
@@ -99,7 +110,7 @@ def _particle_of(zero, place):
     if zero == single_type:
         per_shift, per_row = PLACES
         return lambda zero, place: ROW * (place % per_shift // per_row)
-    return lambda zero, place: place % STRIDE
+    return lambda zero, place: place & (WIDTH - 1)
 
 
 @as_written
@@ -121,7 +132,9 @@ def _fill_table(table, pairs, cluster, used, zero):
         while used:
             s = lowest_bit(used)
             used &= used - 1
-            store_vector(table, s, x - shifts[0, s], y - shifts[1, s], z - shifts[2, s])
+            store(table, TABLE_STRIDE * s, x - shifts[0, s])
+            store(table, TABLE_STRIDE * s + WIDTH, y - shifts[1, s])
+            store(table, TABLE_STRIDE * s + 2 * WIDTH, z - shifts[2, s])
 
     def single(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
@@ -129,9 +142,9 @@ def _fill_table(table, pairs, cluster, used, zero):
         while used:
             s = lowest_bit(used)
             used &= used - 1
-            store_narrow(table, STRIDE * s, x - (shifts[0, s] + origin[0]))
-            store_narrow(table, STRIDE * s + WIDTH, y - (shifts[1, s] + origin[1]))
-            store_narrow(table, STRIDE * s + 2 * WIDTH, z - (shifts[2, s] + origin[2]))
+            store_narrow(table, TABLE_STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_narrow(table, TABLE_STRIDE * s + WIDTH, y - (shifts[1, s] + origin[1]))
+            store_narrow(table, TABLE_STRIDE * s + 2 * WIDTH, z - (shifts[2, s] + origin[2]))
 
     def fours(table, pairs, cluster, used, zero):
         shifts, origin = pairs.shifts, pairs.origin
@@ -191,38 +204,6 @@ def _subtract_reactions(reactions, other, g, dx, dy, dz):
         store(reactions, z, multiply_add(g, dz, hz))
 
     return add
-
-
-def store_row_force(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
-    """Store the forces on a row's particles, with the lanes not yet summed."""
-
-
-@overload(store_row_force)
-def _store_row_force(row_sums, row, fx, fy, fz):
-    def one(row_sums, row, fx, fy, fz):
-        store_vector(row_sums, row, in_float64(fx), in_float64(fy), in_float64(fz))
-
-    def four(row_sums, row, fx, fy, fz):
-        at = 2 * STRIDE * row
-        store(row_sums, at, fx)
-        store(row_sums, at + 2 * WIDTH, fy)
-        store(row_sums, at + 4 * WIDTH, fz)
-
-    return four if fx == single_type else one
-
-
-def row_forces(row_sums: Any, axis: int, zero: Any) -> Any:
-    """Return one component of the forces on a cluster's particles, eight of float64, from what its rows have stored."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(row_forces)
-def _row_forces(row_sums, axis, zero):
-    def four(row_sums, axis, zero):
-        at = 2 * WIDTH * axis
-        return sums_in_quarters(load_single(row_sums, at), load_single(row_sums, at + 2 * STRIDE))
-
-    return four if zero == single_type else (lambda row_sums, axis, zero: sums_of_rows(row_sums, WIDTH * axis, STRIDE))
 
 
 def in_float64(value: Any) -> Any:

@@ -23,6 +23,7 @@ from kickdrift.forces.beside_pairs import (
     add_own,
     add_particles,
     copy_phase,
+    room_beside,
 )
 from kickdrift.forces.cluster_sums import add_accelerations
 from kickdrift.forces.clusters import (
@@ -37,10 +38,12 @@ from kickdrift.forces.clusters import (
 )
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.law_lanes import pair_slopes
-from kickdrift.forces.pair_kernel import PairKernel, refresh_force
-from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, store_row_force, working_arrays
+from kickdrift.forces.pair_kernel import PairKernel
+from kickdrift.forces.pair_rows import displacements, fill_table, slot_of, working_arrays
 from kickdrift.forces.pair_sum import sum_pairs
+from kickdrift.forces.pair_upkeep import refresh_force
 from kickdrift.forces.pair_variation import Deviation
+from kickdrift.forces.row_ends import store_row_force
 from kickdrift.forces.row_lanes import blocks, nothing
 from kickdrift.forces.special_pairs import UNSHIFTED, is_inside
 from kickdrift.forces.special_slopes import (
@@ -85,11 +88,11 @@ class PairSlopesKernel(BesidePairs):
 
 def bind(own: PairKernel, by_masses: Floats, along: int) -> PairSlopesKernel:
     """Bind a pair force of n particles with ``along`` deviations of each; ``by_masses`` is as in `PairSlopes`."""
-    work, a = own.parts, np.zeros((3, len(by_masses)))
+    work = own.parts
     shape = min(along, MOST), work.pairs.x.size
     number, alone = np.zeros(1, np.int64), 1 if along == 1 else None
     room = number, aligned(shape), aligned((work.chunks.number, *shape)), work.chunks, alone
-    return PairSlopesKernel(PairSlopes(work, 0, 0, np.zeros((2, *a.shape)), a, by_masses, *room), own)
+    return PairSlopesKernel(PairSlopes(*room_beside(own, by_masses), *room), own)
 
 
 @jit
@@ -131,7 +134,7 @@ def add_one(force, wanted, t, x, v, a, sums):
     place_deviations(force, x, 1, 0)
     each_chunk(force, force.chunks, "chunk_forces_and_slopes")
     if not wanted:
-        add_accelerations(own.mixed, own, force.a)
+        add_accelerations(own, force.a)
     add_particles(force, a)
     collect_slopes(force, a, 1, 0)
     return OK
@@ -192,11 +195,11 @@ def collect_slopes(force, a, directions, first):
 
 
 @chunk_task
-def chunk_forces_and_slopes(force, c):
+def chunk_forces_and_slopes(force, c, thread):
     """Sum the forces of chunk c's pairs and their variations along one deviation into the chunk's own arrays."""
     never_inline()
     own, u, s = force.force, flat(force.deviations), flat(force.slopes[c])
-    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c)
+    sum_pairs(own, None, Deviation(u, s, np.empty(WIDTH * STRIDE)), c, thread)
     laws = own.law, own.at_cutoff, own.truncation, own.tables
     add_special_slopes(own.pairs.special, laws, own.pairs, u, s, 1, c, own.cutoff**2)
 
@@ -212,7 +215,7 @@ def chunk_slopes(force, c):
 def sum_slopes(force, u, s, number, c):
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, _, _, table, _ = working_arrays(zero, pairs, force.chunks, c)
+    x, _, _, table, _ = working_arrays(zero, pairs, force.chunks, c, 0)
     rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     clusters, room = pairs.counts[N_CLUSTERS], pairs.x.size // STRIDE
     longest = 0

@@ -10,7 +10,7 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 from __future__ import annotations
 
 from kickdrift.forces.along_axes import add_along, store_along, zeros_along
-from kickdrift.forces.cluster_sums import add_to_total, in_turn
+from kickdrift.forces.cluster_sums import hand_over
 from kickdrift.forces.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.fetching import fetch_streams, streams
 from kickdrift.forces.intra_cluster import own_pairs, row_start
@@ -22,20 +22,17 @@ from kickdrift.forces.pair_rows import (
     fill_table,
     in_float64,
     particle_of,
-    row_forces,
     slot_of,
-    store_row_force,
     subtract_reactions,
     working_arrays,
 )
 from kickdrift.forces.pair_variation import (
     add_row_slopes,
-    row_deviation,
     slope_within,
-    store_row_slope,
     varied_row,
     vary_cluster,
 )
+from kickdrift.forces.row_ends import of_row, row_forces, rows_together, store_at_end, store_so_far
 from kickdrift.forces.row_lanes import nothing
 from kickdrift.forces.special_pairs import add_special, is_inside
 from kickdrift.jit.chunks import chunk_task
@@ -47,26 +44,26 @@ from kickdrift.jit.vectors import WIDTH
 
 
 @chunk_task
-def chunk_forces(force, c):
+def chunk_forces(force, c, thread):
     """Sum the forces of chunk c's pairs into the chunk's own array."""
     never_inline()
-    sum_pairs(force, None, None, c)
+    sum_pairs(force, None, None, c, thread)
 
 
 @chunk_task
-def chunk_forces_and_sums(force, c):
+def chunk_forces_and_sums(force, c, thread):
     """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
     never_inline()
-    sum_pairs(force, force.sums, None, c)
+    sum_pairs(force, force.sums, None, c, thread)
 
 
 @as_written
-def sum_pairs(force, sums, deviation, c):
+def sum_pairs(force, sums, deviation, c, thread):
     """Sum the forces of chunk c's pairs. If they are not None, also sum energy and virial, and the variation along one
     `Deviation`."""
     pairs = force.pairs
     zero = nothing(force.lanes)
-    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c)
+    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c, thread)
     rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
@@ -79,7 +76,7 @@ def sum_pairs(force, sums, deviation, c):
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
-    rows_each, front = WIDTH // pairs.per_row, streams(pairs, x, reactions)
+    rows_each, together, front = WIDTH // pairs.per_row, rows_together(zero), streams(pairs)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if not touched[cluster]:
             continue
@@ -87,7 +84,7 @@ def sum_pairs(force, sums, deviation, c):
         mine = begin <= cluster and cluster < end
         if start[first] == start[first + rows_each] and not mine:
             continue
-        fetch_streams(front, pairs, x, reactions, cluster)
+        fetch_streams(front, pairs, x, reactions, cluster, zero)
         fill_table(table, pairs, cluster, used[cluster], zero)
         # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
         # once: the sums of this step, the forces of the next, and the displacements of the step after that.
@@ -102,21 +99,22 @@ def sum_pairs(force, sums, deviation, c):
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
-        for row in range(rows_each):
+        for row in range(0, rows_each, together):
             fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
-            if deviation is not None:
-                varied = row_deviation(deviation, cluster, row, zero)
-            for k in range(start[first + row], start[first + row + 1]):
+            varied, before = (zero, zero, zero), place
+            for k in range(start[first + row], start[first + row + together]):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
                 i, j = own + particle_of(zero, next_place), slot_of(next_other)
                 next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
+                fx, fy, fz = of_row((fx, fy, fz), place, before)
                 fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+                store_so_far(row_sums, place, fx, fy, fz)
                 subtract_reactions(reactions, other, -g, dx, dy, dz)
                 if deviation is not None:
-                    varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
+                    varied = varied_row(deviation, varied, cluster, place, before, other, g, h, dx, dy, dz)
                     h = slope_within(laws, i, j, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
@@ -124,12 +122,11 @@ def sum_pairs(force, sums, deviation, c):
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
                     along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
+                before, place = place, next_place
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
                 next_other, next_place, next_r2 = later_other, later_place, later_r2
                 next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
-            store_row_force(row_sums, row, fx, fy, fz)
-            if deviation is not None:
-                store_row_slope(deviation, row, varied)
+            store_at_end(row_sums, row, fx, fy, fz)
         own_x, own_y, own_z = load_vector(forces, cluster)
         if mine and not is_inside(pairs.special, cluster):
             gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
@@ -142,12 +139,12 @@ def sum_pairs(force, sums, deviation, c):
                     virial_sum + virial_own,
                     pair_count + count_own,
                 )
-        own_x = own_x + row_forces(row_sums, 0, zero)
-        own_y = own_y + row_forces(row_sums, 1, zero)
-        own_z = own_z + row_forces(row_sums, 2, zero)
+        own_x = own_x + row_forces(row_sums, 0, start, first, zero)
+        own_y = own_y + row_forces(row_sums, 1, start, first, zero)
+        own_z = own_z + row_forces(row_sums, 2, start, first, zero)
         store_vector(forces, cluster, own_x, own_y, own_z)
         if deviation is not None:
-            add_row_slopes(deviation, cluster)
+            add_row_slopes(deviation, start, first, cluster)
             if mine and not is_inside(pairs.special, cluster):
                 vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
     totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))
@@ -155,8 +152,7 @@ def sum_pairs(force, sums, deviation, c):
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)
-            if in_turn(force.chunks):
-                add_to_total(pairs, forces, cluster, c)
+            hand_over(pairs, force.chunks, forces, cluster, c)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
         sums[c, 1] = lane_sum(virial_sum)

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from kickdrift.forces.clusters import STRIDE, load_vector, store_vector
 from kickdrift.forces.intra_cluster import terms_within
 from kickdrift.forces.law_lanes import pair_slopes
-from kickdrift.forces.pair_rows import store_row_force
+from kickdrift.forces.pair_rows import particle_of
+from kickdrift.forces.row_ends import of_row, particle_forces, store_so_far
 from kickdrift.forces.special_slopes import broadcast_vector, react, variation
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.dual import dual
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import rotated, splat
 from kickdrift.jit.masks import select
-from kickdrift.jit.memory import sums_of_rows
 from kickdrift.jit.vectors import WIDTH
 
 
@@ -41,33 +41,24 @@ def slope_within(laws, i, j, r2, cutoff2):
 
 
 @as_written
-def row_deviation(deviation, cluster, row, zero):
-    """Return the deviation of a row's particle in all lanes, and the zeros that its slope begins with."""
-    return broadcast_vector(deviation.u, STRIDE * cluster + row, zero), (zero, zero, zero)
-
-
-@as_written
-def varied_row(deviation, varied, other, g, h, dx, dy, dz):
-    """Return what `row_deviation` began with the variations of pairs added, and react on the neighbours."""
-    (ux, uy, uz), (sx, sy, sz) = varied
+def varied_row(deviation, varied, cluster, place, before, other, g, h, dx, dy, dz):
+    """Return the slopes ``varied`` of a row's particle, not yet summed over lanes, with the variations of the pairs of
+    the entry at ``place`` added. Store them, and react on the neighbours. The last entry was at ``before``."""
+    ux, uy, uz = broadcast_vector(deviation.u, STRIDE * cluster + particle_of(g, place), g)
     gx, gy, gz = react(deviation.u, deviation.s, other, ux, uy, uz, g, h, dx, dy, dz)
-    return (ux, uy, uz), (sx + gx, sy + gy, sz + gz)
+    sx, sy, sz = of_row(varied, place, before)
+    sx, sy, sz = sx + gx, sy + gy, sz + gz
+    store_so_far(deviation.row_sums, place, sx, sy, sz)
+    return sx, sy, sz
 
 
 @as_written
-def store_row_slope(deviation, row, varied):
-    """Store the slope of a row's particle, not yet summed over lanes."""
-    _, (sx, sy, sz) = varied
-    store_row_force(deviation.row_sums, row, sx, sy, sz)
-
-
-@as_written
-def add_row_slopes(deviation, cluster):
-    """Add the slopes of a cluster's rows."""
+def add_row_slopes(deviation, start, first, cluster):
+    """Add the slopes of a cluster's rows; ``start`` and ``first`` are as in `row_forces`."""
     s, row_sums = deviation.s, deviation.row_sums
     sx, sy, sz = load_vector(s, cluster)
-    sx, sy = sx + sums_of_rows(row_sums, 0, STRIDE), sy + sums_of_rows(row_sums, WIDTH, STRIDE)
-    store_vector(s, cluster, sx, sy, sz + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+    sx, sy = sx + particle_forces(row_sums, 0, start, first), sy + particle_forces(row_sums, 1, start, first)
+    store_vector(s, cluster, sx, sy, sz + particle_forces(row_sums, 2, start, first))
 
 
 @as_written

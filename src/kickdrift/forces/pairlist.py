@@ -1,7 +1,7 @@
 """The cluster pair list: pairs of particles that may be within the cutoff, arranged for SIMD.
 
-The list has two levels. The outer list has the clusters near each cluster (`cluster_search`). The inner list has rows of
-particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
+The list has two levels. The outer list has the clusters near each cluster (`cluster_search`). The inner list has rows
+of particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.memory import flat
 from kickdrift.jit.vectors import WIDTH
 
+OUTWORN = -1  # status of lists that must be made anew
+
 
 @jit
 def refresh(pairs, x, chunks):
@@ -36,22 +38,9 @@ def refresh(pairs, x, chunks):
     adopt(pairs)
     if counts[BUILT]:
         each_chunk(handle(Loading(pairs, x)), chunks, "load_chunk")
-        inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
-        jumped = (
-            inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
-        )  # a particle has passed the whole range of the force since the last call
-        if not is_finite(total) or (jumped and not counts[JUMPS_ALLOWED]):
-            return BLOWN_UP
-        room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
-        if room >= 0.0 and 4.0 * inner <= room**2:
-            return OK
-        each_chunk(pairs, chunks, "outer_move_chunk")
-        outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
-        room = pairs.outer_skin - pairs.inner_skin
-        room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
-        if room >= 0.0 and 4.0 * outer <= room**2:
-            prune(pairs, chunks)
-            return OK
+        status = outlasts(pairs, chunks)
+        if status != OUTWORN:
+            return status
     each_chunk(handle(Loading(pairs, x)), chunks, "finite_chunk")
     if not all_finite(pairs):
         return BLOWN_UP
@@ -102,6 +91,31 @@ def single_chunk(pairs, c):
     never_inline()
     begin, end = chunk_clusters(pairs, c)
     copy_to_single(pairs, begin, end)
+
+
+@jit
+def outlasts(pairs, chunks):
+    """Prune the outer list if the noted moves of the particles need it.
+
+    Return OK if all pairs within the cutoff are then in the inner list, OUTWORN if the lists must be made anew, or
+    BLOWN_UP."""
+    inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
+    jumped = (
+        inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
+    )  # a particle has passed the whole range of the force since the last call
+    if not is_finite(total) or (jumped and not pairs.counts[JUMPS_ALLOWED]):
+        return BLOWN_UP
+    room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
+    if room >= 0.0 and 4.0 * inner <= room**2:
+        return OK
+    each_chunk(pairs, chunks, "outer_move_chunk")
+    outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
+    room = pairs.outer_skin - pairs.inner_skin
+    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
+    if room >= 0.0 and 4.0 * outer <= room**2:
+        prune(pairs, chunks)
+        return OK
+    return OUTWORN
 
 
 @jit

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from kickdrift.forces.evaluate import fill_accelerations, fill_by, fill_derivative
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.evaluate import EVALUATIONS, fill_accelerations, fill_by, fill_derivative
+from kickdrift.forces.kernel import OK, TAKE_STEPS, call_force
+from kickdrift.forces.sorted_steps import DT, EVALUATED, FEWEST_STEPS, HOLDS, NEXT, STEPS, TAKEN
 from kickdrift.integrators.cursor import FRESH as FRESH
 from kickdrift.integrators.cursor import REJECTED as REJECTED
 from kickdrift.integrators.cursor import STAGE as STAGE
@@ -169,6 +170,20 @@ def _kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, don
     return by_one_group
 
 
+@jit
+def take_sorted_steps(bound, plan, dt, steps, x, v, work, cursor):
+    """Let the only force take steps while its pair list lasts; the cursor then has the place where the loop goes on."""
+    left = steps - cursor[STEP]
+    if left < FEWEST_STEPS:
+        return
+    plan[TAKEN], plan[EVALUATED], plan[NEXT] = 0.0, 0.0, 0.0
+    plan[STEPS], plan[DT], plan[HOLDS] = left, dt, cursor[FRESH]
+    call_force(bound.table[0, 0], bound.table[0, 1], TAKE_STEPS, float(plan.size), x, v, work, plan)
+    cursor[STEP] += int(plan[TAKEN])
+    cursor[STAGE], cursor[FRESH] = int(plan[NEXT]), int(plan[HOLDS])
+    cursor[EVALUATIONS] += int(plan[EVALUATED])
+
+
 @driver
 def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor):
     """Apply the flows of a ``Word`` in turn. ``work`` holds the accelerations until positions change."""
@@ -181,6 +196,10 @@ def splitting_loop(forces, y, carry, work, word, dt, start, first, steps, cursor
         status = press(word.barostat, bound, start, first + cursor[STEP], dt, x, v, work, cursor)
         if status != OK:
             return status
+        if word.plan.size and cursor[STAGE] == 0:
+            take_sorted_steps(bound, word.plan, dt, steps, x, v, work, cursor)
+            if cursor[STEP] == steps:
+                break
         for stage in range(cursor[STAGE], kicks.size):
             if kicks[stage] != 0.0:
                 done = first + cursor[STEP]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.sorted_steps import plan_of
 from kickdrift.integrators.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.bath import bath_warnings
 from kickdrift.integrators.loops import FRESH, splitting_loop
@@ -37,6 +38,7 @@ class Word(NamedTuple):
     further: Further | None  # None for kicks and drifts alone: the loop is then compiled without further flows
     groups: Groups | None  # None for kicks by all forces
     chunks: Chunks  # of kicks and drifts
+    plan: Floats  # for a force that takes steps by itself, see `sorted_steps`; else empty
     barostat: Pressed | None = None  # None in a box that keeps its size
 
 
@@ -121,7 +123,11 @@ class SplittingStepper(FixedStepper):
             check_unpressed(options)
         further = Further(further_stages, np.array(table, np.int64)) if table else None
         groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
-        return Word(stages, further, groups, sweeps(len(flow.subject), flow.forces.threads), pressed)
+        alone = flow.forces.takes_steps and not (further or groups or pressed or options.compensated)
+        plan = plan_of(stages) if alone else np.zeros(0)
+        if alone:
+            flow.forces.keep_sorted()
+        return Word(stages, further, groups, sweeps(len(flow.subject), flow.forces.threads), plan, pressed)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""

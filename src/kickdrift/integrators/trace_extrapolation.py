@@ -21,24 +21,35 @@ X0, V0, A0, FIRST = 0, 1, 2, 3  # parts of the workspace, each of as many number
 
 
 @jit
+def set_out(work, x, v, size, part):
+    """Half a kick and a drift of ``size`` numbers from the step's start, whose accelerations are known."""
+    for i in range(size):
+        v[i] = work[V0 * size + i] + 0.5 * part * work[A0 * size + i]
+        x[i] = work[X0 * size + i] + part * v[i]
+
+
+@jit
+def kick_and_drift(x, v, a, size, part, last):
+    """A kick and a drift of ``size`` numbers; half a kick alone if it is the ``last``."""
+    for i in range(size):
+        v[i] += (0.5 * part if last else part) * a[i]
+        if not last:
+            x[i] += part * v[i]
+
+
+@jit
 def leapfrog(hybrid, others, size, done, step, count):
     """Move x and v from the step's start, a time ``done`` after that of the map's step, by ``count`` kicks and drifts.
     Return a status."""
     meeting = hybrid.meeting
     work, x, v, a = meeting.work, meeting.x, meeting.v, meeting.a
     part = step / count
-    for i in range(size):
-        v[i] = work[V0 * size + i] + 0.5 * part * work[A0 * size + i]
-        x[i] = work[X0 * size + i] + part * v[i]
+    set_out(work, x, v, size, part)
     for k in range(count):
         status = attract(hybrid, others, done + (k + 1) * part, x, a)
         if status != OK:
             return status
-        last = k == count - 1
-        for i in range(size):
-            v[i] += (0.5 * part if last else part) * a[i]
-            if not last:
-                x[i] += part * v[i]
+        kick_and_drift(x, v, a, size, part, k == count - 1)
     return OK
 
 

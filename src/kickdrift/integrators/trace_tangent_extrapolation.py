@@ -7,7 +7,7 @@ accelerations, so a dual's numbers take part as they are.
 from __future__ import annotations
 
 from kickdrift.forces.kernel import BLOWN_UP, OK
-from kickdrift.integrators.trace_extrapolation import A0, FIRST, V0, X0
+from kickdrift.integrators.trace_extrapolation import A0, FIRST, V0, X0, kick_and_drift, set_out
 from kickdrift.integrators.trace_tangent_attraction import attract_duals
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.memory import flat
@@ -21,18 +21,12 @@ def leapfrog_duals(hybrid, own, rows, n, everyone, done, step, count):
     meeting, part = own.meeting, step / count
     size = 3 * n * meeting.numbers
     work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
-    for i in range(size):
-        v[i] = work[V0 * size + i] + 0.5 * part * work[A0 * size + i]
-        x[i] = work[X0 * size + i] + part * v[i]
+    set_out(work, x, v, size, part)
     for k in range(count):
         status = attract_duals(hybrid, own, rows, n, everyone, done + (k + 1) * part)
         if status != OK:
             return status
-        last = k == count - 1
-        for i in range(size):
-            v[i] += (0.5 * part if last else part) * a[i]
-            if not last:
-                x[i] += part * v[i]
+        kick_and_drift(x, v, a, size, part, k == count - 1)
     return OK
 
 

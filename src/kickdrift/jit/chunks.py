@@ -1,13 +1,15 @@
 """Work in chunks, serial or on threads, by the same machine code and with the same bits.
 
 A *task* is a jitted function ``task(bound, c)`` of a handle and a chunk's number. ``each_chunk(bound, chunks, task
-name)`` runs the task for every chunk. Tasks are named, not passed, since numba cannot cache a function that takes
-functions. Both ways of running call the task by its address. So the compiler makes one copy of a task, and no second
-copy can round differently.
+name)`` runs the task for every chunk. A task may also be ``task(bound, c, thread)``: threads that run chunks of a task
+at the same time have different numbers, which begin with 0. Tasks are named, not passed, since numba cannot cache a
+function that takes functions. Both ways of running call the task by its address. So the compiler makes one copy of a
+task, and no second copy can round differently.
 """
 
 from __future__ import annotations
 
+from inspect import signature
 from typing import Any, NamedTuple
 
 from llvmlite import ir
@@ -57,7 +59,7 @@ def _each_chunk(bound, chunks, name):
         code, place = _task_code(bound, name), address(bound)
         if chunks.team == 0:
             for c in range(chunks.number):
-                call_task(code, place, c)
+                call_task(code, place, c, 0)
         else:
             _call_team(chunks.team, code, place, chunks.number)
 
@@ -66,11 +68,12 @@ def _each_chunk(bound, chunks, name):
 
 @intrinsic(prefer_literal=True)
 def _task_code(typingctx, bound, name):
-    """Address of a task for this type of handle, as a function of two whole numbers."""
+    """Address of a task for this type of handle, as a function of three whole numbers."""
     if not isinstance(name, types.StringLiteral):  # tried after the literal failed; the literal's error is clearer
         return None
     task = TASKS[name.literal_value]
-    own = typingctx.resolve_function_type(types.Dispatcher(task), (bound, types.intp), {})
+    numbers = len(signature(task.py_func).parameters) - 1  # the chunk, and perhaps the thread
+    own = typingctx.resolve_function_type(types.Dispatcher(task), (bound, *numbers * [types.intp]), {})
 
     def codegen(context, builder, sig, args):
         compiled = task.overloads[own.args]
@@ -82,7 +85,7 @@ def _task_code(typingctx, bound, name):
             inside = ir.IRBuilder(entry.append_basic_block())
             handle = inside.inttoptr(entry.args[0], context.get_value_type(bound))
             context.add_linking_libs([compiled.library])
-            context.call_internal_no_propagate(inside, compiled.fndesc, own, [handle, entry.args[1]])
+            context.call_internal_no_propagate(inside, compiled.fndesc, own, [handle, *entry.args[1 : 1 + numbers]])
             inside.ret_void()
         return builder.ptrtoint(entry, _WHOLE)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -9,6 +10,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.numba_private import cgutils
+from kickdrift.jit.transposing import FIRST, HIGH, LAST, LOW, shuffle
 from kickdrift.jit.vectors import F64, F64X8, I32, WIDTH, lanes_type
 
 ROW = 4  # numbers in a row
@@ -19,17 +21,12 @@ _FOUR_LANES = types.UniTuple(lanes_type, ROW)
 
 def _transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
     """Four vectors of eight lanes from eight rows of four numbers."""
-
-    def shuffled(a: ir.Value, b: ir.Value, order: list[int]) -> ir.Value:
-        return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, WIDTH), order))
-
+    shuffled = partial(shuffle, builder)
     both = [shuffled(rows[k], rows[k + 4], list(range(WIDTH))) for k in range(4)]
-    low, high = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
-    first, last = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-    even, other_even = shuffled(both[0], both[1], low), shuffled(both[2], both[3], low)
-    odd, other_odd = shuffled(both[0], both[1], high), shuffled(both[2], both[3], high)
+    even, other_even = shuffled(both[0], both[1], LOW), shuffled(both[2], both[3], LOW)
+    odd, other_odd = shuffled(both[0], both[1], HIGH), shuffled(both[2], both[3], HIGH)
     halves = (even, other_even), (odd, other_odd)
-    return [shuffled(a, b, order) for order in (first, last) for a, b in halves]
+    return [shuffled(a, b, order) for order in (FIRST, LAST) for a, b in halves]
 
 
 def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> list[ir.Value]:

@@ -48,6 +48,23 @@ def mask_bits(typingctx, mask):
 
 
 @intrinsic
+def less_than_next(typingctx, array, index):
+    """Tell of eight adjacent whole numbers of 64 bits, from ``index`` on, which are less than the number after them."""
+    eight = ir.VectorType(ir.IntType(64), mask_type.count)
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        pair = []
+        for next_one in range(2):
+            pointer = builder.gep(data, [builder.add(args[1], context.get_constant(types.intp, next_one))])
+            pair.append(builder.load(builder.bitcast(pointer, eight.as_pointer())))
+            pair[-1].align = 8
+        return builder.icmp_signed("<", *pair)
+
+    return mask_type(array, types.intp), codegen
+
+
+@intrinsic
 def any_lane(typingctx, mask):
     """Tell whether any lane of the mask is set."""
 

@@ -66,12 +66,14 @@ def _address(typingctx, array):
 
 @as_written
 def line_aligned(array):
-    """Return the part of a row of float32, less than 16 numbers shorter, that begins on a 64-byte boundary."""
-    return array[(-_address(array) & 63) // 4 :]
+    """Return the part of a row of numbers, less than a cache line shorter, that begins on a 64-byte boundary."""
+    return array[(-_address(array) & (LINE - 1)) // array.itemsize :]
 
 
-def _fetching(write: int) -> Callable[..., Any]:
-    """Emitter of prefetches. Nothing is loaded, so the numbers may lie outside the array."""
+def _fetching(write: int, size: Any) -> Callable[..., Any] | None:
+    """Emitter of prefetches, if ``size`` is a literal. Nothing is loaded, so the numbers may lie outside the array."""
+    if not isinstance(size, types.IntegerLiteral):
+        return None
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
         array = context.make_array(sig.args[0])(context, builder, args[0])
@@ -79,23 +81,25 @@ def _fetching(write: int) -> Callable[..., Any]:
         begin = builder.bitcast(builder.gep(array.data, [args[1]]), byte)
         kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
         ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        for at in range(0, 3 * WIDTH * sig.args[0].dtype.bitwidth // 8, LINE):
+        for at in range(0, size.literal_value * sig.args[0].dtype.bitwidth // 8, LINE):
             builder.call(ask, [builder.gep(begin, [I32(at)]), I32(write), I32(3), I32(1)])  # to the first cache
         return context.get_dummy_value()
 
     return codegen
 
 
-@intrinsic
-def fetch_to_read(typingctx, array, index):
-    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to load them soon."""
-    return types.void(array, types.intp), _fetching(0)
+@intrinsic(prefer_literal=True)
+def fetch_to_read(typingctx, array, index, size):
+    """Ask for the cache lines of ``size`` adjacent numbers, from ``index`` on, to load them soon. ``size`` is a
+    literal."""
+    return types.void(array, types.intp, size), _fetching(0, size)
 
 
-@intrinsic
-def fetch_to_write(typingctx, array, index):
-    """Ask for the cache lines of three times eight adjacent numbers, from ``index`` on, to change them soon."""
-    return types.void(array, types.intp), _fetching(1)
+@intrinsic(prefer_literal=True)
+def fetch_to_write(typingctx, array, index, size):
+    """Ask for the cache lines of ``size`` adjacent numbers, from ``index`` on, to change them soon. ``size`` is a
+    literal."""
+    return types.void(array, types.intp, size), _fetching(1, size)
 
 
 @intrinsic
@@ -177,6 +181,24 @@ def broadcast(typingctx, array, index, like):
         return copied(builder, builder.load(builder.gep(array.data, [args[1]])), like.vector)
 
     return like(array, types.intp, like), codegen
+
+
+@intrinsic
+def zero_unless_same(typingctx, value, change):
+    """Return the lanes if ``change`` is 0, and zeros if it is 1 to 7. A mask from a table is quicker than a branch."""
+    whole = ir.IntType(64)
+
+    def codegen(context, builder, sig, args):
+        masks = ir.Constant(ir.ArrayType(whole, WIDTH), [-1] + (WIDTH - 1) * [0])
+        table = cgutils.global_constant(builder, "kept_or_zero", masks)
+        mask = builder.load(builder.gep(table, [whole(0), args[1]]))
+        bits = ir.VectorType(whole, args[0].type.count * bytes_of(value.vector.element) // 8)
+        one = builder.insert_element(ir.Constant(bits, ir.Undefined), mask, I32(0))
+        zeros = ir.Constant(ir.VectorType(I32, bits.count), [0] * bits.count)
+        every = builder.shuffle_vector(one, ir.Constant(bits, ir.Undefined), zeros)
+        return builder.bitcast(builder.and_(builder.bitcast(args[0], bits), every), args[0].type)
+
+    return value(value, types.int64), codegen
 
 
 @intrinsic

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.atomic import add, read, replace, write
 from kickdrift.jit.callback import callback
-from kickdrift.jit.memory import aligned
+from kickdrift.jit.memory import LINE, aligned
 from kickdrift.jit.task import call_task
 
-LINE = 64  # bytes that cores exchange at once
-CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))
+CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))  # numbers of different threads lie apart
 _TURNS: NDArray[np.int64] = aligned((LINE // 8,), 0, np.int64)  # 1 while a loop of any team runs
 
 
@@ -63,7 +62,7 @@ def _code() -> Any:
 def _share(team, code, place, count):
     if not replace(read(team + TURNS), 0, 1):
         for c in range(count):
-            call_task(code, place, c)
+            call_task(code, place, c, 0)
         return
     write(team + LEFT, count)
     _share_out(team, code, place, count, min(read(team + THREADS), count))
@@ -75,7 +74,7 @@ def _share_out(team, code, place, count, threads):
     for thread in prange(threads):
         left = add(team + LEFT, -1)
         while left >= 0:
-            call_task(code, place, count - 1 - left)
+            call_task(code, place, count - 1 - left, thread)
             if thread > 0:
                 add(team + HELPED, 1)
             left = add(team + LEFT, -1)

@@ -34,14 +34,13 @@ from numpy.typing import NDArray
 from kickdrift.jit.atomic import add, core, lock, nanoseconds, pause, read, replace, sleep, unlock, wake, write
 from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
-from kickdrift.jit.memory import aligned
+from kickdrift.jit.memory import LINE, aligned
 from kickdrift.jit.numba_threads import NumbaTeam
 from kickdrift.jit.task import call_task
 
 SLEEPING = sys.platform == "linux"  # whether teams are of sleeping threads; the others are of numba's threads
 
-LINE = 64  # bytes that cores exchange at once: numbers of different threads lie apart
-(
+(  # places in a team's memory. Cores exchange whole cache lines, so numbers of different threads lie apart
     CODE,
     TICKET,
     DONE,
@@ -55,8 +54,9 @@ LINE = 64  # bytes that cores exchange at once: numbers of different threads lie
     MASTERS_CORE,
     HELPED,
     INSISTS,
-) = (LINE * k for k in range(13))
-HELPERS_LOCK, HELPERS_WAKE, MASTER_LOCK, MASTER_WAKE, SIZE = (LINE * (13 + 4 * k) for k in range(5))
+    HELPERS,
+) = (LINE * k for k in range(14))
+HELPERS_LOCK, HELPERS_WAKE, MASTER_LOCK, MASTER_WAKE, SIZE = (LINE * (14 + 4 * k) for k in range(5))
 
 HALF = 32  # bits of a ticket for each end of the chunks that are left
 FIRST, LAST = 1 << HALF, 1  # units of the ticket's halves: the first chunk, the last plus 1
@@ -139,7 +139,7 @@ def share(team, code, place, count):
     """Run a task on all chunks, with those helpers that come in time."""
     if not taken(team):
         for c in range(count):
-            call_task(code, place, c)
+            call_task(code, place, c, 0)
         return
     write(team + TASK_CODE, code)
     write(team + TASK_PLACE, place)
@@ -155,7 +155,7 @@ def share(team, code, place, count):
             wake(team + HELPERS_WAKE)
         unlock(team + HELPERS_LOCK)
     own = 0
-    while take_chunk(team, FIRST):
+    while take_chunk(team, FIRST, 0):
         own += 1
     if read(team + DONE) != count:
         wait(team, count, begin, own)
@@ -182,8 +182,8 @@ def chunks_left(ticket):
 
 
 @jit
-def take_chunk(team, end):
-    """Run the ``FIRST`` or the ``LAST`` chunk that is left; tell whether there was one."""
+def take_chunk(team, end, thread):
+    """Run the ``FIRST`` or the ``LAST`` chunk that is left on this thread; tell whether there was one."""
     while True:
         ticket = read(team + TICKET)
         if chunks_left(ticket) == 0:
@@ -192,7 +192,7 @@ def take_chunk(team, end):
             break
     chunk = ticket >> HALF if end == FIRST else (ticket & FIRST - 1) - 1
     count = read(team + TASK_CHUNKS)  # the task lasts until this chunk is done
-    call_task(read(team + TASK_CODE), read(team + TASK_PLACE), chunk)
+    call_task(read(team + TASK_CODE), read(team + TASK_PLACE), chunk, thread)
     if add(team + DONE, 1) == count and read(team + WAITS):
         lock(team + MASTER_LOCK)
         wake(team + MASTER_WAKE)
@@ -223,7 +223,8 @@ def wait(team, count, begin, own):
 
 @jit
 def serve(team):
-    """Help with all tasks, for ever."""
+    """Help with all tasks, for ever. The master is thread 0, and helpers count on."""
+    thread = add(team + HELPERS, 1)
     while True:
         since = nanoseconds()
         while chunks_left(read(team + TICKET)) == 0:
@@ -232,7 +233,7 @@ def serve(team):
             if nanoseconds() - since > AWAKE or on_masters_core(team):
                 sleep_until_woken(team)
                 since = nanoseconds()
-        while not on_masters_core(team) and take_chunk(team, LAST):
+        while not on_masters_core(team) and take_chunk(team, LAST, thread):
             add(team + HELPED, 1)
         if on_masters_core(team):
             write(team + ALONE_UNTIL, nanoseconds() + CROWDED)

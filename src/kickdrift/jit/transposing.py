@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -12,19 +13,22 @@ from kickdrift.jit.numba_private import cgutils
 from kickdrift.jit.vectors import F64X8, I32, WIDTH, lanes_type
 
 EIGHT = types.UniTuple(lanes_type, WIDTH)
-_LOW, _HIGH = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]  # of each two rows
-_FIRST, _LAST = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]  # of each two pairs of rows
+LOW, HIGH = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]  # of each two rows
+FIRST, LAST = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]  # of each two pairs of rows
 _FRONT, _BACK = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]  # of both halves
 
 
-def _transposed(builder: ir.IRBuilder, rows: list[Any]) -> list[Any]:
-    def shuffled(a: Any, b: Any, order: list[int]) -> Any:
-        return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, WIDTH), order))
+def shuffle(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, order: list[int]) -> ir.Value:
+    """Emit eight of the numbers of a, counted from 0, and of b, counted on."""
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, WIDTH), order))
 
-    pairs = [[shuffled(rows[k], rows[k + 1], order) for k in range(0, WIDTH, 2)] for order in (_LOW, _HIGH)]
+
+def _transposed(builder: ir.IRBuilder, rows: list[Any]) -> list[Any]:
+    shuffled = partial(shuffle, builder)
+    pairs = [[shuffled(rows[k], rows[k + 1], order) for k in range(0, WIDTH, 2)] for order in (LOW, HIGH)]
     made: list[Any] = [None] * WIDTH
     for odd, pair in enumerate(pairs):
-        for second, order in enumerate((_FIRST, _LAST)):
+        for second, order in enumerate((FIRST, LAST)):
             halves = shuffled(pair[0], pair[1], order), shuffled(pair[2], pair[3], order)
             made[odd + 2 * second] = shuffled(*halves, _FRONT)
             made[odd + 2 * second + 4] = shuffled(*halves, _BACK)

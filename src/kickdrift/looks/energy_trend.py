@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.looks.record import even_stretch, on_grid
+from kickdrift.looks.record import even_looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.statistics.drift import ROUNDINGS, Drift, drift, energy_error, rounding_of
@@ -33,9 +33,8 @@ def energy_trend(steps: NDArray[np.int64], times: Floats, total: Floats, kinetic
     scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
     at, errors = times, (total - error.initial) / scale
     if even:
-        whole = on_grid(steps, times)
-        chosen = even_stretch(steps[whole])
-        at, errors = at[whole][chosen], errors[whole][chosen]
+        chosen = even_looks(steps, times)
+        at, errors = at[chosen], errors[chosen]
     if at[-1] < at[0]:  # back in time
         at, errors = at[::-1], errors[::-1]
     if not even and len(at) > 2:  # the step points of an adaptive run are only about evenly spaced

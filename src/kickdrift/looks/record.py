@@ -68,11 +68,20 @@ def even_stretch(steps: NDArray[np.int64]) -> slice:
 def on_grid(steps: NDArray[np.int64], times: Floats) -> NDArray[np.bool_]:
     """Tell of each look whether its time is in proportion to its step, unlike a look after a shortened step."""
     counts, apart = steps - steps[0], np.abs(times - times[0])
-    if not counts.any():
+    later = counts > 0
+    if not later.any():
         return np.ones(len(steps), bool)
-    step = float(np.median(apart[counts > 0] / counts[counts > 0]))
+    step = float(np.median(apart[later] / counts[later]))
     rounding = 8.0 * float(np.finfo(float).eps) * float(np.abs(times).max() + apart.max())
     return np.asarray(np.abs(apart - counts * step) <= 1e-6 * step + rounding)
+
+
+def even_looks(steps: NDArray[np.int64], times: Floats) -> slice | NDArray[np.int64]:
+    """Return the index of the looks in the longest stretch of looks that are equally long apart."""
+    whole = on_grid(steps, times)
+    if whole.all():
+        return even_stretch(steps)
+    return np.flatnonzero(whole)[even_stretch(steps[whole])]
 
 
 class Counted(Protocol):

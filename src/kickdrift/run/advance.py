@@ -30,7 +30,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.blow_up import Safe, failure
+from kickdrift.run.blow_up import Safe, failure, go_back
 from kickdrift.run.purpose import purpose_of
 from kickdrift.run.shortened import shortened_step
 from kickdrift.run.stepping import stepping
@@ -368,24 +368,17 @@ class Integration:
         """Go back to the last good state, and raise an error that says what blew up.
 
         With ``inside_step``, the current step failed; otherwise the last completed step did."""
-        stepper, safe = self.stepper, self.safe
         error, cause = failure(self, inside_step, stopped)
-        self.record.steps -= stepper.steps_done - safe.step
-        self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
-        self.replaced = True
-        if safe.box is not None:
-            self.flow.box = safe.box  # type: ignore[union-attr]
-        stepper.reset(safe.y.copy(), safe.time, safe.step)
-        self.at = None
+        self.record.steps -= self.stepper.steps_done - self.safe.step
+        go_back(self)
         raise error from cause
 
     def _fall_back(self, error: RunError) -> None:
         """Go back to the last good state after an event that could not act, and note that state in the error."""
         safe = self.safe
         if self.events and error.state is None and safe.y.shape == self.stepper.y.shape:
-            self.record.events = [event for event in self.record.events if event["time"] <= safe.time]
-            error.state, self.replaced, self.at = self.flow.state(safe.y, safe.time, safe.step), True, None
-            self.stepper.reset(safe.y.copy(), safe.time, safe.step)
+            error.state = self.flow.state(safe.y, safe.time, safe.step)
+            go_back(self)
 
     # --- for events ---
 

@@ -1,4 +1,4 @@
-"""Error of a run that blew up, or whose method stopped."""
+"""Error of a run that blew up, or whose method stopped, and the way back to the last good state."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.stepper import Stepper
+from kickdrift.looks.record import Record
 from kickdrift.model.box import Box
 from kickdrift.model.checks import unwarned
 from kickdrift.model.state import Floats, State
@@ -34,6 +35,9 @@ class Failing(Protocol):
     flow: RunFlow
     stepper: Stepper | WatchedStepper
     dt: float | None
+    record: Record
+    at: float | None
+    replaced: bool
 
     @property
     def backward(self) -> bool: ...
@@ -46,6 +50,16 @@ class Failing(Protocol):
 
     @property
     def safe(self) -> Safe: ...
+
+
+def go_back(run: Failing) -> None:
+    """Put a run back to its last good state, and forget the events after this state."""
+    safe = run.safe
+    run.record.events = [event for event in run.record.events if event["time"] <= safe.time]
+    if safe.box is not None:
+        run.flow.box = safe.box  # type: ignore[union-attr]
+    run.stepper.reset(safe.y.copy(), safe.time, safe.step)
+    run.at, run.replaced = None, True
 
 
 @unwarned

@@ -20,7 +20,7 @@ from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import PRESSURE, TEMPERATURE
 from kickdrift.integrators.options import Options
 from kickdrift.looks.observers import NOTHING
-from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_stretch, on_grid
+from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -172,8 +172,7 @@ class Report(ShownReport):
             return None
         if self.about.even:
             series = self.about.series
-            whole = on_grid(series.steps, series.times)
-            values = values[whole][even_stretch(series.steps[whole])]
+            values = values[even_looks(series.steps, series.times)]
         error = float(block_average(values).error)
         return error if np.isfinite(error) else None
 

@@ -106,7 +106,8 @@ class Simulation(Present):
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
         self.threads = check_threads(threads)
         self.hosts = None if hosts is None else str(hosts)
-        listed = sum(slots(hosts).values()) if hosts is not None else 1
+        machines = None if hosts is None else slots(hosts)
+        listed = 1 if machines is None else sum(machines.values())
         self.processes = whole_number("processes", listed if processes is None else processes, 1)
         if self.processes > 1 and hosts is None:
             check_room("run", self.processes, "processes", PROCESS_BYTES, "give fewer")
@@ -115,7 +116,7 @@ class Simulation(Present):
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_crossings(events or (), len(system.args))
-        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes, self.hosts)  # type: ignore[arg-type]
+        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes, machines)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1 or hosts:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)

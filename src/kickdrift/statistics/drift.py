@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.errors import InputError
 from kickdrift.statistics.regression import mean_regression, trend_regression
 from kickdrift.statistics.spectral_lines import Fits, folded, spectral_lines
-from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend, walk_trend
+from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend, quantile, student, walk_trend
 
 Array = NDArray[np.float64]
 Verdict = Literal["bounded", "secular drift", "random walk", "round-off", "not resolvable"]
@@ -145,18 +145,21 @@ def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) ->
         raise InputError("drift: times must be evenly spaced and not all equal; resample the series first")
     if n == 1:
         return Drift(0.0, float("inf"), "not resolvable", 1.0, UNKNOWN, UNKNOWN, 0)
-    if np.ptp(series) == 0.0:
+    lowest, highest = float(series.min()), float(series.max())
+    if lowest == highest:
         return Drift(0.0, 0.0, "bounded", 1.0, UNKNOWN, UNKNOWN, 0)
 
-    mean = series.mean()
-    scale = float(np.abs(series - mean).max())
-    own = EPSILON * float(np.abs(series).max())
+    mean = float(series.mean())
+    scale = max(highest - mean, mean - lowest)
+    own = EPSILON * max(highest, -lowest)
     width = -(-n // MAX_SAMPLES)
     count = n // width
-    y = ((series - mean) / scale)[n - width * count :].reshape(count, width).mean(axis=1)
+    y = (series - mean) / scale
+    if width > 1:
+        y = y[n - width * count :].reshape(count, width).mean(axis=1)
     found = _judged(y, own / scale, (own if rounding is None else rounding) / scale)
     step *= width
-    widest = float(np.ptp(series)) / abs(clock[-1] - clock[0])
+    widest = (highest - lowest) / abs(float(clock[-1] - clock[0]))
     return replace(
         found,
         slope=found.slope * scale / step,
@@ -184,7 +187,8 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
         waves, slow = spectral_lines(y, blurred)
         floor = blurred if len(waves) else floor
     lines, rest, line = len(waves), waves.rest, waves.slope
-    if np.abs(rest).max() <= floor:
+    residue = max(float(rest.max()), -float(rest.min()))
+    if residue <= floor:
         drifts = abs(line) * count > max(2.0 * floor, ROUNDINGS * rounding)
         return Drift(
             line, 2.0 * floor / count, "secular drift" if drifts else "bounded", 1.0 - drifts, UNKNOWN, UNKNOWN, lines
@@ -192,8 +196,6 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     if bent or slow:
         drifts = one_way or by_walk.p_value < SIGNIFICANCE
         return _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
-
-    from scipy.special import stdtr, stdtrit  # Student's t and its inverse; scipy.stats takes a second to import
 
     fit = trend_regression(y, waves)
     verdict: Verdict = "bounded"
@@ -206,8 +208,8 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
             drifts = one_way or by_walk.p_value < SIGNIFICANCE
             found = _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
             return replace(found, correlation_time=time, effective_samples=effective)
-    slope, p_value = fit.value, float(2.0 * stdtr(fit.freedom, -abs(fit.value) / fit.deviation))
-    half_width = fit.deviation * float(stdtrit(fit.freedom, 0.5 + 0.5 * CONFIDENCE))
+    slope, p_value = fit.value, 2.0 * student(fit.freedom, -abs(fit.value) / fit.deviation)
+    half_width = fit.deviation * quantile(fit.freedom, CONFIDENCE)
     if one_way:
         verdict = "secular drift"
     elif p_value < SIGNIFICANCE:
@@ -220,7 +222,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
             p_value, half_width = 1.0, max(half_width, unseen / count)
         elif abs(slope) * count > ROUNDINGS * rounding:
             verdict = "secular drift"
-    left = max(float(np.abs(rest).max()), abs(line) * count)
+    left = max(residue, abs(line) * count)
     if lines and left <= max(RESIDUE, ROUNDINGS * rounding):
         verdict = "bounded"
     return Drift(slope, half_width, verdict, p_value, time, effective, lines)

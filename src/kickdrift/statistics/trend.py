@@ -77,8 +77,11 @@ def walk_trend(y: Floats) -> Trend:
     Faster waves, noise and a bend only widen the interval.
     """
     weights, line = cosines(y, min(COSINES, len(y) // 3))
-    scale = np.arange(1, len(weights) + 1)
-    return _trends(weights * scale, line * scale, np.ones((1, len(scale))), np.ones(1))
+    scale, freedom = np.arange(1, len(weights) + 1), len(weights) - 1
+    change, squares, strength = _fitted(weights * scale, line * scale, 1.0)
+    deviation = math.sqrt(squares / freedom / strength)
+    p_value = 2.0 * student(freedom, -abs(float(change)) / deviation)
+    return Trend(float(change), deviation * quantile(freedom), p_value)
 
 
 def mixed_trend(y: Floats, significance: float) -> Trend:
@@ -87,23 +90,13 @@ def mixed_trend(y: Floats, significance: float) -> Trend:
     The restricted likelihood weights each proportion. The half-width is nan for a trend whose p-value is below
     ``significance``.
     """
+    from scipy.special import stdtr
+
     weights, line = cosines(y, min(COSINES, len(y) // 3))
-    spectra = 1.0 + np.multiply.outer(WALKS, 1.0 / np.arange(1, len(weights) + 1) ** 2)
-    prior = np.full(len(WALKS), (1.0 - PRIOR_WHITE) / (len(WALKS) - 1))
-    prior[0] = PRIOR_WHITE
-    return _trends(weights, line, spectra, prior, significance)
-
-
-def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats, significance: float = 0.0) -> Trend:
-    """Weighted least squares with each of the ``spectra`` (k, q), mixed by their posterior probabilities."""
-    from scipy.special import stdtr, stdtrit
-
     freedom = len(weights) - 1
-    strength = (line**2 / spectra).sum(axis=1)
-    change = (line * weights / spectra).sum(axis=1) / strength
-    squares = ((weights - change[:, None] * line) ** 2 / spectra).sum(axis=1)
-    squares = np.maximum(squares, 1e-300)
-    log_likelihood = -0.5 * (freedom * np.log(squares) + np.log(spectra).sum(axis=1) + np.log(strength))
+    spectra, volumes, prior = _mixtures(len(weights))
+    change, squares, strength = _fitted(weights, line, spectra)
+    log_likelihood = -0.5 * (freedom * np.log(squares) + volumes + np.log(strength))
     share = prior * np.exp(log_likelihood - log_likelihood.max())
     share /= share.sum()
     deviation = np.sqrt(squares / freedom / strength)
@@ -118,12 +111,10 @@ def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats, signi
     p_value = float(share @ (2.0 * stdtr(freedom, -np.abs(change) / deviation)))
     if p_value < significance:
         return Trend(centre, math.nan, p_value, float(1.0 - share[0]))
-    quantile, power = float(stdtrit(freedom, 1.0 - 0.5 * OUTSIDE)), -0.5 * (freedom + 1)
-    low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * quantile))
-    if len(share) == 1:
-        return Trend(centre, high, p_value)
+    usual, power = quantile(freedom), -0.5 * (freedom + 1)
+    low, high = 0.0, float(np.max(np.abs(change - centre) + deviation * usual))
     peak = math.gamma(-power) / math.gamma(0.5 * freedom) / math.sqrt(math.pi * freedom)
-    half_width = min(high, quantile * math.sqrt(float(share @ deviation**2)))
+    half_width = min(high, usual * math.sqrt(float(share @ deviation**2)))
     for _ in range(60):  # Newton's method; bisection where Newton's leaves the bracket
         probability, slope = outside(half_width)
         low, high = (half_width, high) if probability > OUTSIDE else (low, half_width)
@@ -133,3 +124,37 @@ def _trends(weights: Floats, line: Floats, spectra: Floats, prior: Floats, signi
         if abs(half_width - before) <= 1e-13 * before:
             break
     return Trend(centre, half_width, p_value, float(1.0 - share[0]))
+
+
+def _fitted(weights: Floats, line: Floats, spectra: Floats | float) -> tuple[Floats, Floats, Floats]:
+    """Change by least squares weighted with each of the ``spectra`` (…, q), weighted sum of squares of the residuals,
+    and one over the change's variance where they are 1."""
+    strength = (line**2 / spectra).sum(axis=-1)
+    change = (line * weights / spectra).sum(axis=-1) / strength
+    squares = ((weights - change[..., None] * line) ** 2 / spectra).sum(axis=-1)
+    return change, np.maximum(squares, 1e-300), strength
+
+
+@lru_cache(maxsize=4)
+def _mixtures(count: int) -> tuple[Floats, Floats, Floats]:
+    """Spectra (k, count) of noise and walk in each of their proportions, the logarithms of the spectra's products, and
+    the proportions' prior probabilities."""
+    spectra = 1.0 + np.multiply.outer(WALKS, 1.0 / np.arange(1, count + 1) ** 2)
+    prior = np.full(len(WALKS), (1.0 - PRIOR_WHITE) / (len(WALKS) - 1))
+    prior[0] = PRIOR_WHITE
+    return spectra, np.log(spectra).sum(axis=1), prior
+
+
+def student(freedom: float, t: float) -> float:
+    """Probability that Student's t with so many degrees of freedom is below ``t``."""
+    from scipy.special import stdtr  # scipy.stats takes a second to import
+
+    return float(stdtr(freedom, t))
+
+
+@lru_cache(maxsize=64)
+def quantile(freedom: float, inside: float = 1.0 - OUTSIDE) -> float:
+    """Half-width that holds so much of Student's t."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.5 + 0.5 * inside))

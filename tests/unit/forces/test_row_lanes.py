@@ -10,7 +10,7 @@ import pytest
 
 from kickdrift.forces import pair_binding, row_lanes
 from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE
+from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE, table_place
 from kickdrift.forces.pair_rows import in_float64
 from kickdrift.forces.row_lanes import LANES, Narrow, NarrowSingle, Wide, WideSingle, blocks, nothing
 from kickdrift.jit.compile import features, jit
@@ -103,7 +103,7 @@ def test_lists_of_every_width_follow_the_particles(monkeypatch, lanes):
 def pairs_of_rows(pairs):
     """Number of times (slots, slots, shifts) that the rows contain each pair, by the shift of the first particle."""
     slots, per_row, width = WIDTH * pairs.counts[N_CLUSTERS], pairs.per_row, WIDTH // blocks(pairs.block)
-    per_shift, apart = (STRIDE, 1) if per_row == 1 else (4 * STRIDE, 2 * STRIDE)
+    per_shift, apart = table_place.py_func(per_row, 1, 0), table_place.py_func(per_row, 0, 1)
     found = np.zeros((slots, slots, SHIFTS), int)
     for rows, start in zip(pairs.rows, pairs.row_start, strict=True):
         for row in range(slots // per_row):

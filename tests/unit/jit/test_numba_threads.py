@@ -41,7 +41,8 @@ class Tally(NamedTuple):
 
 class Meeting(NamedTuple):
     come: np.ndarray  # (1,) chunks that have begun
-    by: np.ndarray  # (chunks,) the thread that ran each chunk
+    by: np.ndarray  # (chunks,) the thread that ran each chunk, by the system's number
+    threads: np.ndarray  # (chunks,) the same by the team's number
     patience: int
 
 
@@ -57,9 +58,10 @@ def count_runs(bound, c):
 
 
 @chunk_task
-def meet(meeting, c):
+def meet(meeting, c, thread):
     """Wait until all chunks have begun: each then has a thread of its own."""
     meeting.by[c] = number_of_thread()
+    meeting.threads[c] = thread
     place = np.intp(meeting.come.ctypes.data)
     add(place, 1)
     for _ in range(meeting.patience):
@@ -90,9 +92,12 @@ def run(threads: int) -> None:
 
 def met(threads: int, patience: int = PATIENCE) -> int:
     """Return the number of threads that run as many chunks at once."""
-    meeting = Meeting(np.zeros(1, np.int64), np.zeros(threads, np.int64), patience)
+    meeting = Meeting(np.zeros(1, np.int64), *np.zeros((2, threads), np.int64), patience)
     held(meeting, in_chunks(threads, threads))
-    return len({*meeting.by.tolist()})
+    found = len({*meeting.by.tolist()})
+    assert len({*meeting.threads.tolist()}) == found
+    assert (meeting.threads < threads).all()
+    return found
 
 
 def motion(threads: int) -> str:

@@ -56,12 +56,14 @@ def tallied(whole, chunks, turns):
 
 
 class Owners(NamedTuple):
-    by: np.ndarray  # (chunks,) the thread that ran each chunk
+    by: np.ndarray  # (chunks,) the thread that ran each chunk, by the system's number
+    threads: np.ndarray  # (chunks,) the same by the team's number
 
 
 @chunk_task
-def own(owners, c):
+def own(owners, c, thread):
     owners.by[c] = number_of_thread()
+    owners.threads[c] = thread
 
 
 @driver
@@ -105,11 +107,12 @@ def test_helpers_help():
 def test_the_caller_runs_the_first_chunks_and_the_helper_the_last():
     team_of(2).insist()
     team_of(2).start()
-    owners, shared = Owners(np.zeros(CHUNKS, np.int64)), 0
+    owners, shared = Owners(*np.zeros((2, CHUNKS), np.int64)), 0
     for _ in range(20_000):
         owned(owners, in_chunks(CHUNKS, 2))
         callers = owners.by == get_native_id()
         assert (callers == np.sort(callers)[::-1]).all()
+        assert (owners.threads == ~callers).all()
         shared += not callers.all()
         if shared == 10:
             return

@@ -123,7 +123,7 @@ def speeds(case: Case, builds: tuple[Build, Build], count: int) -> np.ndarray:
 
 
 def claims(cases: tuple[Case, ...], builds: tuple[Build, Build], count: int) -> Iterator[Claim]:
-    """Yield each case's ratio of speeds as soon as it is known."""
+    """Yield a claim on the ratio of speeds of each case, as soon as the case is measured."""
     ours, other = builds
     for case in cases:
         found = speeds(case, builds, count)

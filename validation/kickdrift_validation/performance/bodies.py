@@ -28,8 +28,9 @@ NUDGE = 1e-15  # relative change of starts that differ by a rounding
 
 
 class Bodies(NamedTuple):
-    """The state from which programs begin. ``dt`` is for methods with fixed steps. ``pilot`` is a time that suits a
-    turn of other methods. ``reference`` is a later time with its positions (n, 3), known better than in float64."""
+    """Start of gravitating bodies, the same for all programs. ``dt`` is for methods with fixed steps. ``pilot`` is a
+    time that suits a turn of other methods. ``reference`` is a later time with its positions (n, 3), known better than
+    in float64."""
 
     system: kd.System
     G: float

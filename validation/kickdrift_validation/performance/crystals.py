@@ -21,7 +21,7 @@ DT, SETTLE = 0.001, 500  # ps; steps until the bonds have their share of the ene
 
 
 class Crystal(NamedTuple):
-    """The state from which programs begin."""
+    """Start of a crystal, the same for all programs."""
 
     system: kd.System
     dt: float = DT

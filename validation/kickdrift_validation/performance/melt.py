@@ -15,8 +15,8 @@ FORCE = kd.LennardJones(cutoff=CUTOFF, truncation="shift")
 
 
 class Liquid(NamedTuple):
-    """The state from which programs begin: positions and velocities (n, 3) of particles of mass 1, and the edges of the
-    box."""
+    """Start of a liquid, the same for all programs: positions and velocities (n, 3) of particles of mass 1, and the
+    edges of the box."""
 
     positions: np.ndarray
     velocities: np.ndarray

@@ -71,7 +71,7 @@ def forces_part(force, x, v, a):
 
 @jit
 def gather_part(force, x, v, a):
-    add_accelerations(force.mixed, force, a)
+    add_accelerations(force, a)
 
 
 @jit
