@@ -53,31 +53,6 @@ def refresh(pairs, x, chunks):
     return OK
 
 
-@jit
-def outlasts(pairs, chunks):
-    """Prune the outer list if the noted moves of the particles need it.
-
-    Return OK if all pairs within the cutoff are then in the inner list, OUTWORN if the lists must be made anew, or
-    BLOWN_UP."""
-    inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
-    jumped = (
-        inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
-    )  # a particle has passed the whole range of the force since the last call
-    if not is_finite(total) or (jumped and not pairs.counts[JUMPS_ALLOWED]):
-        return BLOWN_UP
-    room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
-    if room >= 0.0 and 4.0 * inner <= room**2:
-        return OK
-    each_chunk(pairs, chunks, "outer_move_chunk")
-    outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
-    room = pairs.outer_skin - pairs.inner_skin
-    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
-    if room >= 0.0 and 4.0 * outer <= room**2:
-        prune(pairs, chunks)
-        return OK
-    return OUTWORN
-
-
 @chunk_task
 def finite_chunk(loading, c):
     """Note in ``moves[c, 1]`` how many of chunk c's coordinates are not finite."""
@@ -113,6 +88,31 @@ def single_chunk(pairs, c):
     never_inline()
     begin, end = chunk_clusters(pairs, c)
     copy_to_single(pairs, begin, end)
+
+
+@jit
+def outlasts(pairs, chunks):
+    """Prune the outer list if the noted moves of the particles need it.
+
+    Return OK if all pairs within the cutoff are then in the inner list, OUTWORN if the lists must be made anew, or
+    BLOWN_UP."""
+    inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
+    jumped = (
+        inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
+    )  # a particle has passed the whole range of the force since the last call
+    if not is_finite(total) or (jumped and not pairs.counts[JUMPS_ALLOWED]):
+        return BLOWN_UP
+    room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
+    if room >= 0.0 and 4.0 * inner <= room**2:
+        return OK
+    each_chunk(pairs, chunks, "outer_move_chunk")
+    outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
+    room = pairs.outer_skin - pairs.inner_skin
+    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
+    if room >= 0.0 and 4.0 * outer <= room**2:
+        prune(pairs, chunks)
+        return OK
+    return OUTWORN
 
 
 @jit
