@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.clusters import N_CLUSTERS, PRUNES, STRIDE, ClusterList, load_vector
+from kickdrift.forces.clusters import N_CLUSTERS, PRUNES, STRIDE, TABLE_STRIDE, ClusterList, load_vector
 from kickdrift.forces.kernel import GROW, OK
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.dual_lanes import rows_at, value_of
@@ -117,7 +117,7 @@ def make_rows(rows, pairs):
             for lane in range(WIDTH):
                 at = first + lane
                 for k in range(start[WIDTH * cluster + lane], start[WIDTH * cluster + lane + 1]):
-                    other, shift = entry(listed, k, 0) // STRIDE, entry(listed, k, 1) // STRIDE
+                    other, shift = entry(listed, k, 0) // STRIDE, entry(listed, k, 1) // TABLE_STRIDE
                     xj, yj, zj = load_vector(x, other)
                     dx = xj - (x[at] - shifts[0, shift])
                     dy = yj - (x[at + WIDTH] - shifts[1, shift])
