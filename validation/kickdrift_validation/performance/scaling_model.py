@@ -108,7 +108,7 @@ def logged(team, code, place, count):
         write(log + 8 * (k + 1), count)
         write(log + 8 * (k + 2), began - read(log + 8))
     for c in range(count):
-        call_task(code, place, c)
+        call_task(code, place, c, 0)
         now = nanoseconds()
         if room:
             write(log + 8 * (k + 3 + c), now - began)
