@@ -162,8 +162,8 @@ class BoundForces:
 
     @property
     def takes_steps(self) -> bool:
-        """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Its subclasses move more
-        than particles, or visit neighbours."""
+        """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Subclasses of
+        `PairKernel` do not: their forces have other sums, or their runs carry more than particles."""
         return [type(force) for force in self.forces] == [PairKernel]
 
     def keep_sorted(self) -> None:

@@ -117,7 +117,8 @@ def thread_memory(numbers, pairs, c, thread):
 
 @jit
 def force_memory(pairs, chunks, c, thread):
-    """Return the memory in which this thread sums the forces of chunk c's pairs; few chunks fit the cache anyway."""
+    """Return the memory in which this thread sums the forces of chunk c's pairs. Few chunks need none of the thread's
+    memory, since their own arrays fit the cache."""
     return pairs.force[c] if chunks.number <= FEW else thread_memory(pairs.thread_force, pairs, c, thread)
 
 

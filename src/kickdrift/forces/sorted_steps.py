@@ -74,8 +74,9 @@ class Crossing(NamedTuple):
 
 @jit
 def take_steps(force, plan, x, v, a):
-    """Take up to ``plan[STEPS]`` steps, and note in the plan how far they came. They stop early before an evaluation
-    that only the caller can take: at a list without room, or of particles that flew apart.
+    """Take up to ``plan[STEPS]`` steps, and note in the plan how far they came.
+
+    The steps stop early if a list needs more room, or if particles flew apart: only the caller can evaluate then.
 
     The state and the accelerations are the caller's, (3, n). If numbers are not finite, the state stays as it was
     after the last search: the caller's own steps then fail at the right step."""
