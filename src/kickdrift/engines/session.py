@@ -27,6 +27,7 @@ from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
 from kickdrift.looks.table import Looks
+from kickdrift.model.freedom import DRIFT, whole_motion
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 
@@ -107,7 +108,7 @@ class Program(Protocol):
 class EngineFlow(ParticleStates):
     """A System's particles in another program. Samples come from the program."""
 
-    freedom: float | None = None  # degrees of freedom in a heat bath
+    drags: bool = False  # whether the method changes the total momentum
 
     def __init__(self, system: System) -> None:
         super().__init__(system)
@@ -115,7 +116,7 @@ class EngineFlow(ParticleStates):
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
         """Sample in ParticleFlow's way, with the program's own energies."""
-        looks.fill(take_sample(self.subject, self.stepper, step, time, y, self.freedom))
+        looks.fill(take_sample(self.subject, self.stepper, step, time, y, self.drags))
         last[...] = y
         return OK
 
@@ -148,6 +149,7 @@ class EngineStepper:
     """
 
     _known: Floats | None  # y, if requested since the last step
+    _drift: Floats | None  # (3, 1) velocity of the frame in which the program runs since the time `_shifted`
 
     def __init__(self, flow: EngineFlow, engine: Program, job: Job) -> None:
         self._job, self._dt = job, 0.0 if job.method.chooses_steps else (job.options.dt or 0.0)
@@ -167,7 +169,7 @@ class EngineStepper:
         if self._known is None:
             try:
                 with self._one_line():
-                    self._known = self._last = self._raised(self._session.phase())
+                    self._known = self._last = self._raised(self._session.phase(), self.time)
             except Trouble as trouble:
                 raise self._stopped(trouble) from None
         return self._known
@@ -202,7 +204,7 @@ class EngineStepper:
         self.trouble = ""
         self.steps_done = steps
         self._begin = time - steps * self._dt
-        self._waiting = True
+        self._waiting, self._drift, self._shifted = True, None, time
         self._session.hint = 0.0
 
     # --- running ---
@@ -227,6 +229,8 @@ class EngineStepper:
             phase[0, 2] -= self._z
             if self._bath:
                 self._session.seed = self._seed()
+                self._drift, self._shifted = self._drift_of(phase), self.time
+                phase[1] -= 0.0 if self._drift is None else self._drift
             with self._one_line():
                 self._session.reset(phase, self.time)
             self._waiting = False
@@ -260,12 +264,24 @@ class EngineStepper:
         if time == self.time:
             return self.y.copy()
         with self._one_line():
-            return self._raised(self._told().at(time))
+            return self._raised(self._told().at(time), time)
 
-    def _raised(self, phase: Floats) -> Floats:
-        """The program's phase in the plane of the System."""
+    def _drift_of(self, phase: Floats) -> Floats | None:
+        """Velocity (3, 1) of the centre of mass, where the bath conserves it. Programs take it for heat or remove it,
+        so they get the particles in its frame."""
+        system = self._job.system
+        if self._job.method.drags or system.acting("external"):
+            return None
+        motion = whole_motion(system.coherent_masses, *phase, DRIFT)
+        return None if motion is None else motion[:, :1]
+
+    def _raised(self, phase: Floats, time: float) -> Floats:
+        """The program's phase at a time, in the frame and the plane of the System."""
         if self._z:
             phase[0, 2] += self._z
+        if self._drift is not None:
+            phase[0] += self._drift * (time - self._shifted)
+            phase[1] += self._drift
         return phase
 
     def measure(self, time: float, phase: Floats) -> Measured | None:
@@ -306,7 +322,8 @@ class EngineStepper:
 def begin(engine: Program, job: Job) -> tuple[EngineFlow, Any]:
     """The flow and the stepper of a System on another program."""
     flow = EngineFlow(job.system)
+    flow.drags = job.method.drags
     if job.method.bath:
         needed = [option for option in (TEMPERATURE, FRICTION, TAU, RATE) if option in job.method.declared]
-        flow.freedom = bathed(flow, job.options, needed, conserving=not job.method.drags).freedom  # type: ignore[arg-type]
+        bathed(flow, job.options, needed, conserving=not job.method.drags)  # type: ignore[arg-type]
     return flow, EngineStepper(flow, engine, job)

@@ -29,6 +29,7 @@ class FieldForce(LawForce):
 
     external: ClassVar[bool] = True  # changes the total momentum
     may_overlap: ClassVar[bool] = True  # allows particles to begin at the same place
+    alike: ClassVar[bool] = False  # accelerates all particles alike, so that their relative motion stays
     per_mass: ClassVar[bool] = False
 
     def check(self, system: Subject) -> None:
@@ -70,6 +71,8 @@ def field_law(cls: type) -> Any:
         for a law that depends on time.
     ``per_mass`` : bool
         The law returns energy and force per mass, so massless particles are moved, too.
+    ``alike`` : bool
+        Whether all particles get the same acceleration. The motion of the centre of mass is then no heat.
     ``clock(p, t)``
         What ``law`` gets in place of ``t``, such as a cosine of the time; computed once for all particles.
     ``varies`` : names
@@ -94,4 +97,4 @@ def field_law(cls: type) -> Any:
     kinds = kinds_of(cls, FIELD_LAW, lambda key: int(varies is None or key in varies))
     cls.kernel_sources = tuple(vars(cls)[key] for key in ("clock",) if key in vars(cls))  # type: ignore[attr-defined]
     hints = {key: kind.hint for key, kind in kinds.items()}
-    return force_of_law(cls, FieldForce, FIELD_LAW, hints, {}, kinds=kinds, **traits_of(cls, ("per_mass",)))
+    return force_of_law(cls, FieldForce, FIELD_LAW, hints, {}, kinds=kinds, **traits_of(cls, ("per_mass", "alike")))

@@ -107,7 +107,7 @@ class UniformField(NamedTuple):
 
     dimensions = {"acceleration": "acceleration"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
-    per_mass = True  # type: ignore[misc]
+    per_mass = alike = True  # type: ignore[misc]
 
     def law(p, x, v, m, t):
         return -(p.acceleration @ x), p.acceleration
@@ -141,7 +141,7 @@ class DrivenField(NamedTuple):
     odd_in_time = ("phase",)  # type: ignore[misc]
     dimensions = {"amplitude": "acceleration", "frequency": "frequency"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
-    per_mass = time_dependent = True  # type: ignore[misc]
+    per_mass = alike = time_dependent = True  # type: ignore[misc]
 
     @property
     def works(p):

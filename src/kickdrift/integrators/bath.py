@@ -1,4 +1,4 @@
-"""Shared parts of heat baths: particles in compiled code, kinetic energy, and checks of options."""
+"""Shared parts of heat baths: particles in compiled code, their heat, and checks of options."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.option import ALLOW_GRAVITY, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
-from kickdrift.jit.compile import as_written
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, masked_load, masked_store
+from kickdrift.jit.compile import strict
 from kickdrift.jit.vectors import WIDTH
+from kickdrift.looks.heat import MOTION, heat_of, kinetic, kinetic_apart, moves, scale, scale_heat
+from kickdrift.model.freedom import apart_of, freedom_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -36,6 +36,9 @@ class Bathed(NamedTuple):
     thermal: float  # k_B T
     seed: int
     heat: Floats  # (1,) energy that the bath has given since the state was set
+    apart: int  # the motion of the whole that is no heat, see `model.freedom`
+    mass: float  # of all particles
+    motion: Floats  # (9,) room for this motion, see `looks.heat`
 
 
 def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: bool) -> Bathed:
@@ -64,12 +67,8 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     return Bathed(
         filled(system.state.ids), filled(masses), filled(np.sqrt(thermal / masses)), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),
+        apart_of(system, drags=not conserving), float(masses.sum()), np.zeros(MOTION),
     )  # fmt: skip
-
-
-def freedom_of(system: System, drags: bool) -> int:
-    """Degrees of freedom of a system in a bath: all, unless neither the bath nor a force changes the total momentum."""
-    return system.dimensions * len(system) if drags or system.acting("external") else system.degrees_of_freedom
 
 
 def bath_warnings(dt: float, options: Options) -> list[str]:
@@ -90,24 +89,18 @@ def filled(values: NDArray) -> NDArray:
     return np.concatenate([values, np.zeros(-len(values) % WIDTH, values.dtype)])
 
 
-@as_written
-def kinetic(masses, v, axes):
-    """Return the kinetic energy of velocities (3, n), always summed in the same order."""
-    row, n, total = flat(v), v.shape[1], splat(0.0)
-    for i in range(0, n, WIDTH):
-        count = min(WIDTH, n - i)
-        squares = splat(0.0)
-        for axis in range(axes):
-            some = masked_load(row, axis * n + i, count)
-            squares = squares + some * some
-        total = total + load(masses, i) * squares
-    return 0.5 * lane_sum(total)
+@strict
+def heat_now(bath, x, v):
+    """Return the kinetic energy that the bath acts on, and fill ``bath.motion``."""
+    energy = kinetic(bath.masses, v, bath.axes)
+    return heat_of(bath.masses, bath.mass, x, v, bath.axes, bath.apart, bath.motion, energy)
 
 
-@as_written
-def scale(v, axes, factor):
-    """v <- factor v, (3, n)."""
-    row, n = flat(v), v.shape[1]
-    for i in range(0, axes * n, WIDTH):
-        count = min(WIDTH, axes * n - i)
-        masked_store(row, i, factor * masked_load(row, i, count), count)
+@strict
+def rescale(bath, x, v, factor):
+    """Scale the velocities relative to ``bath.motion``; return their kinetic energy."""
+    if moves(bath.motion):
+        scale_heat(x, v, bath.axes, bath.motion, factor)
+        return kinetic_apart(bath.masses, x, v, bath.axes, bath.motion)
+    scale(v, bath.axes, factor)
+    return kinetic(bath.masses, v, bath.axes)

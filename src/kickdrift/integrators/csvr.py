@@ -1,4 +1,5 @@
 """The flow C: canonical sampling through velocity rescaling. All velocities get one factor, whose noise is exact.
+The motion of the whole stays, see ``model.freedom``.
 
 Bussi, Donadio & Parrinello 2007, J. Chem. Phys. 126, 014101, doi:10.1063/1.2408420, eq. A7. With K the kinetic energy
 of f degrees of freedom and c = exp(-h / tau), the new one is
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.bath import Bathed, bathed, kinetic, scale
+from kickdrift.integrators.bath import Bathed, bathed, heat_now, rescale
 from kickdrift.integrators.option import TAU, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
@@ -85,10 +86,10 @@ def factor_of(energy, bath, tau, places, room, span, step, stage):
 @subflow_body(Rescaling)
 def csvr(parts, t, x, v, span, step, stage):
     bath = parts.bath
-    before = kinetic(bath.masses, v, bath.axes)
+    before = heat_now(bath, x, v)
     if before > 0.0:
-        scale(v, bath.axes, factor_of(before, bath, parts.tau, parts.places, parts.room, span, step, stage))
-        bath.heat[0] += kinetic(bath.masses, v, bath.axes) - before
+        factor = factor_of(before, bath, parts.tau, parts.places, parts.room, span, step, stage)
+        bath.heat[0] += rescale(bath, x, v, factor) - before
     return OK
 
 

@@ -2,7 +2,8 @@
 
 Martyna, Klein & Tuckerman 1992, J. Chem. Phys. 97, 2635, doi:10.1063/1.463940; integrated by Suzuki and Yoshida's
 fourth order (Martyna, Tuckerman, Tobias & Klein 1996, Mol. Phys. 87, 1117, doi:10.1080/00268979600100761). Masses are
-f k_B T tau^2 and k_B T tau^2. The conserved quantity is the total energy and the energy of the chain.
+f k_B T tau^2 and k_B T tau^2. The conserved quantity is the total energy and the energy of the chain. The motion of the
+whole stays, see ``model.freedom``.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.bath import Bathed, bathed, kinetic, scale
+from kickdrift.integrators.bath import Bathed, bathed, heat_now, rescale
 from kickdrift.integrators.option import TAU, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
@@ -81,10 +82,10 @@ def chain_energy(chain):
 @subflow_body(Chain)
 def nose_hoover(parts, t, x, v, span, step, stage):
     bath, factor = parts.bath, 1.0
-    energy = kinetic(bath.masses, v, bath.axes)
+    energy = heat_now(bath, x, v)
     for k in range(parts.steps.size):
         factor *= chain_step(parts, energy * factor * factor, parts.steps[k] * span)
-    scale(v, bath.axes, factor)
+    rescale(bath, x, v, factor)
     bath.heat[0] = -chain_energy(parts)
     return OK
 

@@ -17,7 +17,7 @@ from kickdrift.integrators.jacobian import difference_jacobian
 from kickdrift.integrators.option import APART
 from kickdrift.integrators.particle_states import ParticleStates
 from kickdrift.looks.blow_up import nearest_pair
-from kickdrift.looks.looking import CHANGING, FREEDOM, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
+from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.table import Looks
 from kickdrift.model.checks import unwarned
 from kickdrift.model.live_box import LiveBox
@@ -72,9 +72,9 @@ class ParticleFlow(ParticleStates):
                 f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
             )
 
-    def count_freedom(self, number: int) -> None:
-        """Set the degrees of freedom in the temperature of samples."""
-        self._desk[FREEDOM] = number * self.subject.units.boltzmann
+    def count_dragged(self) -> None:
+        """Count the total momentum as heat in samples: the method changes it."""
+        self._desk[:HEAD] = desk_of(self.subject, drags=True)[:HEAD]
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:

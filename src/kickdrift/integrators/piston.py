@@ -2,9 +2,10 @@
 
 The edges of one *group* scale together: all three, the two of the x-y plane, or each alone. A group that scales its
 edges by a factor s moves positions along them by s and velocities by 1 / s. The work of that at the lengths of now is
-the pressure (2 K + W) / V along these axes, with the kinetic energy K and the virial W of the moment. So particles
-whose total momentum is conserved have the kinetic pressure of N - 1 particles, here and in every sample. The ensemble
-is exp(-(K + U + P V) / k_B T) dLx dLy dLz, in which the mean of this pressure is P.
+the pressure (2 K + W) / V along these axes, with the heat K and the virial W of the moment. The motion of the centre of
+mass is no heat where the run conserves it (``model.freedom``), and no change of the box changes it. So particles whose
+total momentum is conserved have the kinetic pressure of N - 1 particles, here and in every sample. The ensemble is
+exp(-(K + U + P V) / k_B T) dLx dLy dLz, in which the mean of this pressure is P.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from kickdrift.integrators.bath import Bathed
 from kickdrift.jit.compile import as_written, strict
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, masked_load, masked_store
+from kickdrift.jit.memory import flat, masked_load, masked_store
 from kickdrift.jit.vectors import WIDTH
+from kickdrift.model.freedom import NONE
 from kickdrift.model.state import Floats
 
 STOPPED = 3  # see integrators.stepper
@@ -46,22 +48,48 @@ class Piston(NamedTuple):
 
 
 @as_written
-def kinetic_along(masses, v, axis):
-    """Return the kinetic energy of velocities (3, n) along an axis."""
+def moment_along(masses, v, axis, drift, square):
+    """Return the momentum along an axis of velocities (3, n) less ``drift``; with ``square`` their kinetic energy."""
     row, n, total = flat(v), v.shape[1], splat(0.0)
     for i in range(0, n, WIDTH):
-        some = masked_load(row, axis * n + i, min(WIDTH, n - i))
-        total = total + load(masses, i) * (some * some)
-    return 0.5 * lane_sum(total)
+        count = min(WIDTH, n - i)
+        some = masked_load(row, axis * n + i, count) - drift
+        total = total + masked_load(masses, i, count) * (some * some if square else some)
+    return (0.5 if square else 1.0) * lane_sum(total)
+
+
+@strict
+def drift_along(bath, v, axis, energy):
+    """Return the velocity of the centre of mass along an axis; 0 if it is heat, or does not show in the ``energy``."""
+    if bath.apart == NONE:
+        return 0.0
+    drift = moment_along(bath.masses, v, axis, 0.0, False) / bath.mass
+    return 0.0 if energy - 0.5 * bath.mass * drift * drift == energy else drift
+
+
+@strict
+def heat_along(bath, v, axis):
+    """Return the kinetic energy along an axis without the motion of the centre of mass, and this motion."""
+    energy = moment_along(bath.masses, v, axis, 0.0, True)
+    drift = drift_along(bath, v, axis, energy)
+    return (moment_along(bath.masses, v, axis, drift, True) if drift != 0.0 else energy), drift
 
 
 @as_written
-def scale_axis(x, axis, factor):
-    """x <- factor x along an axis, (3, n)."""
+def scale_axis(x, axis, factor, still):
+    """x <- still + factor (x - still) along an axis, (3, n)."""
     row, n = flat(x), x.shape[1]
     for i in range(0, n, WIDTH):
         count = min(WIDTH, n - i)
-        masked_store(row, axis * n + i, factor * masked_load(row, axis * n + i, count), count)
+        some = masked_load(row, axis * n + i, count)
+        masked_store(row, axis * n + i, still + factor * (some - still) if still != 0.0 else factor * some, count)
+
+
+@strict
+def scale_velocities(bath, v, axis, factor):
+    """Scale velocities (3, n) along an axis relative to the centre of mass."""
+    _, drift = heat_along(bath, v, axis)
+    scale_axis(v, axis, factor, drift)
 
 
 @strict
@@ -76,10 +104,10 @@ def volume(piston):
 
 @strict
 def kinetic_now(piston, v):
-    """Kinetic energy of velocities (3, n)."""
+    """Heat of velocities (3, n): kinetic energy without the motion of the centre of mass."""
     total = 0.0
     for k in range(piston.bath.axes):
-        total += kinetic_along(piston.bath.masses, v, k)
+        total += heat_along(piston.bath, v, k)[0]
     return total
 
 
@@ -92,7 +120,7 @@ def pressures(piston, v, found):
     for k in range(3):
         a = piston.group[k]
         if a >= 0:
-            twice = 2.0 * kinetic_along(piston.bath.masses, v, k) + virial_along(piston.along, piston, k)
+            twice = 2.0 * heat_along(piston.bath, v, k)[0] + virial_along(piston.along, piston, k)
             found[a] += twice / (piston.sizes[a] * v_now)
 
 
@@ -134,7 +162,7 @@ def stretch(piston, x, v, factors):
         if piston.group[k] >= 0:
             factor = factors[piston.group[k]]
             piston.lengths[k] *= factor
-            scale_axis(x, k, factor)
+            scale_axis(x, k, factor, 0.0)
             if v is not None:
-                scale_axis(v, k, 1.0 / factor)
+                scale_velocities(piston.bath, v, k, 1.0 / factor)
     return 0

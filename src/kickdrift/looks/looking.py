@@ -28,7 +28,9 @@ from kickdrift.looks.columns import (
     VIRIAL,
     VOLUME,
 )
+from kickdrift.looks.heat import MOTION, heat_of
 from kickdrift.looks.observers import particles_interact
+from kickdrift.model.freedom import apart_of, freedom_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -36,9 +38,11 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
-# dimensions. A nan marks an undefined temperature or pressure. Masses follow, then room for accelerations.
-# The last number is the volume of a box that a barostat changes.
-MASS, FREEDOM, VOLUMES, CHANGING, HEAD = range(5)
+# dimensions. A nan marks an undefined temperature or pressure. Then the volume of a box that a barostat changes, the
+# motion that is no heat (`model.freedom`), the number of dimensions, and room for this motion (`looks.heat`). Masses
+# follow, then room for accelerations.
+MASS, FREEDOM, VOLUMES, CHANGING, APART, AXES, MOVING = range(7)
+HEAD = MOVING + MOTION
 
 NO_ENERGY = 5  # status: forces are finite, but the energy is not
 BLOCK = 256  # particles summed before they join the total, which limits the rounding error of many particles
@@ -56,13 +60,15 @@ class Looking(NamedTuple):
         return address_of(look, self.forces.table, *args)
 
 
-def desk_of(system: System) -> Floats:
-    """Return the desk: the particles' constants and workspace, in the layout of the constants above."""
-    masses = system.coherent_masses
-    collide = particles_interact(system) and system.degrees_of_freedom > 0
+def desk_of(system: System, drags: bool = False) -> Floats:
+    """Return the desk: the particles' constants and workspace, in the layout of the constants above. ``drags`` tells
+    whether the method changes the total momentum."""
+    masses, freedom = system.coherent_masses, freedom_of(system, drags)
+    collide = particles_interact(system) and freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
-    desk[FREEDOM] = system.degrees_of_freedom * system.units.boltzmann if collide else np.nan
+    desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan
+    desk[APART], desk[AXES] = apart_of(system, drags), system.dimensions
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses
@@ -123,9 +129,11 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     if not is_finite(total):
         return NO_ENERGY
     row[TIME], row[TOTAL] = t, total
-    row[TEMPERATURE] = 2.0 * row[KINETIC] / desk[FREEDOM]
+    masses, motion = desk[HEAD : HEAD + n], desk[MOVING:HEAD]
+    heat = heat_of(masses, desk[MASS], x, v, int(desk[AXES]), int(desk[APART]), motion, row[KINETIC])
+    row[TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
     row[VOLUME] = desk[CHANGING]
-    row[PRESSURE] = (2.0 * row[KINETIC] + row[VIRIAL]) / desk[VOLUMES]
+    row[PRESSURE] = (2.0 * heat + row[VIRIAL]) / desk[VOLUMES]
     for k in range(3):
         row[VELOCITY + k] = row[MOMENTUM + k] / desk[MASS]
         row[CENTRE + k] = row[CENTRE + k] / desk[MASS]

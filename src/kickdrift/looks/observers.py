@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.errors import RunError
 from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
 from kickdrift.model.checks import unwarned
+from kickdrift.model.freedom import apart_of, freedom_of, whole_motion
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -47,10 +48,10 @@ class Sample:
     energies : Energies
     momentum : (3,) sum of m v; None for a Problem
     angular_momentum : (3,) sum of m x × v about the origin, conserved only in open space; None for a Problem
-    temperature : 2 K / (g k_B), g = 3 N - 3, in two dimensions 2 N - 2; nan without a pair force or without degrees of
-        freedom
-    pressure : (2 K + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); in two
-        dimensions (2 K + W) / (2 A), A the area; nan in open space
+    temperature : 2 Q / (g k_B), Q the heat and g its degrees of freedom, 3 N - 3 in a periodic box; nan without a pair
+        force or without degrees of freedom. Heat is kinetic energy without the motion of the whole, see `model.freedom`
+    pressure : (2 Q + W) / (3 V), W the virial, sum of r . F over pairs (Allen & Tildesley 2017, eq. 2.60); in two
+        dimensions (2 Q + W) / (2 A), A the area; nan in open space
     pairs : number of pairs of particles within the forces' range; None if another engine does not report pairs
     centre_of_mass, centre_of_mass_velocity : (3,) sums of m x and of m v, over the sum of m; None for a Problem and
         without mass
@@ -156,9 +157,9 @@ class Measuring(Protocol):
 
 @unwarned
 def take_sample(
-    system: System, forces: Measuring, step: int, time: float, phase: Floats, freedom: float | None = None
+    system: System, forces: Measuring, step: int, time: float, phase: Floats, drags: bool = False
 ) -> Sample:
-    """Return a sample at ``phase`` (2, 3, n). ``freedom`` replaces the system's degrees of freedom.
+    """Return a sample at ``phase`` (2, 3, n). ``drags`` tells whether the method changes the total momentum.
 
     Raises RunError if forces or energy are not finite."""
     measured = forces.measure(time, phase)
@@ -170,11 +171,12 @@ def take_sample(
     kinetic = kinetic_energy(m, v)
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
-    collides = particles_interact(system)
-    degrees = system.degrees_of_freedom if freedom is None else freedom
-    temperature = 2 * kinetic / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
+    collides, degrees = particles_interact(system), freedom_of(system, drags)
+    motion = whole_motion(m, x, v, apart_of(system, drags))
+    heat = kinetic if motion is None else kinetic_energy(m, v - motion)
+    temperature = 2 * heat / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     room = system.dimensions * system.volume
-    pressure = (2 * kinetic + measured.virial) / room if np.isfinite(room) else float("nan")
+    pressure = (2 * heat + measured.virial) / room if np.isfinite(room) else float("nan")
     return Sample(
         step=step,
         time=time,

@@ -21,6 +21,7 @@ from kickdrift.model.checks import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
+from kickdrift.model.freedom import freedom_of
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.starts.builders import drawn_velocities
@@ -300,7 +301,7 @@ class System(Bridged, ShownSystem):
 
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
-        "velocity_dependent", "joins" (bodies that it names belong together)."""
+        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (accelerates all particles alike)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property
@@ -310,10 +311,9 @@ class System(Bridged, ShownSystem):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """3 N less the three of the conserved total momentum, and 2 N - 2 in two dimensions. Massless particles do not
-        count."""
-        moving = int(np.count_nonzero(self.state.masses))
-        return max(self.dimensions * (moving - 1), 0)
+        """Degrees of freedom of the heat in a run that conserves the total momentum: 3 N less three, in open space less
+        three more for rotation; all 3 N in a field. Two dimensions have 2 N less two and one. See `model.freedom`."""
+        return freedom_of(self)
 
     @property
     def volume(self) -> float:

@@ -274,11 +274,14 @@ class Integration:
         """Return a sample of the current state."""
         return self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
 
-    def rescale_velocities(self, factor: float) -> None:
-        """Multiply the velocities of all particles by ``factor``; forces at these positions stay valid."""
+    def rescale_velocities(self, factor: float, motion: Floats | None = None) -> None:
+        """Multiply the velocities of all particles by ``factor``, relative to ``motion`` (3, n) if there is one. Forces
+        at these positions stay valid."""
         self.turn(backward=False)
         stepper = self.stepper
         stepper.y[1] *= factor
+        if motion is not None:
+            stepper.y[1] += (1.0 - factor) * motion
         if self.foreign:
             stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
 

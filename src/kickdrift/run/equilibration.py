@@ -13,6 +13,7 @@ from kickdrift.integrators.option import TEMPERATURE
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks import positive, unwarned, whole_number
+from kickdrift.model.freedom import apart_of, disturbing, freedom_of, whole_motion
 from kickdrift.model.limits import steps_in
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.state import State
@@ -111,7 +112,7 @@ def _checked(sim: Heated, asked: Equilibration) -> Ramp:
         positive("equilibrate: time", time, "positive")
         dt = asked.options.get("dt") or sim.dt
         count = max(1, round(steps_in("equilibrate: time", time, dt))) if isinstance(dt, float) else count
-    if sim.system.degrees_of_freedom == 0:
+    if freedom_of(sim.system) == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
     if sim.running:
         raise InputError("equilibrate: the Simulation is already running")
@@ -161,7 +162,7 @@ def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress
     made.state, made.followers = sim.state, sim.followers
     made.equilibrate(asked.temperature, asked.time, asked.interval, progress, to=asked.to, steps=asked.steps)
     state = made.state
-    if made.method.drags and not sim.method.drags and not sim.system.acting("external"):
+    if made.method.drags and not sim.method.drags and not disturbing(sim.system):
         state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
     _move(sim, state)
     said = sim.integration.record.warnings
@@ -170,7 +171,7 @@ def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress
 
 def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:
     masses, count = sim.system.coherent_masses, ramp.count
-    per_degree = 0.5 * sim.system.degrees_of_freedom * sim.system.units.boltzmann
+    per_degree = 0.5 * freedom_of(sim.system) * sim.system.units.boltzmann
     sim.integration.prepare()
     compile_seconds = sim.integration.record.compile_seconds
     _restart(sim)
@@ -255,9 +256,11 @@ def _restart(sim: Heated) -> None:
 
 @unwarned
 def _rescale(sim: Heated, masses: Any, kinetic: float) -> None:
-    now = kinetic_energy(masses, sim.integration.stepper.y[1])
+    x, v = sim.integration.stepper.y
+    motion = whole_motion(masses, x, v, apart_of(sim.system))
+    now = kinetic_energy(masses, v if motion is None else v - motion)
     if now == 0:
         raise InputError(
             "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"
         )
-    sim.integration.rescale_velocities(np.sqrt(kinetic / now))
+    sim.integration.rescale_velocities(np.sqrt(kinetic / now), motion)

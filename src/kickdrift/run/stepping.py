@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
-from kickdrift.integrators.bath import freedom_of
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.option import MIXED, coupling_of
 from kickdrift.integrators.particle_flow import ParticleFlow
@@ -30,6 +29,6 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
             f"{job.named}: needs accelerations that depend on positions and time alone, and {flow.not_separable}; "
             "Runge-Kutta methods do not"
         )
-    if method.bath and isinstance(flow, ParticleFlow):
-        flow.count_freedom(freedom_of(flow.subject, method.drags))
+    if method.drags and isinstance(flow, ParticleFlow):
+        flow.count_dragged()
     return flow, method.stepper(flow, options)
