@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.vectors import vectors_of
+from kickdrift.analysis.vectors import relative, vectors_of
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.box import Box
+from kickdrift.model.freedom import DRIFT, apart_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.statistics.blocks import block_average
@@ -38,10 +40,11 @@ class PressureTensor(NamedTuple):
 def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None = None) -> PressureTensor:
     """P = (sum of m v v + sum over pairs of r F) / V at the frames of a run in a periodic box.
 
-    Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001. Velocities include that of the
-    centre of mass. The stress tensor is the negative. The trace over the number of dimensions is the pressure that the
-    run itself reports. Pair forces act as in the run, with the same compiled law, truncation and tail. Springs act too.
-    Fields act on single particles and do not contribute. Each frame counts in its own box.
+    Allen & Tildesley 2017, eqs. 2.60 and 2.67, doi:10.1093/oso/9780198803195.001.0001. Velocities are relative to the
+    centre of mass, unless the run's method or a field changes the total momentum. The stress tensor is the negative.
+    The trace over the number of dimensions is the pressure that the run itself reports. Pair forces act as in the run,
+    with the same compiled law, truncation and tail. Springs act too. Fields act on single particles and do not
+    contribute. Each frame counts in its own box.
 
     Parameters
     ----------
@@ -61,10 +64,13 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     system, run_box = system_of(positions.source) if system is None else system, positions.source.box
     if len(system) != positions.particles:
         raise InputError(f"pressure_tensor: the system has {len(system)} particles, the run {positions.particles}")
+    apart = min(DRIFT, apart_of(system, integrator(positions.source.method["integrator"]).drags))
+    pieces = relative(velocities.pieces(), velocities.pieces(), system.coherent_masses, apart)
+    moving = (v for piece in pieces for v in piece)
     tensors = np.array(
         [
             instantaneous_pressure(system if box is run_box else _in_box(system, box), x, v)
-            for x, v, box in zip(positions.each(), velocities.each(), positions.boxes, strict=True)
+            for x, v, box in zip(positions.each(), moving, positions.boxes, strict=True)
         ]
     )
     mean = block_average(tensors)

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.analysis.canonical import Point
-from kickdrift.analysis.vectors import vectors_of
+from kickdrift.analysis.vectors import relative, vectors_of
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
+from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import even_stretch
 from kickdrift.model import constants
+from kickdrift.model.freedom import DRIFT, NONE, TURN, apart_of, disturbing, freedom_of, turning
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -24,7 +26,8 @@ from kickdrift.trajectory.frames import Frames
 from kickdrift.trajectory.universe import mdanalysis
 
 AXES = "xyz"
-AT_REST = 0.1  # total momentum over its thermal size, below which another program's run conserves momentum
+AT_REST = 0.1  # change of the total momentum over its thermal size, below which another program conserves it
+BARELY = 1e-6  # degrees of freedom; fewer are rounding
 ANGSTROM_PS = constants.ATOMIC_MASS * 1e4  # J in u angstrom^2 / ps^2
 BAR = 1e5 * 1e-30 / ANGSTROM_PS  # bar in u / (angstrom ps^2)
 
@@ -127,12 +130,19 @@ def sampled_run(source: Any) -> SampledRun:
 
 
 def kinetic_groups(
-    velocities: Callable[[], Any], masses: Floats, species: NDArray[np.str_], dimensions: int, conserved: bool
+    velocities: Callable[[], Any],
+    masses: Floats,
+    species: NDArray[np.str_],
+    dimensions: int,
+    conserved: bool,
+    turns: Floats | None = None,
 ) -> tuple[Group, ...]:
-    """Kinetic energies by axis and by species, from pieces (k, n, 3) of velocities.
+    """Kinetic energies by axis and by species, from pieces (k, n, 3) of velocities without the motion of the whole.
 
-    A total momentum that is conserved, and zero, takes one degree of freedom from each axis. It takes the share
-    m_s / M of each axis from a species of mass m_s: <m_i v_i^2> = k_B T (1 - m_i / M)."""
+    A total momentum that is conserved takes one degree of freedom from each axis. It takes the share
+    m_s / M of each axis from a species of mass m_s: <m_i v_i^2> = k_B T (1 - m_i / M). ``turns`` (n, 3) are the degrees
+    of freedom that a conserved angular momentum takes from each component."""
+    turns = np.zeros((len(masses), 3)) if turns is None else turns
     moving, names = masses > 0, list(dict.fromkeys(species[masses > 0].tolist()))
     axes, kinds = [], []
     weights = np.array([np.where(species == name, masses, 0.0) for name in names])
@@ -142,13 +152,14 @@ def kinetic_groups(
         kinds.append(0.5 * np.einsum("sn,fnk->fs", weights, squares))
     by_axis, by_kind = np.concatenate(axes), np.concatenate(kinds)
     count, lost = int(moving.sum()), 1.0 if conserved else 0.0
-    found = [Group(f"axis {AXES[k]}", count - lost, by_axis[:, k]) for k in range(dimensions)]
+    found = [Group(f"axis {AXES[k]}", count - lost - turns[:, k].sum(), by_axis[:, k]) for k in range(dimensions)]
     if len(names) > 1:
         for k, name in enumerate(names):
             share = weights[k].sum() / masses.sum()
             freedom = dimensions * (int((moving & (species == name)).sum()) - lost * share)
+            freedom -= turns[species == name, :dimensions].sum()
             found.append(Group(f"species {name}", freedom, by_kind[:, k]))
-    return tuple(each for each in found if each.freedom > 0)
+    return tuple(each for each in found if each.freedom > BARELY)
 
 
 def _of_frames(frames: Frames) -> SampledRun:
@@ -158,9 +169,16 @@ def _of_frames(frames: Frames) -> SampledRun:
         raise InputError(f"{name}: holds no frames")
     system = run.system()
     vectors = vectors_of(frames, "velocities")
-    conserved, bath, note = _conserved(run.method["integrator"], system)
+    apart, bath, note = _apart(run.method["integrator"], system)
     masses = vectors.masses * run.units.coherent_mass
-    groups = kinetic_groups(vectors.pieces, masses, vectors.species, vectors.dimensions, conserved)
+    places, turns = vectors, None
+    if apart == TURN:
+        places = vectors_of(frames, "positions")
+        turns = np.mean([turning(masses, x.T).T for x in places.each()], axis=0)
+    groups = kinetic_groups(
+        lambda: relative(vectors.pieces(), places.pieces(), masses, apart),
+        masses, vectors.species, vectors.dimensions, apart != NONE, turns,
+    )  # fmt: skip
     if not groups:
         raise InputError(f"{name}: no degree of freedom is left to test")
     vectors.spacing()  # raises an error if samples are not equally spaced
@@ -195,14 +213,15 @@ def _of_simulation(sim: Simulation) -> SampledRun:
     samples = samples[even_stretch(np.array([each.step for each in samples]))]
     if len(samples) < 2:
         raise InputError(f"{name} holds {len(samples)} samples; call run() first")
-    conserved, bath, note = _conserved(sim.integrator, system)
+    apart, bath, note = _apart(sim.integrator, system)
+    freedom = freedom_of(system, integrator(sim.integrator).drags)
     count = int(np.count_nonzero(system.state.masses))
     return SampledRun(
         name=name,
         boltzmann=system.units.boltzmann,
         particles=count,
-        freedom=system.dimensions * (count - conserved),
-        kinetic=np.array([each.energies.kinetic for each in samples]),
+        freedom=freedom,
+        kinetic=np.array([_heat(each, 0.5 * freedom * system.units.boltzmann, apart) for each in samples]),
         groups=(),
         potential=np.array([each.energies.potential for each in samples]),
         volume=np.array([each.volume if sim.box_varies else system.volume for each in samples]),
@@ -230,11 +249,15 @@ def _of_universe(given: Any) -> SampledRun:
     for k, ts in enumerate(trajectory):
         velocities[k], volumes[k] = atoms.velocities, ts.volume or np.inf
     kinds: NDArray[np.str_] = np.asarray(atoms.types if hasattr(atoms, "types") else ["A"] * len(atoms), dtype=str)
-    thermal = 2 * (0.5 * np.einsum("n,fnk->f", masses, velocities**2)).mean() / (3 * len(atoms))
     momentum = np.einsum("n,fnk->fk", masses, velocities)
-    conserved = bool((momentum**2).mean() < AT_REST**2 * masses.sum() * thermal)
-    groups = kinetic_groups(lambda: [velocities], masses, kinds, 3, conserved)
-    motion = "stays zero: 3 N - 3" if conserved else "changes: 3 N"
+    whole = (momentum.mean(axis=0) ** 2).sum() / masses.sum()
+    thermal = (np.einsum("n,fnk->f", masses, velocities**2).mean() - whole) / (3 * len(atoms))
+    conserved = bool(((momentum - momentum.mean(axis=0)) ** 2).mean() < AT_REST**2 * masses.sum() * thermal)
+    apart = DRIFT if conserved else NONE
+    groups = kinetic_groups(
+        lambda: relative([velocities], [velocities], masses, apart), masses, kinds, 3, conserved
+    )  # fmt: skip
+    motion = "stays: 3 N - 3" if conserved else "changes: 3 N"
     return SampledRun(
         name=name,
         boltzmann=constants.BOLTZMANN / ANGSTROM_PS,
@@ -252,16 +275,25 @@ def _of_universe(given: Any) -> SampledRun:
     )
 
 
-def _conserved(name: str, system: System) -> tuple[bool, bool, str]:
-    """Whether a method conserves the total momentum, whether it has a heat bath, and a note on degrees of freedom."""
-    method = integrator(name)
-    outside = system.acting("external")
-    conserved = not method.drags and not outside
-    why = f"{name} conserves the total momentum"
-    if not conserved:
-        why = f"{name} changes the total momentum" if method.drags else f"{outside[0]} changes the total momentum"
-    d = system.dimensions
-    return conserved, method.bath, f"{d} N{f' - {d}' if conserved else ''} degrees of freedom: {why}"
+def _heat(sample: Sample, per_temperature: float, apart: int) -> float:
+    """Kinetic energy of a sample without the motion of the whole."""
+    if np.isfinite(sample.temperature):
+        return sample.temperature * per_temperature
+    momentum, velocity = sample.momentum, sample.centre_of_mass_velocity
+    if apart == NONE or momentum is None or velocity is None:
+        return sample.energies.kinetic
+    return sample.energies.kinetic - 0.5 * float(momentum @ velocity)
+
+
+def _apart(name: str, system: System) -> tuple[int, bool, str]:
+    """The motion that is no heat under a method, whether it has a heat bath, and a note on degrees of freedom."""
+    method, outside = integrator(name), disturbing(system)
+    apart, d = apart_of(system, method.drags), system.dimensions
+    why = f"{name} conserves the total momentum{' and the angular momentum' if apart == TURN else ''}"
+    if apart == NONE:
+        why = f"{name if method.drags else outside[0]} changes the total momentum"
+    lost = d * len(system) - freedom_of(system, method.drags)
+    return apart, method.bath, f"{d} N{f' - {lost}' if apart else ''} degrees of freedom: {why}"
 
 
 def _likeness(system: System, of_box: bool) -> tuple[Any, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.analysis.travel import travelled
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
+from kickdrift.model.freedom import whole_motion
 from kickdrift.model.state import Floats
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
@@ -130,6 +131,16 @@ class Vectors:
                 "(removed in the run?)"
             )
         return found
+
+
+def relative(velocities: Any, positions: Any, masses: Floats, apart: int) -> Iterator[Floats]:
+    """Pieces (k, n, 3) of velocities without the motion of the whole; pieces of positions are for ``TURN`` alone."""
+    for piece, places in zip(velocities, positions, strict=False):
+        found = piece.copy()
+        for frame, x in zip(found, places, strict=True):
+            motion = whole_motion(masses, x.T, frame.T, apart)
+            frame -= 0.0 if motion is None else motion.T
+        yield found
 
 
 def vectors_of(

@@ -272,7 +272,7 @@ class EngineStepper:
         system = self._job.system
         if self._job.method.drags or system.acting("external"):
             return None
-        motion = whole_motion(system.coherent_masses, *phase, DRIFT)
+        motion = whole_motion(system.coherent_masses, phase[0], phase[1], DRIFT)
         return None if motion is None else motion[:, :1]
 
     def _raised(self, phase: Floats, time: float) -> Floats:

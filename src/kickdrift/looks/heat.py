@@ -123,10 +123,10 @@ def heat_of(masses, total, x, v, axes, apart, motion, energy):
 @strict
 def moves(motion):
     """Tell whether a motion of the whole shows."""
+    shows = False
     for k in range(MOTION):
-        if motion[k] != 0.0:
-            return True
-    return False
+        shows = shows or motion[k] != 0.0
+    return shows
 
 
 @as_written

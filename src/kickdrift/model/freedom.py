@@ -1,10 +1,10 @@
 """Heat and the motion of the whole: which motions of all particles together are no heat, and the degrees of freedom.
 
-This is the one place that counts degrees of freedom. A total momentum that the run conserves belongs to no bath. Heat is
-the kinetic energy in the frame of the centre of mass, and has d degrees of freedom less in d dimensions. A cluster alone
+This is the one place that counts degrees of freedom. A total momentum that the run conserves belongs to no bath. Heat
+is the kinetic energy in the frame of the centre of mass, and has d degrees of freedom less in d dimensions. A cluster
 in open space also conserves its angular momentum. Heat is then without rigid rotation too (Jellinek & Li 1989,
-doi:10.1103/PhysRevLett.62.241). Everything is heat where the method drags (it draws velocities anew, as ``baoab`` does)
-and where a field tells places apart. A field that accelerates all particles alike leaves the relative motion alone.
+doi:10.1103/PhysRevLett.62.241). Everything is heat where the method drags, which means that it draws velocities anew
+as ``baoab`` does, and where a field acts. A field that accelerates all particles alike leaves relative motion alone.
 """
 
 from __future__ import annotations
@@ -59,11 +59,28 @@ def whole_motion(masses: Floats, x: Floats, v: Floats, apart: int) -> Floats | N
     kinetic, energy = 0.5 * float(masses @ (v * v).sum(axis=0)), 0.5 * total * float(drift @ drift)
     moved = np.repeat(drift[:, None], v.shape[1], axis=1)
     if apart == TURN:
-        arm, relative = x - (x @ masses / total)[:, None], v - moved
-        spin = (masses * np.cross(arm, relative, axis=0)).sum(axis=1)
-        inertia = np.eye(3) * (masses @ (arm * arm).sum(axis=0)) - np.einsum("i,ki,li->kl", masses, arm, arm)
+        arm, inertia = inertia_of(masses, x)
+        spin = (masses * np.cross(arm, v - moved, axis=0)).sum(axis=1)
         if (trace := float(np.trace(inertia))) > 0:
             rate = np.linalg.solve(inertia + BARELY * trace * np.eye(3), spin)
             energy += 0.5 * float(rate @ spin)
             moved += np.cross(rate, arm, axisa=0, axisb=0, axisc=0)
     return None if kinetic - energy == kinetic else moved
+
+
+def turning(masses: Floats, x: Floats) -> Floats:
+    """Degrees of freedom (3, n) that rigid rotation takes from each velocity component of particles at x (3, n)."""
+    arm, inertia = inertia_of(masses, x)
+    moments, axes = np.linalg.eigh(inertia)
+    found = np.zeros_like(arm)
+    for size, axis in zip(moments, axes.T, strict=True):
+        if size > BARELY * moments[-1]:
+            found += masses * np.cross(axis, arm, axisb=0, axisc=0) ** 2 / size
+    return found
+
+
+def inertia_of(masses: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Positions (3, n) from the centre of mass, and the tensor of inertia (3, 3) about it."""
+    arm = x - (x @ masses / masses.sum())[:, None]
+    inertia = np.eye(3) * (masses @ (arm * arm).sum(axis=0)) - np.einsum("i,ki,li->kl", masses, arm, arm)
+    return arm, inertia

@@ -301,7 +301,7 @@ class System(Bridged, ShownSystem):
 
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
-        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (accelerates all particles alike)."""
+        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property
