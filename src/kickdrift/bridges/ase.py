@@ -10,7 +10,7 @@ fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.ase_units import Scale
 from kickdrift.model.box import Box, Oriented
+from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.topology import SIZES, Topology
@@ -115,6 +116,13 @@ def _species(atoms: Any) -> list[str]:
     ]
 
 
+def symbols_of(species: Sequence[str], units: UnitSystem) -> dict[str, str]:
+    """Chemical symbol of each species: its own name if all are elements and the units are real, else X for all. So the
+    species A and B of a mixture in reduced units are no boron."""
+    real = not FileUnits.of(units).nominal and all(kind in atomic_numbers for kind in species)
+    return {kind: kind if real else UNKNOWN for kind in species}
+
+
 def _names(atoms: Any) -> list[str]:
     """Return the names of the bodies; an exported file has them in ``info``."""
     names = list(atoms.arrays.get(NAMES, atoms.info.get(NAMES, ())))
@@ -172,9 +180,9 @@ def _check_plain(atoms: Any) -> None:
 def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
     """Return ASE Atoms; see `System.to_ase`."""
     scale, state = Scale.of(system.units), system.state
-    symbol = {kind: (symbols or {}).get(kind, kind if kind in atomic_numbers else UNKNOWN) for kind in system.species}
+    symbol = {**symbols_of(system.species, system.units), **{kind: symbols[kind] for kind in symbols or ()}}
     for kind in symbols or ():
-        if kind not in symbol:
+        if kind not in system.species:
             raise InputError(f"symbols: no species {kind!r}; known are {', '.join(system.species)}")
         if symbol[kind] not in atomic_numbers:
             raise InputError(f"symbols: {shown(symbol[kind])} for species {kind!r} is not a chemical element")

@@ -6,6 +6,7 @@ Kickdrift writes this text itself: MDAnalysis' writer rounds to float32, and ASE
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ class DataFile(NamedTuple):
     lists : for each kind, such as "bonds", rows of a type and particles
     counts : number of types of each kind
     names : names of these types, for a comment; nothing where the numbers say all
+    images : (n, 3) whole edges of the box from the positions to unwrapped ones; None to leave them out
     """
 
     heading: str
@@ -45,6 +47,7 @@ class DataFile(NamedTuple):
     lists: Mapping[str, NDArray[np.int64]]
     counts: Mapping[str, int]
     names: Mapping[str, Sequence[str]]
+    images: NDArray[np.int64] | None = None
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file, each with its end."""
@@ -65,9 +68,12 @@ class DataFile(NamedTuple):
         for number, mass in enumerate(self.masses, 1):
             yield f"{number} {mass!r}" + (f" # {clean(self.labels[number - 1], 80)}" if self.labels else "")
         yield from ("", "Atoms # molecular", "")
+        flags = repeat("") if self.images is None else (f" {x} {y} {z}" for x, y, z in self.images.tolist())
         columns = (self.ids, self.molecules, self.types, self.positions)
-        for i, molecule, type_, (x, y, z) in zip(*(each.tolist() for each in columns), strict=True):
-            yield f"{i} {molecule} {type_} {x!r} {y!r} {z!r}"
+        for (i, molecule, type_, (x, y, z)), flag in zip(
+            zip(*(each.tolist() for each in columns), strict=True), flags, strict=False
+        ):
+            yield f"{i} {molecule} {type_} {x!r} {y!r} {z!r}{flag}"
         yield from ("", "Velocities", "")
         for i, (x, y, z) in zip(self.ids.tolist(), self.velocities.tolist(), strict=True):
             yield f"{i} {x!r} {y!r} {z!r}"

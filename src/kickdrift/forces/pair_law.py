@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -28,6 +28,7 @@ PAIR_LAW = Form("pair_law", ("p", "r2"), "a pair's energy and force must depend 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
 DEFAULT_CUTOFF = 2.5  # in sigma
+SMALL_JUMP = 1e-3  # of the force at 0.9 cutoffs
 SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume stays within the range of float64
 
 
@@ -162,6 +163,16 @@ class PairForce(ListedForce, Grouped):
             raise InputError(f"{self.name}: pair {a}-{b} is needed: epsilons of different signs have no geometric mean")
         means = {"sigma": lambda p, q: 0.5 * (p + q), "epsilon": lambda p, q: math.sqrt(p * q)}
         return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
+
+    def jumps_at_cutoff(self, species: Sequence[str]) -> bool:
+        """Tell whether the force between some species jumps at the cutoff: beyond a thousandth of its size at 0.9
+        cutoffs. A cutoff in the minimum of the potential makes no jump."""
+        if self.truncation not in ("cut", "shift"):
+            return False
+        assert self.cutoff is not None
+        near, far = (0.9 * self.cutoff) ** 2, self.cutoff**2
+        laws = [self.pair_law(a, b) for k, a in enumerate(species) for b in species[k:]]
+        return any(abs(p.law(far)[1]) > SMALL_JUMP * abs(p.law(near)[1]) for p in laws)
 
     def shortest(self) -> float:
         """Smallest length among the law's parameters (sigma); particles much closer than this overlap."""

@@ -96,6 +96,7 @@ class ParticleStates:
     def begin(self, record: Record, y: Floats) -> None:
         """Begin a record of conservation here."""
         record.begin(self.subject.coherent_masses, y)
+        record.from_start = np.array_equal(y[0], self.subject.state.phase[0])
 
     def refused(self, status: int, step: int, time: float) -> RunError:
         """Error of a failed sample."""

@@ -112,6 +112,12 @@ class Splitting(Method):
         return any(FLOWS[letter[0]].drags for letter in self.letters)
 
     @property
+    def slow_velocities(self) -> bool:
+        """Whether velocities at the step's end are too slow by an error of the step that configurations hardly have: a
+        Langevin bath between the drifts, and kicks at both ends."""
+        return self.word in ("BAOAB", "BAGAB")
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per step, one for each group of forces; a last kick shares its force with the first kick of
         the next step."""

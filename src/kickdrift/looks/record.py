@@ -104,6 +104,7 @@ class Record:
 
     looks: Looks = field(default_factory=Looks, compare=False)
     begun: bool = False  # whether the momentum scales are set
+    from_start: bool = False  # whether it begins at the System's own positions
     momentum_scale: float = 0.0  # sum of m |v| at the first sample
     angular_momentum_scale: float = 0.0  # sum of m |x × v| there
     steps: int = 0

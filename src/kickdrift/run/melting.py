@@ -25,17 +25,20 @@ class Now(Protocol):
     def state(self) -> Any: ...
 
 
-def melting(system: System, temperatures: Floats | None, run: Now) -> list[str]:
-    """Return a warning if the temperature shows that the lattice of the start melts during the run."""
+def melting(system: System, temperatures: Floats | None, run: Now, bath: bool = False) -> list[str]:
+    """Return a warning if the temperature shows that the lattice of the start melts during the run. A ``bath`` changes
+    the temperature by itself."""
     change = temperature_change(temperatures)
     if change is None or not has_melted(system, run.state.positions):
         return []
     first, later = change
     mean = measured(f"{later:.4g}", system.units.symbol("temperature"))
+    sign = f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {mean}"
+    if bath:
+        sign = f"the run starts from a lattice, which it leaves while the bath brings {first:.4g} to {mean}"
     return [
-        f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {mean} "
-        "(mean of the second half), so the run is not in equilibrium; equilibrate first, with [equilibrate] in the "
-        "system file or with sim.equilibrate"
+        f"{sign} (mean of the second half), so the run is not in equilibrium; equilibrate first, with [equilibrate] in "
+        "the system file or with sim.equilibrate"
     ]
 
 

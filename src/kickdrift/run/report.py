@@ -34,6 +34,10 @@ from kickdrift.statistics.blocks import block_average
 
 COMPILING = "compiling"
 AGREES = 3.0  # standard errors
+DIFFERS = "differs"
+SLOW = "a long step makes velocities of this bath too slow, and configurations hardly at all"
+JUMPS = "; the force jumps at the cutoff, see lj-1000-switch"
+TOO_LONG = "; a shorter dt tells whether the step is too long"
 DRAWN = "the bath draws velocities; no test of the motion"
 DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_verdict", "pressure_verdict")
 
@@ -49,8 +53,9 @@ class About(NamedTuple):
     even : whether the samples are equally many steps apart, except perhaps at the ends
     bath : whether a heat bath acted
     output : path of the run's file, "" if none was written
-    jumps : whether a pair force jumps at its cutoff
+    cause : words on the likely cause of a secular drift
     drawn : whether the bath alone makes the velocities, so that the temperature says nothing about the run
+    slow : whether the method's velocities are too slow by an error of the step that its configurations do not have
     """
 
     units: UnitSystem | None
@@ -59,8 +64,9 @@ class About(NamedTuple):
     even: bool = True
     bath: bool = False
     output: str = ""
-    jumps: bool = False
+    cause: str = ""
     drawn: bool = False
+    slow: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,7 +82,8 @@ class Report(ShownReport):
     system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
     errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
-    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. ``pressure_verdict`` does the
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. It says so where the velocities
+    alone may be too slow, as those of ``baoab`` are in a long step. ``pressure_verdict`` does the
     same with the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes,
     else None. ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None
     without bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and
@@ -158,7 +165,10 @@ class Report(ShownReport):
             return None
         if self.about.drawn:
             return DRAWN
-        return _verdict(self.temperature, self.temperature_error, self.options[TEMPERATURE.name])
+        asked = self.options[TEMPERATURE.name]
+        found = _verdict(self.temperature, self.temperature_error, asked)
+        slow = self.about.slow and found.startswith(DIFFERS) and self.temperature < asked
+        return f"{found}; {SLOW}" if slow else found
 
     @property
     def pressure_verdict(self) -> str | None:
@@ -249,7 +259,8 @@ def report(sim: Reported) -> Report:
     counted = sim.engine == NATIVE or sim.method.evaluations > 0  # another program has counted its own evaluations
     listed = isinstance(system, System) and any(isinstance(force, ListedForce) for force in system.forces)
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
-    melted = melting(system, series.temperatures, sim) if listed and isinstance(system, System) else []
+    fresh = listed and isinstance(system, System) and record.from_start
+    melted = melting(system, series.temperatures, sim, bath) if fresh and isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -301,7 +312,9 @@ def report(sim: Reported) -> Report:
         work=record.work if series.volumes is not None else None,
         volume=None if series.volumes is None else float(series.volumes.mean()),
         warnings=[*record.warnings, *melted],
-        about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped),
+        about=_about(system, series, even, bath)._replace(
+            drawn=sim.method.overdamped, slow=getattr(sim.method, "slow_velocities", False)
+        ),
     )
 
 
@@ -310,15 +323,17 @@ def _verdict(mean: float, error: float | None, asked: float) -> str:
     if not error:
         return "too short to judge"
     off = abs(mean - asked) / error
-    return "agrees" if off <= AGREES else f"differs by {off:.1f} standard errors"
+    return "agrees" if off <= AGREES else f"{DIFFERS} by {off:.1f} standard errors"
 
 
 def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:
     if not isinstance(system, System):
         return About(None, 0, series, even)
     pairs = [force for force in system.forces if isinstance(force, PairForce)]
-    jumps = any(force.truncation in ("cut", "shift") for force in pairs)
-    return About(system.units, system.dimensions, series, even, bath, jumps=jumps)
+    cause = TOO_LONG if pairs and even else ""
+    if any(force.jumps_at_cutoff(system.species) for force in pairs):
+        cause = JUMPS
+    return About(system.units, system.dimensions, series, even, bath, cause=cause)
 
 
 def _length(record: Record, dt: float) -> float:

@@ -44,7 +44,7 @@ class ShownReport(Shown):
             lines.append(("y at the end", ", ".join(f"{value:.10g}" for value in self.y)))
         energy_unit = units.symbol("energy") if units else ""
         if self.energy is not None:
-            cause = "; the force jumps at the cutoff, see lj-1000-switch" if self.about.jumps else ""
+            cause = self.about.cause
             lines += energy_lines(asdict(self.energy), energy_unit, time_unit, self.time, cause, self.heat, self.work)
         if self.momentum_error is not None:
             lines.append(("momentum error", f"{self.momentum_error:.1e} of the sum of m |v|"))

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.box import Box
@@ -54,7 +55,7 @@ class Chosen:
             for k, box in enumerate(block.boxes):
                 place = x[k] if self.unwrapped else box.wrap(x[k])
                 number = self.first + (start + k) * self.every
-                yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k], box)
+                yield Placed(number, int(block.steps[k]), float(block.times[k]), place, v[k], box, x[k])
 
     def who(self, frame: Placed, particle: int) -> str:
         """Text for an error about a particle: the frame, its step and the particle."""
@@ -71,3 +72,10 @@ class Placed(NamedTuple):
     positions: Floats
     velocities: Floats
     box: Box
+    unwrapped: Floats
+
+    @property
+    def images(self) -> NDArray[np.int64]:
+        """Whole edges of the box (n, 3) from each particle's place to its unwrapped position, in a periodic box. Every
+        particle must be there."""
+        return np.rint(self.box.fractional(self.unwrapped - self.positions)).astype(np.int64)

@@ -13,7 +13,8 @@ from kickdrift.display.showing import following
 from kickdrift.forces.spins import SPINS
 from kickdrift.trajectory import reader, to_ase, to_lammps, to_mdanalysis, to_rebound
 from kickdrift.trajectory.chosen import Chosen
-from kickdrift.trajectory.formats import FORMATS, losses
+from kickdrift.trajectory.formats import FORMATS, Format, losses
+from kickdrift.trajectory.universe import topology_of
 
 _WRITERS = {
     "MDAnalysis": to_mdanalysis.write,
@@ -21,6 +22,15 @@ _WRITERS = {
     "rebound": to_rebound.write,
     ".data": to_lammps.write,
 }
+
+
+def _inside(joined: bool, format: Format) -> str:
+    """Note on positions inside the box, with what becomes of molecules."""
+    if not joined:
+        return "positions are inside the box"
+    if format.single:
+        return "positions are inside the box, with image flags that make molecules whole"
+    return "positions are inside the box, so molecules that cross a face are cut; --unwrapped keeps them whole"
 
 
 class Exported(NamedTuple):
@@ -83,7 +93,7 @@ def export(
         if SPINS in run.columns:
             notes = [*notes, "spins are lost"]
         if run.box.periodic and not unwrapped:
-            notes = ["positions are inside the box", *notes]
+            notes = [_inside(topology_of(run) is not None, format), *notes]
         if unwrapped and run.box_varies:
             notes = ["unwrapped positions scale with the box; take displacements from the run's file", *notes]
         return Exported(target, len(frames), len(run.ids), losses(format, run.nominal_units), tuple(notes))

@@ -32,6 +32,8 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
 
             def put(atoms: Any) -> None:
                 atoms.arrays["velocities"] = atoms_of.velocities  # 8 decimals of a small momentum would lose digits
+                if atoms_of.kinds is not None:
+                    atoms.arrays["kind"] = atoms_of.kinds[atoms_of.present]  # where all symbols are X
                 write_extxyz(file, [atoms])
 
         for done, frame in enumerate(chosen, 1):
@@ -43,26 +45,29 @@ def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, i
 class AtomsOf:
     """Converter from frames to Atoms in ASE's units, as in `System.to_ase`.
 
-    Tags are the species. Chemical symbols are the species if these are elements, else X. ``info`` has step, time and
-    time_unit (the run's), species, names if there are any, ids if bodies are missing, and dimensions if they are two.
+    Tags are the species. Chemical symbols are the species if all are elements and units are real, else X. ``info`` has
+    step, time and time_unit (the run's), species, names if there are any, ids if bodies are missing, and dimensions if
+    they are two.
 
     Attributes
     ----------
     velocities : (n, 3) of the last frame, in ASE's units
+    present : (n,) which particles the last frame has
+    kinds : (n,) species of each particle, None if these are the chemical symbols
     notes : what was lost
     """
 
     def __init__(self, chosen: Chosen) -> None:
-        from ase.data import atomic_numbers
-
-        from kickdrift.bridges.ase import DIMENSIONS, UNKNOWN, Scale
+        from kickdrift.bridges.ase import DIMENSIONS, UNKNOWN, Scale, symbols_of
 
         run = chosen.run
         self.run, self.scale, self.notes = run, Scale.of(run.units), list[str]()
         if run.nominal_units:
             units = run.units
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
-        self.symbols = np.array([kind if kind in atomic_numbers else UNKNOWN for kind in species(run)])
+        symbol, kinds = symbols_of(run.species, run.units), species(run)
+        self.symbols = np.array([symbol[kind] for kind in kinds])
+        self.kinds = np.array(kinds) if UNKNOWN in symbol.values() else None
         self.changing = BODY_MASSES in run.columns
         self.plane = {DIMENSIONS: 2} if run.system_record.get("dimensions") == 2 else {}
 
@@ -73,6 +78,7 @@ class AtomsOf:
         masses = self._masses(frame.number)
         there = np.isfinite(frame.positions).all(axis=1) & np.isfinite(masses)
         self.velocities = frame.velocities[there] / self.scale.velocity
+        self.present = there
         atoms = Atoms(
             self.symbols[there],
             positions=frame.positions[there] / self.scale.length,

@@ -20,6 +20,7 @@ from kickdrift.trajectory.formats import REMOVED_LEFT_OUT, Format
 from kickdrift.trajectory.universe import topology_of
 
 UNITS = ("lj", "metal", "si")  # LAMMPS has the same
+FARTHEST = 511  # image that LAMMPS holds in 10 bits
 MARGIN = 0.01  # of the particles' extent, around them along an open axis
 
 
@@ -59,6 +60,7 @@ def _content(chosen: Chosen, frame: Placed, there: NDArray[np.bool_]) -> DataFil
             lists[kind] = np.column_stack([types.numbers, items + 1])
             counts[kind], names[kind] = types.most, types.names
     molecules = np.arange(n) if topology is None else molecules_of(topology.bonds, n)
+    boxed = topology is not None and run.box.periodic and not chosen.unwrapped
     return DataFile(
         heading=f"{LAMMPS_HEADING}: step {frame.step}, time {frame.time:.10g}, units {run.units.name}",
         bounds=_bounds(frame, frame.positions[there]),
@@ -73,7 +75,20 @@ def _content(chosen: Chosen, frame: Placed, there: NDArray[np.bool_]) -> DataFil
         lists=lists,
         counts=counts,
         names=names,
+        images=_flags(frame, there, molecules) if boxed else None,
     )
+
+
+def _flags(frame: Placed, there: NDArray[np.bool_], molecules: NDArray[np.int64]) -> NDArray[np.int64]:
+    """LAMMPS' image flags of the particles. Where these are beyond LAMMPS' own limit, each molecule begins anew: its
+    flags are from the image of its first particle."""
+    some = frame._replace(positions=frame.positions[there], unwrapped=frame.unwrapped[there])
+    images, kept = some.images, molecules[there]
+    if np.abs(images).max(initial=0) <= FARTHEST:
+        return images
+    _, first, which = np.unique(kept, return_index=True, return_inverse=True)
+    moved: NDArray[np.int64] = images - images[first[which.reshape(-1)]]
+    return moved
 
 
 def _bounds(frame: Placed, x: Floats) -> Floats:

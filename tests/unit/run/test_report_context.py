@@ -52,7 +52,10 @@ def test_nanoseconds_per_pair_need_a_pair_list():
 
 @pytest.mark.parametrize(
     ("truncation", "ending"),
-    [("shift", "; the force jumps at the cutoff, see lj-1000-switch"), ("switch", "")],
+    [
+        ("shift", "; the force jumps at the cutoff, see lj-1000-switch"),
+        ("switch", "; a shorter dt tells whether the step is too long"),
+    ],
 )
 def test_a_drift_names_its_size_over_the_run_and_its_cause(truncation, ending):
     system = kd.System([[0.0, 0.0, 0.0], [1.1, 0.0, 0.0]], forces=[kd.LennardJones(truncation=truncation)])
