@@ -72,9 +72,9 @@ class ParticleFlow(ParticleStates):
                 f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
             )
 
-    def count_dragged(self) -> None:
-        """Count the total momentum as heat in samples: the method changes it."""
-        self._desk[:HEAD] = desk_of(self.subject, drags=True)[:HEAD]
+    def count_bath(self, drags: bool) -> None:
+        """Take temperatures of samples as a heat bath does, which may change the total momentum."""
+        self._desk[:HEAD] = desk_of(self.subject, True, drags)[:HEAD]
 
     @unwarned
     def tune(self, y: Floats, between: float) -> None:

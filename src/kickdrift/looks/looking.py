@@ -60,11 +60,11 @@ class Looking(NamedTuple):
         return address_of(look, self.forces.table, *args)
 
 
-def desk_of(system: System, drags: bool = False) -> Floats:
-    """Return the desk: the particles' constants and workspace, in the layout of the constants above. ``drags`` tells
-    whether the method changes the total momentum."""
+def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
+    """Return the desk: the particles' constants and workspace, in the layout of the constants above. A ``bath`` gives
+    particles a temperature that do not act on each other; ``drags`` tells whether it changes the total momentum."""
     masses, freedom = system.coherent_masses, freedom_of(system, drags)
-    collide = particles_interact(system) and freedom > 0
+    collide = (bath or particles_interact(system)) and freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan

@@ -29,6 +29,6 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
             f"{job.named}: needs accelerations that depend on positions and time alone, and {flow.not_separable}; "
             "Runge-Kutta methods do not"
         )
-    if method.drags and isinstance(flow, ParticleFlow):
-        flow.count_dragged()
+    if method.bath and isinstance(flow, ParticleFlow):
+        flow.count_bath(method.drags)
     return flow, method.stepper(flow, options)

@@ -73,7 +73,9 @@ def test_a_wrong_temperature_differs_and_a_short_run_says_nothing():
     trap = kd.System(x, np.zeros((200, 3)), forces=[kd.HarmonicTrap(1.0)], units="lj")
     report = kd.Simulation(trap, "baoab", 1.9, temperature=1.0, friction=1.0).run(4000, every=1)
     assert report.temperature_verdict.startswith("differs by ")  # too long a step: the velocities are too slow
-    assert report.temperature_verdict.endswith(" standard errors")
+    assert report.temperature_verdict.endswith(
+        " standard errors; a long step makes velocities of this bath too slow, and configurations hardly at all"
+    )
     assert "friction = 1 times dt is 1.9; use 0.5 or less" in report.warnings
     short = kd.Simulation(trap, "baoab", 0.1, temperature=1.0, friction=1.0).run(3)
     assert short.temperature_verdict == "too short to judge"
