@@ -149,7 +149,7 @@ def test_atoms_of_ase_with_a_total_momentum(tmp_path):
     """A slab, periodic in the plane, whose momenta are drawn without care for their sum."""
     ase = pytest.importorskip("ase.build")
     slab = ase.fcc100("Ar", (3, 3, 3), a=5.3, vacuum=20.0)
-    slab.set_momenta(np.random.default_rng(1).normal(size=(27, 3)) + [3.0, 0.0, 1.0])
+    slab.set_momenta(np.random.default_rng(1).normal([3.0, 0.0, 1.0], size=(27, 3)))
     pair = kd.LennardJones(epsilon=0.0104, sigma=3.4, cutoff=5.5)
     system = kd.System.from_ase(slab, forces=[pair])
     sim = kd.Simulation(system, "csvr", dt=0.002, temperature=20.0, tau=0.05)

