@@ -145,7 +145,7 @@ def test_no_word_on_a_lattice_after_an_equilibration():
 
 
 def test_a_verdict_on_slow_velocities_says_whose_error_it_is():
-    found = kd.Simulation(liquid(), "baoab", dt=0.004, temperature=1.0, friction=1.0).run(200, every=2)
+    found = kd.Simulation(liquid(), "baoab", dt=0.004, temperature=1.0, friction=1.0).run(3000, every=10)
     cold = replace(found, temperature=0.9 * found.options["temperature"])
     assert "; a long step makes velocities of this bath too slow, and configurations" in cold.temperature_verdict
     warm = replace(found, temperature=1.5)

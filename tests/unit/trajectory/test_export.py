@@ -483,8 +483,8 @@ def test_species_in_reduced_units_are_no_elements(tmp_path):
     kd.Simulation(system, dt=0.001).run(2, output=tmp_path / "run.h5md")
     kd.export(tmp_path / "run.h5md", tmp_path / "run.extxyz")
     atoms = pytest.importorskip("ase.io").read(tmp_path / "run.extxyz", index=-1)
-    for given in (atoms, system.to_ase()):
-        assert given.get_chemical_symbols() == ["X"] * 3
-        again = kd.System.from_ase(given, forces=[mixture], units="lj")
+    for found in (atoms, system.to_ase()):
+        assert found.get_chemical_symbols() == ["X"] * 3
+        again = kd.System.from_ase(found, forces=[mixture], units="lj")
         assert [again.species[k] for k in again.species_index] == ["A", "B", "B"]
     assert atoms.arrays["kind"].tolist() == ["A", "B", "B"]
