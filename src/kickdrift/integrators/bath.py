@@ -12,7 +12,16 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.option import ALLOW_GRAVITY, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 from kickdrift.jit.compile import strict
 from kickdrift.jit.vectors import WIDTH
-from kickdrift.looks.heat import MOTION, heat_of, kinetic, kinetic_apart, moves, scale, scale_heat
+from kickdrift.looks.heat import (
+    MOTION,
+    heat_of,
+    kinetic,
+    kinetic_and_momentum,
+    kinetic_apart,
+    moves,
+    scale,
+    scale_heat,
+)
 from kickdrift.model.freedom import apart_of, freedom_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -92,15 +101,20 @@ def filled(values: NDArray) -> NDArray:
 @strict
 def heat_now(bath, x, v):
     """Return the kinetic energy that the bath acts on, and fill ``bath.motion``."""
-    energy = kinetic(bath.masses, v, bath.axes)
-    return heat_of(bath.masses, bath.mass, x, v, bath.axes, bath.apart, bath.motion, energy)
+    energy, momentum = kinetic_and_momentum(bath.masses, v)
+    return heat_of(bath.masses, bath.mass, x, v, bath.apart, bath.motion, energy, momentum)
 
 
 @strict
 def rescale(bath, x, v, factor):
-    """Scale the velocities relative to ``bath.motion``; return their kinetic energy."""
+    """Scale the velocities relative to ``bath.motion``."""
     if moves(bath.motion):
         scale_heat(x, v, bath.axes, bath.motion, factor)
-        return kinetic_apart(bath.masses, x, v, bath.axes, bath.motion)
-    scale(v, bath.axes, factor)
-    return kinetic(bath.masses, v, bath.axes)
+    else:
+        scale(v, bath.axes, factor)
+
+
+@strict
+def heat_left(bath, x, v):
+    """Return the kinetic energy relative to ``bath.motion``."""
+    return kinetic_apart(bath.masses, x, v, bath.motion) if moves(bath.motion) else kinetic(bath.masses, v)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.kernel import OK
-from kickdrift.integrators.bath import Bathed, bathed, heat_now, rescale
+from kickdrift.integrators.bath import Bathed, bathed, heat_left, heat_now, rescale
 from kickdrift.integrators.option import TAU, TEMPERATURE
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
@@ -89,7 +89,8 @@ def csvr(parts, t, x, v, span, step, stage):
     before = heat_now(bath, x, v)
     if before > 0.0:
         factor = factor_of(before, bath, parts.tau, parts.places, parts.room, span, step, stage)
-        bath.heat[0] += rescale(bath, x, v, factor) - before
+        rescale(bath, x, v, factor)
+        bath.heat[0] += heat_left(bath, x, v) - before
     return OK
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.nose_hoover import STEPS, Chain, chain_energy, chain_step
 from kickdrift.integrators.option import PRESSURE_TAU
-from kickdrift.integrators.piston import Piston, kinetic_now, pressures, scale_velocities, stretch, volume
+from kickdrift.integrators.piston import Piston, kinetic_now, pressures, scale_axis, stretch, volume
 from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
 from kickdrift.integrators.subflows import DRIFT, KICK
 from kickdrift.jit.compile import strict
@@ -78,7 +78,7 @@ def box_stretch(parts, t, x, v, span, step, stage):
     status = stretch(piston, x, v, factors)
     if status == OK:
         for k in range(piston.bath.axes):
-            scale_velocities(piston.bath, v, k, math.exp(-span * trace / piston.bath.freedom))
+            scale_axis(v, k, math.exp(-span * trace / piston.bath.freedom), piston.bath.motion[k])
     return status
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.integrators.bath import Bathed
+from kickdrift.integrators.bath import Bathed, heat_now
 from kickdrift.jit.compile import as_written, strict
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import lane_sum, splat
@@ -48,31 +48,23 @@ class Piston(NamedTuple):
 
 
 @as_written
-def moment_along(masses, v, axis, drift, square):
-    """Return the momentum along an axis of velocities (3, n) less ``drift``; with ``square`` their kinetic energy."""
-    row, n, total = flat(v), v.shape[1], splat(0.0)
+def sums_along(masses, v, axis, still):
+    """Return kinetic energy and momentum along an axis of velocities (3, n) less ``still``."""
+    row, n, squares, moments = flat(v), v.shape[1], splat(0.0), splat(0.0)
     for i in range(0, n, WIDTH):
         count = min(WIDTH, n - i)
-        some = masked_load(row, axis * n + i, count) - drift
-        total = total + masked_load(masses, i, count) * (some * some if square else some)
-    return (0.5 if square else 1.0) * lane_sum(total)
-
-
-@strict
-def drift_along(bath, v, axis, energy):
-    """Return the velocity of the centre of mass along an axis; 0 if it is heat, or does not show in the ``energy``."""
-    if bath.apart == NONE:
-        return 0.0
-    drift = moment_along(bath.masses, v, axis, 0.0, False) / bath.mass
-    return 0.0 if energy - 0.5 * bath.mass * drift * drift == energy else drift
+        some, mass = masked_load(row, axis * n + i, count) - still, masked_load(masses, i, count)
+        squares, moments = squares + mass * (some * some), moments + mass * some
+    return 0.5 * lane_sum(squares), lane_sum(moments)
 
 
 @strict
 def heat_along(bath, v, axis):
-    """Return the kinetic energy along an axis without the motion of the centre of mass, and this motion."""
-    energy = moment_along(bath.masses, v, axis, 0.0, True)
-    drift = drift_along(bath, v, axis, energy)
-    return (moment_along(bath.masses, v, axis, drift, True) if drift != 0.0 else energy), drift
+    """Return the kinetic energy along an axis without the motion of the centre of mass."""
+    energy, momentum = sums_along(bath.masses, v, axis, 0.0)
+    if bath.apart == NONE or energy - 0.5 * momentum * momentum / bath.mass == energy:
+        return energy
+    return sums_along(bath.masses, v, axis, momentum / bath.mass)[0]
 
 
 @as_written
@@ -83,13 +75,6 @@ def scale_axis(x, axis, factor, still):
         count = min(WIDTH, n - i)
         some = masked_load(row, axis * n + i, count)
         masked_store(row, axis * n + i, still + factor * (some - still) if still != 0.0 else factor * some, count)
-
-
-@strict
-def scale_velocities(bath, v, axis, factor):
-    """Scale velocities (3, n) along an axis relative to the centre of mass."""
-    _, drift = heat_along(bath, v, axis)
-    scale_axis(v, axis, factor, drift)
 
 
 @strict
@@ -107,7 +92,7 @@ def kinetic_now(piston, v):
     """Heat of velocities (3, n): kinetic energy without the motion of the centre of mass."""
     total = 0.0
     for k in range(piston.bath.axes):
-        total += heat_along(piston.bath, v, k)[0]
+        total += heat_along(piston.bath, v, k)
     return total
 
 
@@ -120,7 +105,7 @@ def pressures(piston, v, found):
     for k in range(3):
         a = piston.group[k]
         if a >= 0:
-            twice = 2.0 * heat_along(piston.bath, v, k)[0] + virial_along(piston.along, piston, k)
+            twice = 2.0 * heat_along(piston.bath, v, k) + virial_along(piston.along, piston, k)
             found[a] += twice / (piston.sizes[a] * v_now)
 
 
@@ -150,6 +135,7 @@ def _virial_along(along, piston, axis):
 @strict
 def stretch(piston, x, v, factors):
     """Scale edges and positions by the ``factors`` of their groups, and velocities by one over these unless v is None.
+    The velocity of the centre of mass stays where it is no heat, and stands in ``piston.bath.motion`` then.
 
     Return a status: nothing changes if an edge would be too short."""
     for k in range(3):
@@ -158,11 +144,13 @@ def stretch(piston, x, v, factors):
             if not length >= piston.shortest:
                 piston.trouble[0], piston.trouble[1], piston.trouble[2] = TOO_SHORT, k, length
                 return STOPPED
+    if v is not None:
+        heat_now(piston.bath, x, v)
     for k in range(3):
         if piston.group[k] >= 0:
             factor = factors[piston.group[k]]
             piston.lengths[k] *= factor
             scale_axis(x, k, factor, 0.0)
             if v is not None:
-                scale_velocities(piston.bath, v, k, 1.0 / factor)
+                scale_axis(v, k, 1.0 / factor, piston.bath.motion[k])
     return 0

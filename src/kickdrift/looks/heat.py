@@ -16,17 +16,24 @@ VELOCITY, CENTRE, RATE, MOTION = 0, 3, 6, 9  # places in a motion: of the centre
 
 
 @as_written
-def kinetic(masses, v, axes):
-    """Return the kinetic energy of velocities (3, n), always summed in the same order."""
+def kinetic_and_momentum(masses, v):
+    """Return the kinetic energy of velocities (3, n) and the momentum along each axis, summed in the same order always.
+    In two dimensions velocities along z are zero."""
     row, n, total = flat(v), v.shape[1], splat(0.0)
+    first, second, third = splat(0.0), splat(0.0), splat(0.0)
     for i in range(0, n, WIDTH):
         count = min(WIDTH, n - i)
-        squares = splat(0.0)
-        for axis in range(axes):
-            some = masked_load(row, axis * n + i, count)
-            squares = squares + some * some
-        total = total + masked_load(masses, i, count) * squares
-    return 0.5 * lane_sum(total)
+        some = masked_load(masses, i, count)
+        x, y, z = masked_load(row, i, count), masked_load(row, n + i, count), masked_load(row, 2 * n + i, count)
+        total = total + some * (x * x + y * y + z * z)
+        first, second, third = first + some * x, second + some * y, third + some * z
+    return 0.5 * lane_sum(total), (lane_sum(first), lane_sum(second), lane_sum(third))
+
+
+@strict
+def kinetic(masses, v):
+    """Return the kinetic energy of velocities (3, n)."""
+    return kinetic_and_momentum(masses, v)[0]
 
 
 @as_written
@@ -52,14 +59,14 @@ def carried(x, motion, axis, i, count):
     return motion[VELOCITY + axis] + (motion[RATE + a] * arm_b - motion[RATE + b] * arm_a)
 
 
-@as_written
-def kinetic_apart(masses, x, v, axes, motion):
+@strict
+def kinetic_apart(masses, x, v, motion):
     """Return the kinetic energy of velocities (3, n) relative to the motion of the whole."""
     row, n, total = flat(v), v.shape[1], splat(0.0)
     for i in range(0, n, WIDTH):
         count = min(WIDTH, n - i)
         squares = splat(0.0)
-        for axis in range(axes):
+        for axis in range(3):
             some = masked_load(row, axis * n + i, count) - carried(x, motion, axis, i, count)
             squares = squares + some * some
         total = total + masked_load(masses, i, count) * squares
@@ -101,14 +108,14 @@ def find_turn(masses, x, v, motion, total):
 
 
 @strict
-def heat_of(masses, total, x, v, axes, apart, motion, energy):
-    """Return the heat of particles with this ``total`` mass and kinetic ``energy``, and fill the motion of the whole;
-    zeros if there is none, or none that shows."""
+def heat_of(masses, total, x, v, apart, motion, energy, momentum):
+    """Return the heat of particles with this ``total`` mass, kinetic ``energy`` and ``momentum``, and fill the motion
+    of the whole; zeros if there is none, or none that shows."""
     for k in range(MOTION):
         motion[k] = 0.0
     if apart == NONE or not total > 0.0:
         return energy
-    first, second, third = moments(masses, v)
+    first, second, third = momentum
     motion[VELOCITY], motion[VELOCITY + 1], motion[VELOCITY + 2] = first / total, second / total, third / total
     of_whole = 0.5 * (first * first + second * second + third * third) / total
     if apart == TURN:
@@ -117,7 +124,7 @@ def heat_of(masses, total, x, v, axes, apart, motion, energy):
         for k in range(MOTION):
             motion[k] = 0.0
         return energy
-    return kinetic_apart(masses, x, v, axes, motion)
+    return kinetic_apart(masses, x, v, motion)
 
 
 @strict
@@ -138,7 +145,7 @@ def scale(v, axes, factor):
         masked_store(row, i, factor * masked_load(row, i, count), count)
 
 
-@as_written
+@strict
 def scale_heat(x, v, axes, motion, factor):
     """Scale velocities (3, n) relative to the motion of the whole, which stays."""
     row, n = flat(v), v.shape[1]

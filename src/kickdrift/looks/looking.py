@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
 # dimensions. A nan marks an undefined temperature or pressure. Then the volume of a box that a barostat changes, the
-# motion that is no heat (`model.freedom`), the number of dimensions, and room for this motion (`looks.heat`). Masses
-# follow, then room for accelerations.
-MASS, FREEDOM, VOLUMES, CHANGING, APART, AXES, MOVING = range(7)
+# motion that is no heat (`model.freedom`), and room for this motion (`looks.heat`). Masses follow, then room for
+# accelerations.
+MASS, FREEDOM, VOLUMES, CHANGING, APART, MOVING = range(6)
 HEAD = MOVING + MOTION
 
 NO_ENERGY = 5  # status: forces are finite, but the energy is not
@@ -68,7 +68,7 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan
-    desk[APART], desk[AXES] = apart_of(system, drags), system.dimensions
+    desk[APART] = apart_of(system, drags)
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses
@@ -130,7 +130,8 @@ def look(forces, t, y, desk, last, rows, at, cursor):
         return NO_ENERGY
     row[TIME], row[TOTAL] = t, total
     masses, motion = desk[HEAD : HEAD + n], desk[MOVING:HEAD]
-    heat = heat_of(masses, desk[MASS], x, v, int(desk[AXES]), int(desk[APART]), motion, row[KINETIC])
+    momentum = row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2]
+    heat = heat_of(masses, desk[MASS], x, v, int(desk[APART]), motion, row[KINETIC], momentum)
     row[TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
     row[VOLUME] = desk[CHANGING]
     row[PRESSURE] = (2.0 * heat + row[VIRIAL]) / desk[VOLUMES]
