@@ -28,7 +28,6 @@ from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.ase_units import Scale
 from kickdrift.model.box import Box, Oriented
-from kickdrift.model.file_units import FileUnits
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.topology import SIZES, Topology
@@ -116,11 +115,11 @@ def _species(atoms: Any) -> list[str]:
     ]
 
 
-def symbols_of(species: Sequence[str], units: UnitSystem) -> dict[str, str]:
-    """Chemical symbol of each species: its own name if all are elements and the units are real, else X for all. So the
-    species A and B of a mixture in reduced units are no boron."""
-    real = not FileUnits.of(units).nominal and all(kind in atomic_numbers for kind in species)
-    return {kind: kind if real else UNKNOWN for kind in species}
+def symbols_of(species: Sequence[str], given: Mapping[str, str]) -> dict[str, str]:
+    """Chemical symbol of each species: the ``given`` one, else its own name if all others are elements, else X. So the
+    species A and B of a mixture are no boron."""
+    known = all(kind in atomic_numbers for kind in species if kind not in given)
+    return {kind: given.get(kind, kind if known else UNKNOWN) for kind in species}
 
 
 def _names(atoms: Any) -> list[str]:
@@ -180,7 +179,7 @@ def _check_plain(atoms: Any) -> None:
 def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculator: bool = True) -> Any:
     """Return ASE Atoms; see `System.to_ase`."""
     scale, state = Scale.of(system.units), system.state
-    symbol = {**symbols_of(system.species, system.units), **{kind: symbols[kind] for kind in symbols or ()}}
+    symbol = symbols_of(system.species, symbols or {})
     for kind in symbols or ():
         if kind not in system.species:
             raise InputError(f"symbols: no species {kind!r}; known are {', '.join(system.species)}")

@@ -65,7 +65,8 @@ class AtomsOf:
         if run.nominal_units:
             units = run.units
             self.notes.append(f"{units.length}, {units.mass} and {units.energy} stand as angstrom, u and eV")
-        symbol, kinds = symbols_of(run.species, run.units), species(run)
+        given = dict.fromkeys(run.species, UNKNOWN) if run.nominal_units else {}
+        symbol, kinds = symbols_of(run.species, given), species(run)
         self.symbols = np.array([symbol[kind] for kind in kinds])
         self.kinds = np.array(kinds) if UNKNOWN in symbol.values() else None
         self.changing = BODY_MASSES in run.columns

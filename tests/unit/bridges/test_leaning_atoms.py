@@ -169,7 +169,7 @@ def test_a_plane_goes_to_ase_and_back(name, units, tmp_path):
     ase.io.write(tmp_path / "plane.extxyz", atoms)
     for found in (atoms, ase.io.read(tmp_path / "plane.extxyz")):
         back = kd.System.from_ase(found, [ARGON], units)
-        assert (back.dimensions, back.degrees_of_freedom) == (2, 30)
+        assert (back.dimensions, back.degrees_of_freedom) == (2, 29 if name == "open" else 30)
         assert back.volume == pytest.approx(system.volume)
         np.testing.assert_allclose(back.state.phase, system.state.phase, rtol=0, atol=2e-7)
     energy = kd.Simulation(system, "velocity-verlet", 0.001).energy().potential
