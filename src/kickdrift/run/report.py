@@ -15,7 +15,6 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.listed import ListedForce
-from kickdrift.forces.pair_law import PairForce
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.option import PRESSURE, TEMPERATURE
 from kickdrift.integrators.options import Options
@@ -29,16 +28,11 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.energy_report import EnergyReport, energy_report
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
+from kickdrift.run.verdicts import DIFFERS, DRAWN, SLOW, cause_of_drift, moving, verdict
 from kickdrift.run.work import work_of, working
 from kickdrift.statistics.blocks import block_average
 
 COMPILING = "compiling"
-AGREES = 3.0  # standard errors
-DIFFERS = "differs"
-SLOW = "a long step makes velocities of this bath too slow, and configurations hardly at all"
-JUMPS = "; the force jumps at the cutoff, see lj-1000-switch"
-TOO_LONG = "; a shorter dt tells whether the step is too long"
-DRAWN = "the bath draws velocities; no test of the motion"
 DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_verdict", "pressure_verdict")
 
 
@@ -166,7 +160,7 @@ class Report(ShownReport):
         if self.about.drawn:
             return DRAWN
         asked = self.options[TEMPERATURE.name]
-        found = _verdict(self.temperature, self.temperature_error, asked)
+        found = verdict(self.temperature, self.temperature_error, asked)
         slow = self.about.slow and found.startswith(DIFFERS) and self.temperature < asked
         return f"{found}; {SLOW}" if slow else found
 
@@ -175,7 +169,7 @@ class Report(ShownReport):
         """The mean pressure beside the pressure of the barostat, in words; None without a barostat."""
         if self.volume is None or self.pressure is None:
             return None
-        return _verdict(self.pressure, self.pressure_error, self.options[PRESSURE.name])
+        return verdict(self.pressure, self.pressure_error, self.options[PRESSURE.name])
 
     def _error(self, values: Floats | None) -> float | None:
         if values is None:
@@ -261,6 +255,7 @@ def report(sim: Reported) -> Report:
     work = record.force_evaluations * (series.pairs or 0.0) if listed else 0.0
     fresh = listed and isinstance(system, System) and record.from_start
     melted = melting(system, series.temperatures, sim, bath) if fresh and isinstance(system, System) else []
+    moved = moving(system, sim.method.drags, series) if isinstance(system, System) else []
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -311,29 +306,17 @@ def report(sim: Reported) -> Report:
         heat=-record.taken.energy - record.work if bath and told else None,
         work=record.work if series.volumes is not None else None,
         volume=None if series.volumes is None else float(series.volumes.mean()),
-        warnings=[*record.warnings, *melted],
+        warnings=[*record.warnings, *moved, *melted],
         about=_about(system, series, even, bath)._replace(
             drawn=sim.method.overdamped, slow=getattr(sim.method, "slow_velocities", False)
         ),
     )
 
 
-def _verdict(mean: float, error: float | None, asked: float) -> str:
-    """A mean beside the number that was asked for, in words."""
-    if not error:
-        return "too short to judge"
-    off = abs(mean - asked) / error
-    return "agrees" if off <= AGREES else f"{DIFFERS} by {off:.1f} standard errors"
-
-
 def _about(system: System | Problem, series: Series, even: bool, bath: bool) -> About:
     if not isinstance(system, System):
         return About(None, 0, series, even)
-    pairs = [force for force in system.forces if isinstance(force, PairForce)]
-    cause = TOO_LONG if pairs and even else ""
-    if any(force.jumps_at_cutoff(system.species) for force in pairs):
-        cause = JUMPS
-    return About(system.units, system.dimensions, series, even, bath, cause=cause)
+    return About(system.units, system.dimensions, series, even, bath, cause=cause_of_drift(system, even))
 
 
 def _length(record: Record, dt: float) -> float:

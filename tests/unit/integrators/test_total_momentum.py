@@ -60,6 +60,7 @@ def test_a_run_is_the_same_in_a_frame_in_motion(liquid, method, options):
         report = sim.run(60, every=10)
         assert report.energy.rms_relative_error < 1e-3
         found.append([(each.temperature, each.pressure, each.volume) for each in sim.record.samples])
+        assert ("the particles move as a whole" in str(report.warnings)) == (system is not liquid)
         last = sim.record.samples[-1]
     assert np.allclose(found[0], found[1], rtol=1e-9, equal_nan=True)
     assert np.allclose(last.centre_of_mass_velocity, RISE, rtol=1e-12)
