@@ -30,7 +30,7 @@ from kickdrift.looks.columns import (
 )
 from kickdrift.looks.heat import MOTION, heat_of
 from kickdrift.looks.observers import particles_interact
-from kickdrift.model.freedom import apart_of, freedom_of
+from kickdrift.model.freedom import NONE, apart_of, freedom_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk = np.zeros(HEAD + 4 * len(masses))
     desk[MASS] = masses.sum()
     desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan
-    desk[APART] = apart_of(system, drags)
+    asked = collide or np.isfinite(system.volume)  # else neither temperature nor pressure needs the heat
+    desk[APART] = apart_of(system, drags) if asked else NONE
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses

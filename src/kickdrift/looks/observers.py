@@ -172,10 +172,10 @@ def take_sample(
     if not np.isfinite(kinetic + measured.potential):
         raise RunError(f"step {step} (t = {time:g}): the energy is not finite")
     collides, degrees = particles_interact(system), freedom_of(system, drags)
-    motion = whole_motion(m, x, v, apart_of(system, drags))
+    room = system.dimensions * system.volume
+    motion = whole_motion(m, x, v, apart_of(system, drags)) if collides or np.isfinite(room) else None
     heat = kinetic if motion is None else kinetic_energy(m, v - motion)
     temperature = 2 * heat / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
-    room = system.dimensions * system.volume
     pressure = (2 * heat + measured.virial) / room if np.isfinite(room) else float("nan")
     return Sample(
         step=step,
