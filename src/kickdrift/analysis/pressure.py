@@ -64,7 +64,7 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     system, run_box = system_of(positions.source) if system is None else system, positions.source.box
     if len(system) != positions.particles:
         raise InputError(f"pressure_tensor: the system has {len(system)} particles, the run {positions.particles}")
-    apart = min(DRIFT, apart_of(system, integrator(positions.source.method["integrator"]).drags))
+    apart = min(DRIFT, apart_of(system, _drags(positions.source)))
     pieces = relative(velocities.pieces(), velocities.pieces(), system.coherent_masses, apart)
     moving = (v for piece in pieces for v in piece)
     tensors = np.array(
@@ -76,6 +76,14 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
     mean = block_average(tensors)
     trace = block_average(np.trace(tensors, axis1=1, axis2=2) / system.dimensions)
     return PressureTensor(positions.times, tensors, mean.value, mean.error, float(trace.value), float(trace.error))
+
+
+def _drags(run: reader.Run) -> bool:
+    """Whether the run's method changes the total momentum; a method that is not known here does not."""
+    try:
+        return integrator(str(run.method.get("integrator"))).drags
+    except InputError:
+        return False
 
 
 def _in_box(system: System, box: Box) -> System:

@@ -292,7 +292,7 @@ def _apart(name: str, system: System) -> tuple[int, bool, str]:
     why = f"{name} conserves the total momentum{' and the angular momentum' if apart == TURN else ''}"
     if apart == NONE:
         why = f"{name if method.drags else outside[0]} changes the total momentum"
-    lost = d * len(system) - freedom_of(system, method.drags)
+    lost = d * int(np.count_nonzero(system.state.masses)) - freedom_of(system, method.drags)
     return apart, method.bath, f"{d} N{f' - {lost}' if apart else ''} degrees of freedom: {why}"
 
 
