@@ -130,9 +130,10 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     if not is_finite(total):
         return NO_ENERGY
     row[TIME], row[TOTAL] = t, total
-    masses, motion = desk[HEAD : HEAD + n], desk[MOVING:HEAD]
-    momentum = row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2]
-    heat = heat_of(masses, desk[MASS], x, v, int(desk[APART]), motion, row[KINETIC], momentum)
+    heat, apart = row[KINETIC], int(desk[APART])
+    if apart != NONE:
+        momentum = row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2]
+        heat = heat_of(desk[HEAD : HEAD + n], desk[MASS], x, v, apart, desk[MOVING:HEAD], heat, momentum)
     row[TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
     row[VOLUME] = desk[CHANGING]
     row[PRESSURE] = (2.0 * heat + row[VIRIAL]) / desk[VOLUMES]
