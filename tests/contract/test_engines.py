@@ -415,7 +415,7 @@ REFUSED = [
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
     ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, f"truncation 'switch'.*{ALONE}"),
     ("lammps", lambda: liquid(forces=[]), {}, f"has no force: LAMMPS takes one force of .*{ALONE}"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones()] * 2), {}, f"forces 'l.*s' and 'l.*s': LAMMPS .*{ALONE}"),
+    ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones(2)]), {}, f"forces 'l.*s' and 'l.*{ALONE}"),
     ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types .*; native, ase and openmm can"),
     ("openmm", leaning, {}, "box: OpenMM: cannot use a leaning box, .*; native, ase and lammps can"),
     ("openmm", tube, {}, "box: OpenMM: needs .* only along z; native, ase and lammps can"),

@@ -137,8 +137,9 @@ def _measured(
         begin = sim.energy()
         times, growth = _growth(sim, length, deviation, told)
         end = sim.energy()
+    phase = sim.integration.y[:, :, : len(system)] if isinstance(system, System) else None
     chosen = None if sim.method.chooses_steps else sim.dt
-    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end.total), times, growth)
+    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end), times, growth, phase)
 
 
 def megnos(
@@ -184,11 +185,13 @@ def megnos(
     found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
     reports: list[ChaosReport | None] = []
     for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
-        begin, end, growth = found.begin[k], float(found.end[k]), found.growth[k]
-        sound = np.isfinite(growth).all() and np.isfinite([*begin, end]).all()
+        begin, end, growth = found.begin[k], found.end[k], found.growth[k]
+        sound = np.isfinite(growth).all() and np.isfinite([*begin, *end]).all()
         step, times = float(found.dt[k]), found.times[k]
         reports.append(
-            report_of(system, found.integrator, step, found.steps, seed, (Energies(*begin), end), times, growth)
+            report_of(
+                system, found.integrator, step, found.steps, seed, (Energies(*begin), Energies(*end)), times, growth
+            )
             if sound
             else None
         )

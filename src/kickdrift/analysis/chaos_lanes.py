@@ -29,7 +29,7 @@ class Growths(NamedTuple):
     times: Floats  # (members, k) since the start
     growth: Floats  # (members, k) ln of the deviation's length, 0 at the start
     begin: Floats  # (members, 3) kinetic, potential, total energy
-    end: Floats  # (members,) total energy
+    end: Floats  # (members, 3) the same at the end
 
 
 @np.errstate(all="ignore")  # systems may blow up
@@ -72,7 +72,7 @@ def growths(
         times=(start + passed * steps_of[:, None]) - start,
         growth=np.ascontiguousarray(growth.T),
         begin=begin,
-        end=_measured(members._replace(y=stepper.y))[1][:, 2],
+        end=_measured(members._replace(y=stepper.y))[1],
     )
 
 

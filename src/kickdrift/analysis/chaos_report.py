@@ -17,16 +17,19 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kickdrift.analysis.doubts import trajectory_doubts, warning_lines
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
+from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.observers import Energies
+from kickdrift.model.doubles import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.text import measured
 
-Verdict = Literal["regular", "chaotic", "undecided"]
+Verdict = Literal["regular", "chaotic", "undecided", "unreliable"]
 
 REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
 CHAOTIC = 4.0  # least <Y> of a chaotic motion
@@ -44,12 +47,14 @@ class ChaosReport(Shown):
     system, integrator, dt, time, time_unit, steps, seed : the run, and the seed of the first deviation; ``time_unit``
         is "" for a Problem
     megno : running mean <Y> at the end
-    verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"
+    verdict : "regular" for |megno - 2| < 0.1, "chaotic" for megno above 4, else "undecided"; "unreliable" if the
+        trajectory is no good, for the reason in ``warnings``
     lyapunov : largest Lyapunov exponent, per the system's unit of time: twice the slope of <Y> over the last four
         fifths of the run (Cincotta & Simo 2000). A regular motion gives a small number of either sign.
     lyapunov_error : half the difference between the results of the two halves of this part
     energy_error : relative, at the end; nan for a Problem without energy
     times, means, growth : (k,) times since the start, <Y> at these times, and ln d(t) / d(0)
+    warnings : what is wrong with the trajectory, or doubtful in the forces
     """
 
     system: str
@@ -67,6 +72,7 @@ class ChaosReport(Shown):
     times: Floats = field(repr=False)
     means: Floats = field(repr=False)
     growth: Floats = field(repr=False)
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def time_to_decide(self) -> float | None:
@@ -104,7 +110,7 @@ class ChaosReport(Shown):
         if longer is not None:
             times = longer / self.time
             lines.append(("to decide", f"run about {times:.2g} times as long: --time {float(f'{longer:.2g}'):g}"))
-        return lines
+        return lines + warning_lines(self.warnings)
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""
@@ -123,14 +129,16 @@ def report_of(
     dt: float | None,
     steps: int,
     seed: int,
-    energies: tuple[Energies, float],
+    energies: tuple[Energies, Energies],
     times: Floats,
     growth: Floats,
+    phase: Floats | None = None,
 ) -> ChaosReport:
-    """Report from the growth of a deviation."""
+    """Report from the growth of a deviation; ``phase`` (2, 3, n) is that of the particles at the end, if known."""
     means = mean_megno(times, growth)
     slope, error = _slope(times, means)
     found, (begin, end) = float(means[-1]), energies
+    doubts = trajectory_doubts(system, energies, phase)
     kinetic = 0.0 if np.isnan(begin.kinetic) else begin.kinetic  # a Problem has none
     return ChaosReport(
         system=system.name,
@@ -141,13 +149,14 @@ def report_of(
         steps=steps,
         seed=seed,
         megno=found,
-        verdict=verdict(found),
+        verdict=UNRELIABLE if doubts else verdict(found),
         lyapunov=2.0 * slope,
         lyapunov_error=2.0 * error,
-        energy_error=abs(end - begin.total) / (abs(begin.total) or abs(kinetic) or 1.0),
+        energy_error=abs(end.total - begin.total) / (abs(begin.total) or abs(kinetic) or 1.0),
         times=times,
         means=means,
         growth=growth,
+        warnings=doubts + (doubtful_forces(system) if isinstance(system, System) else []),
     )
 
 

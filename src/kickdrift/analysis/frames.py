@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,6 +35,10 @@ class MovingFrame(Protocol):
 
     def advance(self, steps: int, *, every: int, visit: Callable[[Any], Any]) -> None:
         """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
+
+    @property
+    def end(self) -> Any:
+        """The state of the motion now, without deviations."""
 
     def matrix(self) -> Floats:
         """The deviations now, scaled, as columns (N, k)."""
@@ -85,7 +90,7 @@ class _OfRun:
 
 class _OfSystem(_OfRun):
     def __init__(self, system: System, name: str, options: dict[str, Any], threads: int, first: Floats) -> None:
-        self._n, n = len(system), len(system)
+        self._system, self._n, n = system, len(system), len(system)
         made = varied(system, np.zeros((2, 3, n * first.shape[1])))
         self.sim = Simulation(made, name, threads=threads, **options)
         try:
@@ -95,6 +100,10 @@ class _OfSystem(_OfRun):
             accelerations = np.zeros((3, 1))
         self._scale = scale_of(system.state.phase, accelerations)[..., None]
         self.put(first)
+
+    @property
+    def end(self) -> Any:
+        return self._system.at(self.sim.integration.y[:, :, : self._n], self.time).state
 
     def matrix(self) -> Floats:
         y = self.sim.integration.y[:, :, self._n :]
@@ -109,7 +118,13 @@ class _OfSystem(_OfRun):
 class _OfProblem(_OfRun):
     def __init__(self, problem: Problem, name: str, options: dict[str, Any], threads: int, first: Floats) -> None:
         made, self._place = varied_problem(problem, first.T)
+        self._problem = problem
         self.sim = Simulation(made, name, threads=threads, **options)
+
+    @property
+    def end(self) -> Any:
+        own = np.delete(self.sim.state.y, np.ravel(self._place))
+        return replace(self._problem.state, y=own, time=self.time)
 
     def matrix(self) -> Floats:
         return np.asarray(self.sim.integration.y.reshape(-1)[self._place].T)
@@ -139,6 +154,10 @@ class _OfMap:
 
     def advance(self, steps: int, *, every: int, visit: Callable[[Any], Any]) -> None:
         self._run.advance_and_look(steps, every, lambda: visit(self))
+
+    @property
+    def end(self) -> Any:
+        return self._run.system.at(self._run.now()[0], self.time).state
 
     def matrix(self) -> Floats:
         slopes = self._run.now()[1]

@@ -17,6 +17,7 @@ import numpy as np
 from kickdrift.analysis.chaos import checked_seed, length_of
 from kickdrift.analysis.chaos_report import KEPT
 from kickdrift.analysis.deviations import cadence
+from kickdrift.analysis.doubts import doubts_at, warning_lines
 from kickdrift.analysis.frames import MovingFrame, frame_of
 from kickdrift.display.showing import Lines, Shown, following
 from kickdrift.errors import InputError, RunError
@@ -48,6 +49,7 @@ class LyapunovSpectrum(Shown):
     errors : (k,) half the difference between the results of the two halves of this part
     complete : whether these are all exponents of the motion
     times, growth : (m,) times since the start, and (m, k) the sums of logarithms at these times
+    warnings : what is wrong with the trajectory, or doubtful in the forces
     """
 
     system: str
@@ -62,6 +64,7 @@ class LyapunovSpectrum(Shown):
     complete: bool
     times: Floats = field(repr=False)
     growth: Floats = field(repr=False)
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def sum(self) -> float:
@@ -95,7 +98,7 @@ class LyapunovSpectrum(Shown):
             per = f" per {unit or 'unit of time'}" if k == 1 else ""
             lines.append((f"exponent {k}", f"{value:.4g} ± {error:.1g}{per}"))
         lines.append(("sum", f"{self.sum:.3g}" + ("" if self.complete else " of these exponents")))
-        return lines
+        return lines + warning_lines(self.warnings)
 
     def as_json(self) -> dict[str, Any]:
         """The spectrum as one JSON object, with series of at most some 500 points."""
@@ -154,12 +157,13 @@ def lyapunov_spectrum(
     frame = frame_of(system, asked, given, threads, number, seed)
     with compiling_for(frame.sim.integration.purpose), following(progress, "running") as told:
         times, growth = _followed(frame, length, told)
+        doubts = doubts_at(system, frame.end)
     exponents, errors = _rates(times, growth)
     chosen = None if frame.sim.method.chooses_steps else frame.sim.dt
     unit = system.units.time if isinstance(system, System) else ""
     return LyapunovSpectrum(
         system.name, frame.sim.integrator, chosen, float(times[-1]), unit, frame.steps_done, seed, exponents, errors,
-        number == most, times, growth,
+        number == most, times, growth, doubts,
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.frames import Frames
+from kickdrift.trajectory.info import warnings_of
 from kickdrift.trajectory.universe import mdanalysis
 
 AXES = "xyz"
@@ -200,7 +201,7 @@ def _of_frames(frames: Frames) -> SampledRun:
         pressure=pressure,
         bath=bath,
         likeness=_likeness(system, pressure is None),
-        notes=(note,),
+        notes=(note, *warnings_of(run)),
         pressures=None if pressure is None or pressures is None else pressures[vectors.chosen],
     )
 
@@ -229,7 +230,11 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         pressure=_number(sim.options.get("pressure"), name),
         bath=bath,
         likeness=_likeness(system, not sim.box_varies),
-        notes=(note, f"{name} keeps no velocities: axes and species are tested from a run's file"),
+        notes=(
+            note,
+            f"{name} keeps no velocities: axes and species are tested from a run's file",
+            *sim.report().warnings,
+        ),
     )
 
 

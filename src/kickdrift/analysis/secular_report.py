@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kickdrift.analysis.doubts import warning_lines
 from kickdrift.analysis.librations import Resonance
 from kickdrift.display.showing import Lines, Shown, Table, above
 from kickdrift.errors import InputError
@@ -63,6 +64,7 @@ class OrbitReport(Shown):
     frame, plane : reference frame and plane
     resolution : 2 pi over the length of the run, in radians per unit of time
     units : UnitSystem
+    warnings : what is wrong with the run, from its file
     """
 
     path: Path
@@ -77,6 +79,7 @@ class OrbitReport(Shown):
     z: Any = field(repr=False)
     zeta: Any = field(repr=False)
     angles: tuple[Floats, ...] = field(repr=False)
+    warnings: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return str(self)
@@ -105,6 +108,7 @@ class OrbitReport(Shown):
                 for one in self.resonances
             ],
             "left_out": list(self.left_out),
+            "warnings": self.warnings,
         }
 
     def plot(self) -> Any:
@@ -163,7 +167,7 @@ class OrbitReport(Shown):
             lines.append(("too short for", f"{names}: a secular period is longer than the run{need}"))
         if self.left_out:
             lines.append(("left out", f"{', '.join(self.left_out)}: removed, absorbed or not on an ellipse"))
-        return lines
+        return lines + warning_lines(self.warnings)
 
 
 def _known(value: Any) -> Any:

@@ -21,6 +21,7 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.model.units import time_in
 from kickdrift.text import counted, shown
 from kickdrift.trajectory import reader
+from kickdrift.trajectory.info import warnings_of
 
 LEAST = 64  # frames
 FINE = 4  # frames in the shortest secular period of the linear theory
@@ -60,7 +61,7 @@ def orbit_report(
     found = orbits(run, frame, plane)
     if not len(found.names):
         raise InputError(f"{path}: one body; orbits need two or more")
-    units = _units(run)
+    units, warnings = _units_and_warnings(run)
     if until is not None:
         last = number(time_in(until, units, "until"))
         if not math.isfinite(last):
@@ -98,6 +99,7 @@ def orbit_report(
         z,
         zeta,
         tuple(angle_of(found, one) for one in resonances),
+        warnings,
     )
 
 
@@ -108,11 +110,11 @@ def _body(k: int, name: str, found: Orbits, g: Modes, s: Modes) -> ProperOrbit:
     return ProperOrbit(name, a, period, *numbers)
 
 
-def _units(run: reader.Run | str | os.PathLike[str]) -> UnitSystem:
+def _units_and_warnings(run: reader.Run | str | os.PathLike[str]) -> tuple[UnitSystem, list[str]]:
     if isinstance(run, reader.Run):
-        return run.units
+        return run.units, warnings_of(run)
     with reader.open(run) as opened:
-        return opened.units
+        return _units_and_warnings(opened)
 
 
 def _masses(run: reader.Run | str | os.PathLike[str], names: tuple[str, ...]) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 
 from kickdrift.analysis.chaos import carrier, length_of
 from kickdrift.analysis.columns import Columns, columns_of
+from kickdrift.analysis.doubts import doubts_at
 from kickdrift.analysis.map_run import MapRun
 from kickdrift.analysis.mapped import has_map, map_run, serves
 from kickdrift.analysis.varied_run import DEFAULT, VariedRun
@@ -44,6 +45,7 @@ class TransitionMatrix:
     by_differences : names of the forces whose slopes came from central differences, with a relative error of some
         1e-10; the slopes of all others are exact
     omega : angular frequency of the frame, 0 without the force ``hill``
+    warnings : what is wrong with the trajectory, or doubtful in the forces
     """
 
     matrix: Floats
@@ -58,6 +60,7 @@ class TransitionMatrix:
     steps: int
     by_differences: tuple[str, ...]
     omega: float = 0.0
+    warnings: tuple[str, ...] = ()
 
     @property
     def symplectic_error(self) -> float | None:
@@ -104,6 +107,7 @@ class TransitionMatrix:
         words.append(f"{self.integrator}, {self.steps} steps")
         if self.by_differences:
             words.append(f"by central differences: {', '.join(self.by_differences)}")
+        words += [f"warning: {line}" for line in self.warnings]
         return "; ".join(words)
 
 
@@ -176,13 +180,15 @@ def transition_matrix(
         run = VariedRun(system, columns, name, threads, given, second)
     with following(progress, "running") as told:
         phase, slopes, end = run.to(length, told)
+        reached = system.at(phase, end, run.steps).state
+        doubts = tuple(doubts_at(system, reached))
     parts = columns.split(_flat(slopes))
     twice = _flat(run.second()) if second else None
-    reached = system.at(phase, end, run.steps).state
     rate = next((force.omega for force in system.forces if isinstance(force, Hill)), 0.0)
     return TransitionMatrix(
-        *parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences, rate
-    )
+        *parts, twice, columns.bodies, system.state, reached, name, run.steps, run.by_differences, rate,
+        doubts,
+    )  # fmt: skip
 
 
 def _mapped(system: System, asked: str | None, given: dict[str, Any], columns: Columns) -> str | None:

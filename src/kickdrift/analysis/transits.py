@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from kickdrift.analysis.chaos import carrier
 from kickdrift.analysis.columns import columns_of, rows_of
+from kickdrift.analysis.doubts import doubts_at, warning_lines
 from kickdrift.analysis.mapped import has_map, map_run
 from kickdrift.analysis.transit_search import Search, found_by_map
 from kickdrift.analysis.transition import given_run
@@ -50,6 +51,7 @@ class Transits(Shown):
     by_differences : names of the forces whose slopes came from central differences
     units : the system's
     varied : names of the columns of all derivatives, in the order above: "b.x", "b.vx", "b.mass", "j2.radius", "b.e"
+    warnings : what is wrong with the trajectory, or doubtful in the forces
     """
 
     times: Floats
@@ -65,6 +67,7 @@ class Transits(Shown):
     by_differences: tuple[str, ...]
     units: UnitSystem
     varied: tuple[str, ...] = ()
+    warnings: list[str] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -87,7 +90,7 @@ class Transits(Shown):
         lines.append(("integrator", self.integrator))
         if self.by_differences:
             lines.append(("by differences", ", ".join(self.by_differences)))
-        return lines
+        return lines + warning_lines(self.warnings)
 
     def as_json(self) -> dict[str, Any]:
         """The transits as one JSON object."""
@@ -161,9 +164,12 @@ def transits(
         if has_map(method):
             mapped = map_run(system, columns, method, threads, chosen)
             found, differ = found_by_map(mapped, columns, pair, sight, end, most, told), mapped.by_differences
+            phase, reached = mapped.now()[0], mapped.time
         else:
             run = VariedRun(system, columns, name, threads, chosen)
             found, differ = Search(run, pair, sight, end, most, told).found(), run.by_differences
+            phase, reached = run.split(run.sim.integration.stepper.y)[0], run.sim.integration.stepper.time
+        doubts = doubts_at(system, system.at(phase, reached).state)
     who, whom = (system.body(row) for row in pair)
     if not found:
         near = "" if most == math.inf else f" within {most:.6g} on the sky"
@@ -176,6 +182,7 @@ def transits(
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     return Transits(
         times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units, columns.names(system),
+        doubts,
     )  # fmt: skip
 
 

@@ -231,19 +231,19 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 def _before(sim: Simulation) -> list[str]:
     """Warnings that are printed before the first step."""
     from kickdrift.engines import ENGINES
+    from kickdrift.model.doubles import doubtful_forces
+    from kickdrift.model.system import System
     from kickdrift.run.layer import pressure_warning
 
-    missing = pressure_warning(sim.system)
-    return [*ENGINES[sim.engine].warnings, *([missing] if missing else [])]
+    if not isinstance(sim.system, System):
+        return list(ENGINES[sim.engine].warnings)
+    return [*ENGINES[sim.engine].warnings, *filter(None, [pressure_warning(sim.system)]), *doubtful_forces(sim.system)]
 
 
 def show(
     report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
 ) -> None:
-    """Print a run's warnings and report, and write the report on request."""
-    for warning in report.warnings:
-        if warning not in _before(sim):
-            say(f"warning: {warning}", quiet)
+    """Print a run's report with its warnings, and write the report on request."""
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # a full disk does not lose the results

@@ -70,7 +70,7 @@ def stopped_by(report: Report) -> str:
 def megno_columns(found: ChaosReport) -> Row:
     """A ChaosReport as columns."""
     names = ("integrator", "dt", "steps", "time", "megno", "verdict", "lyapunov", "lyapunov_error", "energy_error")
-    return {name: getattr(found, name) for name in names}
+    return {name: getattr(found, name) for name in names} | {"warnings": "; ".join(found.warnings)}
 
 
 def last_columns(state: Any, system: System | Problem | None) -> Row:

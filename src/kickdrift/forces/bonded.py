@@ -6,9 +6,28 @@ import math
 from typing import NamedTuple
 
 from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law, improper_law
+from kickdrift.text import shown
 
 DEGREE = math.pi / 180.0
 CORE = 2.0 ** (1.0 / 6.0)  # minimum of Lennard-Jones over sigma, where the core of Weeks, Chandler & Andersen 1971 ends
+
+
+def at_least_zero(**values: float) -> str:
+    """The fault that one of these values is negative, as text; "" if none is."""
+    wrong = [key for key, value in values.items() if value < 0.0]
+    return f"{wrong[0]} must be zero or more, got {shown(values[wrong[0]])}" if wrong else ""
+
+
+def within(low: float, high: float, reason: str, **values: float) -> str:
+    """The fault that one of these angles in degrees lies outside a range, as text; "" if none does."""
+    wrong = [key for key, value in values.items() if not low <= value <= high]
+    return f"{wrong[0]} must be {low:g} to {high:g} degrees, got {values[wrong[0]]:g}: {reason}" if wrong else ""
+
+
+def whole_multiplicity(n: float) -> str:
+    """The fault that a multiplicity is no whole number from 0 on, as text; "" if it is one."""
+    jumps = "" if n == int(n) else ": the energy would jump at 180 degrees"
+    return f"multiplicity must be a whole number, zero or more, got {n:g}{jumps}" if n < 0.0 or jumps else ""
 
 
 @bond_law
@@ -19,6 +38,11 @@ class HarmonicBond(NamedTuple):
     length: float
 
     dimensions = {"stiffness": "stiffness", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
+
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return at_least_zero(stiffness=p.stiffness)
 
     def law(p, r):
         stretch = r - p.length
@@ -47,7 +71,10 @@ class Fene(NamedTuple):
     def problem(p):
         """The fault in these parameters, as text; "" if nothing is."""
         alone = p.epsilon == 0.0 and p.sigma != 1.0
-        return f"sigma is {p.sigma:g} and epsilon 0: the core has no strength; give epsilon too" if alone else ""
+        if alone:
+            return f"sigma is {p.sigma:g} and epsilon 0: the core has no strength; give epsilon too"
+        no_length = f"length must be positive, got {p.length:g}: the bond is always longer" if p.length == 0.0 else ""
+        return at_least_zero(stiffness=p.stiffness, epsilon=p.epsilon) or no_length
 
     def law(p, r):
         left = 1.0 - (r / p.length) ** 2
@@ -70,6 +97,11 @@ class MorseBond(NamedTuple):
 
     dimensions = {"depth": "energy", "width": "inverse length", "length": "length"}  # type: ignore[misc]  # noqa: RUF012
 
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return at_least_zero(depth=p.depth, width=p.width)
+
     def law(p, r):
         e = math.exp(-p.width * (r - p.length))
         return p.depth * (1.0 - e) ** 2, 2.0 * p.depth * p.width * (1.0 - e) * e
@@ -84,6 +116,11 @@ class HarmonicAngle(NamedTuple):
     rest: float
 
     dimensions = {"stiffness": "energy", "rest": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return within(0.0, 180.0, "no angle lies outside", rest=p.rest)
 
     def law(p, angle):
         bend = angle - p.rest * DEGREE
@@ -112,6 +149,11 @@ class PeriodicDihedral(NamedTuple):
     phase: float = 0.0
 
     dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return whole_multiplicity(p.multiplicity)
 
     def law(p, angle):
         at = p.multiplicity * angle - p.phase * DEGREE
@@ -171,6 +213,11 @@ class HarmonicImproper(NamedTuple):
 
     dimensions = {"stiffness": "energy", "rest": "angle"}  # type: ignore[misc]  # noqa: RUF012
 
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return within(0.0, 180.0, "the sign of the angle does not count", rest=p.rest)
+
     def law(p, angle):
         bend = abs(angle) - p.rest * DEGREE
         return 0.5 * p.stiffness * bend * bend, p.stiffness * (bend if angle >= 0.0 else -bend)
@@ -188,5 +235,10 @@ class PeriodicImproper(NamedTuple):
     phase: float = 180.0
 
     dimensions = {"barrier": "energy", "phase": "angle"}  # type: ignore[misc]  # noqa: RUF012
+
+    @property
+    def problem(p):
+        """The fault in these parameters, as text; "" if nothing is."""
+        return whole_multiplicity(p.multiplicity)
 
     law = PeriodicDihedral.Parameters.law  # type: ignore[attr-defined, misc]

@@ -12,6 +12,7 @@ from kickdrift.text import shown
 
 STEP = 1e-3  # for differences of order 4
 SLOPE_TOLERANCE = 1e-6
+JUMP = 1e-9  # of the largest energy between -180 and 180 degrees
 PARTS = (0.45, 0.65, 0.83, 0.96, 1.07, 1.31)  # of a law's length, or of pi/2, where slope and energy are compared
 
 
@@ -47,6 +48,17 @@ def check_bonded_slope(name: str, law: Any, kind: str) -> None:
         raise InputError(
             f"{name}: law must return the energy and its slope dU/d({what}); at {what} = {at:.6g} it returns "
             f"{given:.6g}, and the slope of its energy is {slope:.6g}"
+        )
+
+
+def check_closed(name: str, law: Any) -> None:
+    """Refuse a law of dihedrals whose energy at -180 degrees is not that at 180 degrees, the same place."""
+    first, last = (value_of(law, end)[0] for end in (-math.pi, math.pi))
+    largest = max(abs(value_of(law, part * math.pi)[0]) for part in (-1.0, *PARTS[:4], 1.0))
+    if abs(last - first) > JUMP * largest:
+        raise InputError(
+            f"{name}: the energy must be the same at -180 and 180 degrees, which are one place; "
+            f"it jumps from {first:.6g} to {last:.6g}"
         )
 
 

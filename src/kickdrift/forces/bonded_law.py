@@ -14,7 +14,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive, number
-from kickdrift.forces.bonded_check import check_bonded_slope, value_of
+from kickdrift.forces.bonded_check import check_bonded_slope, check_closed, value_of
 from kickdrift.forces.group import Grouped
 from kickdrift.forces.law import Form, force_of_law
 from kickdrift.model.internal import LONGEST, MEASURED, measured
@@ -67,12 +67,24 @@ class BondedForce(Grouped):
             if problem := getattr(law, "problem", ""):
                 raise InputError(f"{self.name}{where}: {problem}")
             check_bonded_slope(f"{self.name}{where}", law, self.kind)
+            if self.kind == "dihedrals":  # stiff impropers never come near 180 degrees
+                check_closed(f"{self.name}{where}", law)
 
     def _checked(self, key: str, value: Any, where: str) -> float:
         found = number(self.name, key + where, value)
         if self.dimensions.get(key) == "length" and found < 0:
             raise InputError(f"{self.name}: {key}{where} must be a length, zero or more, got {shown(value)}")
         return found
+
+    @property
+    def stands_for(self) -> str:  # type: ignore[override]
+        """What the force is a model of: its law. Terms of dihedrals and impropers are the parts of a series."""
+        return self.name if self.kind in ("bonds", "angles") else ""
+
+    def acting_on(self, system: Subject) -> dict[Any, str] | None:
+        """The listed items."""
+        rows = self.items(system)[0].tolist()
+        return {tuple(row): f"{self.kind[:-1]} {'-'.join(map(str, row))}" for row in rows}
 
     @property
     def law(self) -> Any:

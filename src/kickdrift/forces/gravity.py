@@ -39,6 +39,7 @@ class Gravity(Grouped):
     softening: float = 0.0
 
     name: ClassVar[str] = "gravity"
+    stands_for: ClassVar[str] = "gravity of all pairs"
     by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 

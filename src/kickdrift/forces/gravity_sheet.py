@@ -64,6 +64,12 @@ class GravitySheet(NamedTuple):
 
     by_mass = fastmath = time_dependent = works = True  # type: ignore[misc]
     odd_in_time = ("omega",)  # type: ignore[misc]
+
+    @property
+    def stands_for(p):
+        """What the force is a model of; nothing for a patch without gravity."""
+        return "" if p.G == 0 else "gravity of all pairs"
+
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "omega": "rate", "width": "length", "length": "length", "softening": "length", "G": "gravitational constant",
     }  # fmt: skip

@@ -16,7 +16,10 @@ from kickdrift.forces.law_state import check_stateless
 from kickdrift.forces.registration import register_force
 from kickdrift.model.arguments import checked_arguments
 
-TRAITS = ("velocity_dependent", "time_dependent", "works", "external", "may_overlap", "joins", "by_mass")
+TRAITS = (
+    "velocity_dependent", "time_dependent", "works", "external", "may_overlap", "joins", "by_mass", "below_light",
+    "stands_for",
+)  # fmt: skip
 
 
 def traits_of(cls: Any, more: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -6,8 +6,11 @@ from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import is_one
+from kickdrift.forces.central import central_body
 from kickdrift.forces.group import Grouped
 from kickdrift.forces.law_parameters import Kind, given, values_of
 from kickdrift.text import clean
@@ -64,6 +67,17 @@ class LawForce(Grouped):
     def check(self, system: Subject) -> None:
         """Refuse a system that the law's class refuses."""
         self._ask("check_system", system)
+
+    def acting_on(self, system: Subject) -> dict[Any, str] | None:
+        """Where the force acts: the bodies to which the parameter that the law names in ``acts_by`` gives a share, or
+        the one that ``central`` names; else everywhere."""
+        if key := getattr(self.Parameters, "acts_by", ""):
+            share = np.broadcast_to(self.values(system)[key], len(system))
+            return {int(i): f"the bulge of {system.body(int(i))}" for i in np.flatnonzero(share)}
+        if not hasattr(self, "central"):
+            return None
+        central = central_body(self.name, self.central, system)
+        return {central: system.body(central)}
 
     def with_law(self, law: Any) -> Any:
         """The same force with these parameters, which are not checked."""

@@ -20,6 +20,11 @@ class ManyBodyForce(ListedForce, Grouped):
     name: ClassVar[str]
 
     @property
+    def stands_for(self) -> str:  # type: ignore[override]
+        """What the force is a model of: itself."""
+        return self.name
+
+    @property
     def cutoff(self) -> float:
         """Largest distance of particles that interact, in angstroms."""
         raise NotImplementedError

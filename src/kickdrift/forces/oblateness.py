@@ -78,6 +78,7 @@ class Oblateness(NamedTuple):
     latitude: float | None = None
 
     name = "j2"  # type: ignore[misc]
+    stands_for = "j2"  # type: ignore[misc]
     by_mass = fastmath = True  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "radius": "length",

@@ -9,6 +9,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -112,6 +113,22 @@ class PairForce(ListedForce, Grouped):
             check_slope(f"{self.name}{where}", law, self.cutoff)
 
     @property
+    def stands_for(self) -> str:  # type: ignore[override]
+        """What the force is a model of: its law."""
+        return self.name
+
+    def acting_on(self, system: Subject) -> dict[Any, str] | None:
+        """The pairs of species between which the law is not zero everywhere."""
+        assert self.cutoff is not None
+        probes = [(part * self.cutoff) ** 2 for part in (0.3, 0.5, 0.8)]
+        found = {}
+        for a, b in combinations_with_replacement(sorted(system.species), 2):
+            law = self.pair_law(a, b)
+            if any(any(law.law(r2)) for r2 in probes):
+                found[a, b] = f"pairs {a}-{b}"
+        return found
+
+    @property
     def law(self) -> Any:
         """Parameters of the law for one species."""
         return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
@@ -195,6 +212,8 @@ class PairForce(ListedForce, Grouped):
             raise InputError(
                 f"{self.name}: particle {massless[0]} has no mass, and a pair force would move it infinitely fast"
             )
+        if system.topology is not None and (far := system.topology.far_special(system.box, system.state.phase[0])):
+            raise InputError(f"{self.name}: {far}")
         for a in system.species:
             for b in system.species:
                 check_law(self.name, self.pair_law(a, b), self.cutoff)

@@ -66,7 +66,8 @@ class EinsteinInfeldHoffmann(NamedTuple):
     G: float | None = None
 
     name = "relativity-eih"  # type: ignore[misc]
-    by_mass = velocity_dependent = external = True  # type: ignore[misc]
+    stands_for = "relativity to first order"  # type: ignore[misc]
+    by_mass = velocity_dependent = external = below_light = True  # type: ignore[misc]
     odd_in_time = ()  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
@@ -139,8 +140,8 @@ class RadiationReaction(NamedTuple):
     c: float | None = None
     G: float | None = None
 
-    name = "relativity-2.5pn"  # type: ignore[misc]
-    by_mass = velocity_dependent = works = True  # type: ignore[misc]
+    name = stands_for = "relativity-2.5pn"  # type: ignore[misc]
+    by_mass = velocity_dependent = works = below_light = True  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 
     @staticmethod
@@ -207,8 +208,8 @@ class LenseThirring(NamedTuple):
     central: Central = None
     G: float | None = None
 
-    name = "lense-thirring"  # type: ignore[misc]
-    by_mass = velocity_dependent = True  # type: ignore[misc]
+    name = stands_for = "lense-thirring"  # type: ignore[misc]
+    by_mass = velocity_dependent = below_light = True  # type: ignore[misc]
     odd_in_time = ("angular_momentum",)  # type: ignore[misc]
     dimensions = {  # type: ignore[misc]  # noqa: RUF012
         "angular_momentum": "angular momentum",

@@ -64,7 +64,7 @@ class RadiationPressure(NamedTuple):
     form: str = "full"
     G: float | None = None
 
-    name = "radiation-pressure"  # type: ignore[misc]
+    name = stands_for = "radiation-pressure"  # type: ignore[misc]
     by_mass = True  # type: ignore[misc]
     varies = ("beta",)  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
@@ -73,6 +73,11 @@ class RadiationPressure(NamedTuple):
     @property
     def velocity_dependent(p):
         """Whether there is drag, which a splitting method refuses."""
+        return p.form == "full"
+
+    @property
+    def below_light(p):
+        """Whether there is drag, which holds for speeds far below that of light."""
         return p.form == "full"
 
     @property

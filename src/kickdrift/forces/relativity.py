@@ -67,7 +67,8 @@ class PostNewtonian(NamedTuple):
     G: float | None = None
 
     name = "relativity-1pn"  # type: ignore[misc]
-    by_mass = fastmath = True  # type: ignore[misc]
+    stands_for = "relativity to first order"  # type: ignore[misc]
+    by_mass = fastmath = below_light = True  # type: ignore[misc]
     odd_in_time = ()  # type: ignore[misc]
     dimensions = {"c": "velocity", "G": "gravitational constant"}  # type: ignore[misc]  # noqa: RUF012
 

@@ -77,6 +77,7 @@ class Tides(NamedTuple):
     G: float | None = None
 
     name = "tides"  # type: ignore[misc]
+    stands_for, acts_by = "tides", "k2"  # type: ignore[misc]
     by_mass = True  # type: ignore[misc]
     varies = ("k2", "radius", "tau", "spin")  # type: ignore[misc]
     odd_in_time = ("tau", "spin")  # type: ignore[misc]

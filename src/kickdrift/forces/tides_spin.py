@@ -67,6 +67,7 @@ class TidesSpin(NamedTuple):
     G: float | None = None
 
     name = "tides-spin"  # type: ignore[misc]
+    stands_for, acts_by = "tides", "k2"  # type: ignore[misc]
     by_mass = velocity_dependent = joins = True  # type: ignore[misc]
     varies = ("k2", "radius", "inertia", "spin", "tau")  # type: ignore[misc]
     odd_in_time = ("tau", "spin")  # type: ignore[misc]

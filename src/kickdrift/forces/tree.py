@@ -47,6 +47,7 @@ class GravityTree(Grouped):
     G: float | None = None
 
     name: ClassVar[str] = "gravity-tree"
+    stands_for: ClassVar[str] = "gravity of all pairs"
     by_mass: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"G": "gravitational constant", "softening": "length"}
 

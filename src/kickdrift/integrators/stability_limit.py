@@ -16,6 +16,7 @@ from kickdrift.model.state import Floats
 
 WATCHED_UNKNOWNS = 64  # most unknowns of a tested run
 NEAR = 0.8  # fraction of the distance to the boundary of stability
+LIMITED = "limited by stability, not accuracy"
 WATCHED_POINTS = 10  # tested points at the end of a run
 WATCHED_STEPS = 1000  # least steps of a tested run: a shorter one is over too soon to matter
 
@@ -74,7 +75,7 @@ def stability_warning(flow: Flow, method: Method, points: Sequence[Point]) -> st
         return None
     time, step, eigenvalue, boundary = limits[0]
     return (
-        f"limited by stability, not accuracy: at t = {time:.6g} the step {step:.3g} times the eigenvalue "
+        f"{LIMITED}: at t = {time:.6g} the step {step:.3g} times the eigenvalue "
         f"{_shown(eigenvalue)} is {step * abs(eigenvalue):.2g}, and {method.name} is stable to {boundary:.2g}; "
         "an implicit method (radau, bdf, rosenbrock) can take longer steps"
     )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kickdrift.model.state import Floats
 
 Ids = NDArray[np.int64]
 
@@ -20,13 +23,21 @@ class Relatives(NamedTuple):
     @classmethod
     def of(cls, bonds: Ids) -> Relatives:
         """Relatives along bonds (b, 2)."""
-        found: list[Any] = [_sorted(bonds)]
-        for paths in (angles_of(bonds), dihedrals_of(bonds)):
-            ends = _sorted(paths[:, [0, -1]])
-            for nearer in found:
-                ends = ends[~_within(ends, nearer)]
-            found.append(ends)
-        return cls(*found)
+        return cls(*(_sorted(paths[:, [0, -1]]) for paths in shortest_paths(bonds)))
+
+
+def shortest_paths(bonds: Ids) -> list[Ids]:
+    """Paths of one, two and three bonds (m, 2 to 4) whose ends no shorter path joins."""
+    found: list[Any] = []
+    ends: list[Any] = []
+    for paths in (bonds, angles_of(bonds), dihedrals_of(bonds)):
+        pairs = np.sort(paths[:, [0, -1]], axis=1)
+        kept = np.ones(len(pairs), bool)
+        for nearer in ends:
+            kept &= ~within(pairs, nearer)
+        found.append(paths[kept])
+        ends.append(_sorted(pairs[kept]))
+    return found
 
 
 def _sorted(pairs: Ids) -> Ids:
@@ -34,7 +45,7 @@ def _sorted(pairs: Ids) -> Ids:
     return np.unique(np.sort(pairs.reshape(-1, 2), axis=1), axis=0)
 
 
-def _within(pairs: Ids, others: Ids) -> NDArray[np.bool_]:
+def within(pairs: Ids, others: Ids) -> NDArray[np.bool_]:
     """Whether each pair is among the others."""
     base = int(max(pairs.max(initial=0), others.max(initial=0))) + 1
     return np.isin(pairs[:, 0] * base + pairs[:, 1], others[:, 0] * base + others[:, 1])
@@ -90,3 +101,23 @@ def molecules_of(bonds: Ids, particles: int) -> Ids:
     joined = coo_array((np.ones(len(bonds), np.int8), (bonds[:, 0], bonds[:, 1])), shape=(particles, particles))
     found: Ids = connected_components(joined, directed=False)[1].astype(np.int64)
     return found
+
+
+def whole(bonds: Ids, particles: int, steps: Callable[[Ids, Ids], Floats]) -> Floats:
+    """Positions (n, 3) of particles along the bonds from the first particle of their molecule.
+
+    ``steps(i, j)`` returns the separations (m, 3) from particles i to particles j."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order
+
+    _, firsts = np.unique(molecules_of(bonds, particles), return_index=True)
+    i = np.concatenate([bonds[:, 0], firsts])
+    j = np.concatenate([bonds[:, 1], np.full(len(firsts), particles)])  # a root that joins all molecules
+    joined = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(particles + 1,) * 2).tocsr()
+    _, before = breadth_first_order(joined, particles, directed=False)
+    before[particles] = particles
+    found, inner = np.zeros((particles + 1, 3)), np.flatnonzero(before[:-1] != particles)
+    found[inner] = steps(before[inner], inner)
+    while (before != particles).any():
+        found, before = found + found[before], before[before]
+    return found[:-1]

@@ -19,6 +19,7 @@ from kickdrift.model.bridged import Bridged
 from kickdrift.model.bridging import SYSTEM_FILES
 from kickdrift.model.checks import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
+from kickdrift.model.doubles import check_doubles
 from kickdrift.model.event_checks import checked_events
 from kickdrift.model.events import Event
 from kickdrift.model.freedom import freedom_of
@@ -143,6 +144,7 @@ class System(Bridged, ShownSystem):
         with no_overflow():
             for force in self.forces:
                 force.check(self)
+            check_doubles(self)
         put(self, "events", checked_events(self, events))
 
     def __len__(self) -> int:

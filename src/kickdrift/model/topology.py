@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +11,12 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.box import Box
 from kickdrift.model.checks import is_number, listed, whole_number
-from kickdrift.model.relatives import Relatives, angles_of, dihedrals_of
+from kickdrift.model.internal import LONGEST
+from kickdrift.model.relatives import Relatives, angles_of, dihedrals_of, molecules_of, shortest_paths, whole, within
 from kickdrift.model.starts.molecules import from_atoms, from_universe, replaced
+from kickdrift.model.state import Floats
 from kickdrift.text import counted, shown
 
 Ids = NDArray[np.int64]
@@ -168,6 +172,43 @@ class Topology:
             at = np.minimum(np.searchsorted(known, asked), len(known) - 1)
             found[known[at] == asked] = factors[at[known[at] == asked]]
         return found
+
+    def far_special(self, box: Box, x: Floats) -> str:
+        """Description of the longest pair that pair forces leave out or scale, at positions x (3, n); "" if every such
+        pair is short enough for its nearest image to be the one that the bonds join."""
+
+        def apart(i: Ids, j: Ids) -> Floats:
+            return box.minimum_image((x[:, j] - x[:, i]).T)
+
+        named, height = box.narrowest
+        if not box.periodic or not (len(self.exclusions) or set(self.factors or ()) - {1.0}):
+            return ""
+        longest = np.linalg.norm(apart(*self.bonds.T), axis=1).max(initial=0.0)
+        if not len(self.exclusions) and 3.0 * longest < LONGEST * height:
+            return ""
+        special = self.scaled.pairs
+        pairs, along, left = [], [], np.ones(len(special), bool)
+        for paths in shortest_paths(self.bonds):
+            chosen = paths[within(np.sort(paths[:, [0, -1]], axis=1), special)]
+            pairs.append(chosen[:, [0, -1]])
+            along.append(sum((apart(i, j) for i, j in pairwise(chosen.T)), start=np.zeros((len(chosen), 3))))
+            left &= ~within(special, np.sort(pairs[-1], axis=1))
+        if left.any():  # exclusions more than three bonds apart
+            further, n = special[left], x.shape[1]
+            molecule = molecules_of(self.bonds, n)
+            pairs.append(further[molecule[further[:, 0]] == molecule[further[:, 1]]])
+            places = whole(self.bonds, n, apart)
+            along.append(places[pairs[-1][:, 1]] - places[pairs[-1][:, 0]])
+        lengths = np.linalg.norm(np.concatenate(along), axis=1)
+        if not (lengths >= LONGEST * height).any():
+            return ""
+        k = int(np.argmax(lengths))
+        i, j = np.sort(np.concatenate(pairs)[k]).tolist()
+        return (
+            f"particles {i} and {j}, which the topology leaves out or scales, are {lengths[k]:.6g} apart along their "
+            f"bonds; they must be under {LONGEST} of the {named}, {LONGEST * height:.6g}, so that the nearest image is "
+            "the one that the bonds join"
+        )
 
     def _relatives(self) -> Relatives:
         return Relatives.of(self.bonds)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.looks.doubts import UNRELIABLE, energy_doubt
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.record import Series
 from kickdrift.model.problem import Problem
@@ -36,8 +37,9 @@ class EnergyReport:
     relative_to : "initial energy" |E(0)|, "kinetic energy" if |E(0)| is below a tenth of it, or "absolute"
     drift_per_unit_time : slope of the relative error per unit of time, from a regression with autocorrelation
     drift_error : half-width of the slope's 95 % interval
-    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "not conserved", with
-        the force's name, if a force does work that is not counted
+    verdict : "bounded", "secular drift", "random walk", "round-off" or "not resolvable"; "unreliable" if the largest
+        error is above a tenth of the energy (`looks.doubts.energy_doubt`); "not conserved", with the force's name, if
+        a force does work that is not counted
     work : energy that each body law gave over the run, by the force's name; negative for energy that the force took.
         Empty without such laws
     work_error : largest error of the sum of this work, from the distance between looks
@@ -81,26 +83,30 @@ class EnergyReport:
 
 
 def energy_report(
-    series: Series, even: bool, system: System | Problem, unknown: str = "", work: Work | None = None
-) -> EnergyReport | None:
-    """Conservation of the energy; nan for its errors if they are unknown, for the reason given. ``work`` is that of
-    the forces over the series."""
+    series: Series, even: bool, system: System | Problem, bath: bool, unknown: str = "", work: Work | None = None
+) -> tuple[EnergyReport | None, str]:
+    """Conservation of the energy, and a warning if its error is too large for the trajectory to be any good.
+
+    The errors are nan if they are ``unknown``, for the reason given. ``work`` is that of the forces over the series."""
     total, kinetic = series.total, series.kinetic
     closed = work is not None and work.resolved
     if work is not None and closed:
         total = total - work.given
     if np.isnan(total[0]):
-        return None  # a Problem without an energy function
+        return None, ""  # a Problem without an energy function
     error = whole = energy_error(total, 0.0 if np.isnan(kinetic) else kinetic)
     if unknown:
         error = replace(error, rms_relative_error=math.nan, max_relative_error=math.nan)
-        return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown))
+        return EnergyReport.later(error, series.final, lambda: (math.nan, math.nan, unknown)), ""
     working = system.acting("works") if isinstance(system, System) else []
     if work is not None and closed:
         working = [name for name in working if name not in work.by_force]
 
+    doubt = "" if working or bath else energy_doubt(total, series.kinetics, whole)
+
     def judged() -> tuple[float, float, str]:
         trend = energy_trend(series.steps, series.times, total, kinetic, even, whole, series.even)
-        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else trend.verdict
+        verdict = UNRELIABLE if doubt else trend.verdict
+        return trend.slope, trend.error, f"not conserved: {', '.join(working)}" if working else verdict
 
-    return EnergyReport.later(error, series.final, judged, work)
+    return EnergyReport.later(error, series.final, judged, work), doubt

@@ -1,4 +1,4 @@
-"""Warnings of a System before its run: all particles in one plane, and forces without a pressure."""
+"""Warnings of a System at the start and the end of its run, beside those about its energy."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.pair_law import PairForce
+from kickdrift.looks.doubts import digits_doubt
+from kickdrift.model.doubles import doubtful_forces
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 
-def layer_warning(system: Any, phase: Floats) -> str:
+def layer_warning(system: Any, phase: Any) -> str:
     """Return the warning for positions and velocities (2, 3, n); "" if they fill three dimensions.
 
     Pair forces keep such particles in their plane. The temperature then counts velocities that are always zero."""
@@ -38,3 +41,22 @@ def pressure_warning(system: Any) -> str:
     reasons = [force.no_pressure(system) for force in system.forces if hasattr(force, "no_pressure")]
     reasons = [reason for reason in reasons if reason]
     return f"pressure is left out: {'; '.join(reasons)}" if reasons else ""
+
+
+def begins_badly(system: Any, phase: Floats) -> list[str]:
+    """Return the warnings at the start of a run, at positions and velocities (2, 3, n)."""
+    if not isinstance(system, System):
+        return []
+    x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
+    found = [layer_warning(system, (x, v)), pressure_warning(system), digits_doubt(system, x)]
+    return [*filter(None, found), *doubtful_forces(system)]
+
+
+def ends_badly(system: Any, state: Any) -> list[str]:
+    """Return the warnings of positions at the end of a run; a Batch keeps no state."""
+    if not isinstance(system, System) or state is None or len(state) != len(system):
+        return []
+    x, topology = state.phase[0], system.topology
+    paired = topology is not None and any(isinstance(force, PairForce) for force in system.forces)
+    far = topology.far_special(state.box, x) if topology is not None and paired else ""
+    return [digits_doubt(system, x), far]

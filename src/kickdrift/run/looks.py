@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
 from kickdrift.integrators.chosen_steps import ChosenSteps
-from kickdrift.integrators.stability_limit import WATCHED_POINTS
 from kickdrift.integrators.stepper import STOPPED
 from kickdrift.integrators.stepping import Regular
 from kickdrift.jit.notices import compiling_for
@@ -21,7 +20,7 @@ from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import CHUNK_SECONDS, Integration
-from kickdrift.run.layer import layer_warning, pressure_warning
+from kickdrift.run.layer import begins_badly
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.file import File
 from kickdrift.run.watch.stability import Stability
@@ -62,8 +61,7 @@ class Sampler:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
         if not record.begun:
             flow.begin(record, y)
-            warnings = [layer_warning(run.system, y), pressure_warning(run.system)]
-            record.warnings += [warning for warning in warnings if warning]
+            record.warnings += begins_badly(run.system, y)
         safe.time, safe.step, safe.box = time, step, run.box
         if new:
             looks.keep(step, record.taken)
@@ -84,7 +82,7 @@ class Sampler:
                 0 if done % plan.every else min(chunk // plan.every, (plan.whole_steps_end - done) // plan.every, MOST)
             )
             return found if found > 1 else 0
-        if not plan.interval or plan.exact or self._stability.limited or self._looking() is None:
+        if not plan.interval or plan.exact or self._stability.watches or self._looking() is None:
             return 0
         return 0 if run.time + plan.interval >= plan.end_time else MOST
 
@@ -180,7 +178,7 @@ class Sampler:
             self._seen(row, steps)
             return status, refused
         assert isinstance(stepper, Regular)
-        shown = (WATCHED_POINTS if self._stability.limited else 0) if looking else count  # looks to show one by one
+        shown = min(count, self._stability.shown) if looking else count  # looks to show one by one
         if looking and count > shown:
             status, refused = self._by_compiled_code(looking, stepper, count - shown, plan.every)
             if status != OK:
@@ -217,7 +215,7 @@ class Sampler:
                 refused = True
                 return status
             safe.time, safe.step = time, step
-            if self._stability.limited:
+            if self._stability.watches:
                 self._stability.keep(time, last)
             looks.keep_next([step])
             now = perf_counter()

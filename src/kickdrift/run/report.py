@@ -26,6 +26,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.run.energy_report import EnergyReport, energy_report
+from kickdrift.run.layer import ends_badly
 from kickdrift.run.melting import melting
 from kickdrift.run.shown import ShownReport
 from kickdrift.run.verdicts import DIFFERS, DRAWN, SLOW, cause_of_drift, moving, verdict
@@ -256,6 +257,10 @@ def report(sim: Reported) -> Report:
     fresh = listed and isinstance(system, System) and record.from_start
     melted = melting(system, series.temperatures, sim, bath) if fresh and isinstance(system, System) else []
     moved = moving(system, sim.method.drags, series) if isinstance(system, System) else []
+    unknown = "" if told or not bath else f"not judged: {sim.engine} does not tell the heat"
+    work_given = work_of(system, record.samples) if working(system) else None
+    energy, doubt = energy_report(series, even, system, bath, unknown, work_given)
+    doubts = [doubt, *ends_badly(system, sim.state)]
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
@@ -283,13 +288,7 @@ def report(sim: Reported) -> Report:
         seconds=seconds_of(record),
         steps_per_second=record.steps / record.wall_seconds if record.wall_seconds else 0.0,
         ns_per_pair=1e9 * record.wall_seconds / work if work else None,
-        energy=energy_report(
-            series,
-            even,
-            system,
-            "" if told or not bath else f"not judged: {sim.engine} does not tell the heat",
-            work_of(system, record.samples) if working(system) else None,
-        ),
+        energy=energy,
         momentum_error=None
         if sim.method.drags or (isinstance(system, System) and system.acting("external"))
         else _largest_change(series.momentum, record.momentum_scale),
@@ -306,7 +305,7 @@ def report(sim: Reported) -> Report:
         heat=-record.taken.energy - record.work if bath and told else None,
         work=record.work if series.volumes is not None else None,
         volume=None if series.volumes is None else float(series.volumes.mean()),
-        warnings=[*record.warnings, *moved, *melted],
+        warnings=[*record.warnings, *moved, *melted, *(line for line in doubts if line and line not in record.warnings)],
         about=_about(system, series, even, bath)._replace(
             drawn=sim.method.overdamped, slow=getattr(sim.method, "slow_velocities", False)
         ),

@@ -77,6 +77,7 @@ class ShownReport(Shown):
                 lines.append(("spin", f"angular momentum {size} went from orbits into bodies, or left with them"))
         if self.stopped:
             lines.append(("stopped", self.stopped))
+        lines += [("warning", line) for line in self.warnings]
         lines += event_lines(self.events)
         if output:
             lines.append(("written", output))

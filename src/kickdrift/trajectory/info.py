@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces import force_class
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.looks.doubts import of_samples
 from kickdrift.looks.report_lines import mean_text
 from kickdrift.model.box import Box
 from kickdrift.model.event_log import event_lines
@@ -91,15 +93,38 @@ def shared_content(run: Recorded) -> dict[str, Any]:
         "half_written": run.half_written,
         "events": run.whole_events(),
         "report": run.report,
+        "warnings": warnings_of(run),
     }
+
+
+def warnings_of(run: Recorded) -> list[str]:
+    """Warnings of the run's report; without a report, the warning that its samples give of the energy."""
+    if run.report is not None:
+        return list(run.report.get("warnings", ()))
+    seen, method = run.whole_samples().observables, INTEGRATORS.get(str(run.method.get("integrator")))
+    total = seen.get("total_energy", seen.get("energy"))
+    if total is None or not len(total) or method is None or method.bath or _works(run):
+        return []
+    doubt = of_samples(total + seen.get("energy_taken", 0.0), seen.get("kinetic_energy", np.full(len(total), np.nan)))
+    return [doubt] if doubt else []
+
+
+def _works(run: Recorded) -> bool:
+    """Whether a force of the run may do work, so that its energy is not conserved."""
+    classes = [force_class(*name) for name in _forces_of(run)]
+    return any(cls is None or getattr(cls, "works", False) for cls in classes)  # a property is true, too
+
+
+def _forces_of(run: Recorded) -> list[tuple[str, str]]:
+    """Module and name of each kind of force that the file names."""
+    given = getattr(run, "system_record", {}).get("forces")
+    listed = [each for each in given if isinstance(each, dict)] if isinstance(given, list) else []
+    return list(dict.fromkeys((str(each.get("module")), str(each.get("type"))) for each in listed))
 
 
 def _unregistered(run: Run) -> list[str]:
     """Forces that the file names and that are not registered. Their modules are not searched."""
-    given = run.system_record.get("forces")
-    listed = [each for each in given if isinstance(each, dict)] if isinstance(given, list) else []
-    named = dict.fromkeys((str(each.get("module")), str(each.get("type"))) for each in listed)
-    unknown = [name for name in named if force_class(*name) is None]
+    unknown = [name for name in _forces_of(run) if force_class(*name) is None]
     return [shown(".".join(name))[1:-1] for name in unknown[:SHOWN]]
 
 
@@ -173,7 +198,7 @@ def with_end(found: dict[str, Any], rows: list[tuple[str, str]]) -> list[tuple[s
     rows += alarms(found)
     rows.append(("checkpoints", _checkpoints(found["checkpoints"])))
     report = found["report"] or {}
-    report = {key: value for key, value in report.items() if key != "events"}
+    report = {key: value for key, value in report.items() if key not in ("events", "warnings")}
     rows += [(f"report: {key.replace('_', ' ')}", short(value)) for key, value in _flat(report)]
     return rows + event_lines(found["events"])
 
@@ -187,6 +212,7 @@ def alarms(found: dict[str, Any]) -> list[tuple[str, str]]:
     if not found["unchanged"]:
         what = "problem" if "problem" in found else "system"
         rows.append((what, "was changed after the run began, by its hash: the run cannot go on"))
+    rows += [("warning", line) for line in found["warnings"]]
     return rows + _damaged(found["damaged"], found["frames"])
 
 

@@ -12,6 +12,7 @@ from kickdrift.display.showing import KEY
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
+from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
 from kickdrift.model.checks import unwarned
@@ -19,7 +20,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
-from kickdrift.trajectory.info import alarms, goal, info_of, room_lines
+from kickdrift.trajectory.info import alarms, goal, info_of, room_lines, warnings_of
 from kickdrift.trajectory.problems.header import ENERGY, Y
 from kickdrift.trajectory.problems.info import MOST, table_rows
 from kickdrift.trajectory.problems.info import info as info_of_problem
@@ -195,7 +196,8 @@ def _energy(run: Run | ProblemRun, samples: Samples, total: Floats, kinetic: flo
         trend = energy_trend(samples.steps, samples.times, total, kinetic, run.method.get("dt") is not None, error)
     except InputError:  # energies that are not finite
         return {}
-    said = {"drift_per_unit_time": trend.slope, "drift_error": trend.error, "verdict": trend.verdict}
+    verdict = UNRELIABLE if warnings_of(run) else trend.verdict  # without a report, they are about the energy
+    said = {"drift_per_unit_time": trend.slope, "drift_error": trend.error, "verdict": verdict}
     return vars(error) | said
 
 

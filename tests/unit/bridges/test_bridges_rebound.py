@@ -361,7 +361,7 @@ def test_what_is_no_simulation_is_refused():
         ({"box": (9, 9, 9)}, "the box is periodic"),
         ({"forces": [kd.LennardJones()]}, "rebound has no force 'lennard-jones'; expected only gravity"),
         ({"forces": [kd.Gravity(), kd.Oblateness(1e-3, 1.0)]}, "rebound has no force 'j2'"),
-        ({"forces": [kd.Gravity(), kd.Gravity()]}, "expected one gravity force, got two"),
+        ({"forces": [kd.Gravity(), kd.Gravity(softening=0.1)]}, "expected one gravity force, got two"),
         ({"units": "metal"}, "cannot express units 'metal'"),
     ],
 )

@@ -274,6 +274,25 @@ def test_a_system_that_does_not_fit_a_force_is_refused(bonds, force, more, messa
         (lambda: kd.HarmonicBond(math.inf, 1.0), "harmonic-bond: stiffness: expected a finite number"),
         (lambda: kd.Fene(sigma=0.9), "fene: sigma is 0.9 and epsilon 0: the core has no strength; give epsilon too"),
         (lambda: kd.Fene(types={}), "fene: types: expected a table of types"),
+        (lambda: kd.HarmonicBond(-1.0, 1.0), "harmonic-bond: stiffness must be zero or more, got -1.0"),
+        (lambda: kd.Fene(stiffness=-30.0), "fene: stiffness must be zero or more, got -30.0"),
+        (lambda: kd.Fene(epsilon=-1.0), "fene: epsilon must be zero or more, got -1.0"),
+        (lambda: kd.Fene(length=0.0), "fene: length must be positive, got 0"),
+        (lambda: kd.MorseBond(-1.0, 1.0, 1.0), "morse-bond: depth must be zero or more, got -1.0"),
+        (lambda: kd.MorseBond(1.0, -1.0, 1.0), "morse-bond: width must be zero or more, got -1.0"),
+        (lambda: kd.HarmonicAngle(1.0, 181.0), "harmonic-angle: rest must be 0 to 180 degrees, got 181: no angle"),
+        (lambda: kd.HarmonicAngle(1.0, 90.0, types={"a": {"rest": -1.0}}), "type a: rest must be 0 to 180 degrees"),
+        (
+            lambda: kd.HarmonicImproper(1.0, 181.0),
+            "harmonic-improper: rest must be 0 to 180 degrees, got 181: the sign",
+        ),
+        (lambda: kd.HarmonicImproper(1.0, -200.0), "harmonic-improper: rest must be 0 to 180 degrees, got -200"),
+        (
+            lambda: kd.PeriodicDihedral(10.0, 1.5, 45.0),
+            "multiplicity must be a whole number, zero or more, got 1.5: the",
+        ),
+        (lambda: kd.PeriodicDihedral(10.0, -2.0), "multiplicity must be a whole number, zero or more, got -2"),
+        (lambda: kd.PeriodicImproper(10.0, 2.5), "periodic-improper: multiplicity must be a whole number"),
         (lambda: kd.Fene(types={"a": {"stiffnes": 1.0}}), "unknown parameter 'stiffnes'; did you mean 'stiffness'"),
     ],
 )
@@ -297,6 +316,14 @@ def test_wrong_laws_are_refused():
         def law(p, r, q):
             return r, 1.0
 
+    class Jumping(NamedTuple):
+        k: float = 1.0
+
+        def law(p, angle):
+            return p.k * angle, p.k
+
+    with pytest.raises(kd.InputError, match=r"same at -180 and 180 degrees, .* it jumps from -3\.14159 to 3\.14159"):
+        kd.dihedral_law(Jumping)()
     for cls, message in (
         (NoSlope, r"law must return the energy and its slope dU/d\(r\); at r = 1.31 it returns 1.31"),
         (OneValue, "must return two numbers, energy and slope"),
@@ -318,6 +345,55 @@ def test_a_bond_that_is_too_long_at_a_step_is_named(force, box, message):
     system = kd.System(x, v, box=box, topology=kd.Topology([(2, 3), (0, 1)]), forces=[force])
     with pytest.raises(kd.RunError, match=message):
         kd.Simulation(system, dt=0.005).run(100)
+
+
+CHAIN = np.column_stack([np.arange(8.0), np.zeros(8), np.zeros(8)])
+
+
+@pytest.mark.parametrize(
+    ("given", "edge", "pair", "apart"),
+    [
+        ({"factors": (0, 0, 0.5)}, 6.1, (0, 3), 3),
+        ({"factors": (0, 0, 1)}, 4.05, (0, 2), 2),
+        ({"exclusions": [(1, 3)]}, 4.05, (1, 3), 2),
+        ({"exclusions": [(1, 7)]}, 12.2, (1, 7), 6),
+    ],
+)
+@pytest.mark.parametrize("leans", [False, True])
+def test_a_box_too_short_for_the_bonded_image_of_a_special_pair_is_refused(given, edge, pair, apart, leans):
+    """In such a box the nearest image of the pair is not the one that the bonds join, and its factor goes there."""
+
+    def system(edge):
+        box = kd.Box([[edge, 0, 0], [0.3, edge, 0], [0, 0.2, edge]]) if leans else (edge, edge, edge)
+        topology = kd.Topology.chains(1, 8, **given)
+        return kd.System(CHAIN + 0.5, box=box, topology=topology, forces=[kd.LennardJones(cutoff=2.0)])
+
+    first, last = pair
+    message = f"lennard-jones: particles {first} and {last}, which .* are {apart} apart along their bonds; they must be"
+    with pytest.raises(kd.InputError, match=message):
+        system(edge)
+    system(edge * 1.05)
+
+
+def test_exclusions_of_particles_that_no_bonds_join_mean_the_nearest_image():
+    topology = kd.Topology([(0, 1)], exclusions=[(0, 4)])
+    kd.System(CHAIN, box=(8.5, 4.5, 4.5), topology=topology, forces=[kd.LennardJones(cutoff=2.0)])
+
+
+def test_a_chain_through_the_box_is_measured_along_its_shortest_path():
+    """Particles 0 and 4 of a ring through the box are bonded, not four bonds apart."""
+    bonds = [(k, (k + 1) % 5) for k in range(5)]
+    topology = kd.Topology(bonds, factors=(0, 0, 1))
+    kd.System(CHAIN[:5], box=(5, 5, 5), topology=topology, forces=[kd.LennardJones(cutoff=2.0)])
+
+
+def test_a_run_that_stretches_a_special_pair_too_far_says_so():
+    topology = kd.Topology.chains(1, 4, factors=(0, 0, 0))
+    v = [[-10.0, 0, 1], [0, 1, 0], [0, -1, 0], [10.0, 0, -1]]
+    system = kd.System(CHAIN[:4], v, box=(8, 8, 8), topology=topology, forces=[kd.LennardJones(cutoff=2.0)])
+    assert not kd.Simulation(system, dt=0.001).run(10).warnings
+    (warning,) = kd.Simulation(system, dt=0.001).run(60).warnings
+    assert warning.startswith("particles 0 and 3, which the topology leaves out or scales, are 4.2")
 
 
 def test_joined_particles_neither_merge_nor_leave():

@@ -1,14 +1,16 @@
-"""Check whether steps are too long for stability, or shorter than accuracy needs."""
+"""Check whether steps are too long for stability or shorter than accuracy needs, and whether speeds are too high."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from kickdrift.engines.session import EngineFlow, RunFlow
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stability_limit import (
+    LIMITED,
     WATCHED_POINTS,
     WATCHED_STEPS,
     Point,
@@ -17,7 +19,9 @@ from kickdrift.integrators.stability_limit import (
 )
 from kickdrift.integrators.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.integrators.stepper import Stepper
+from kickdrift.looks.doubts import LIGHT, light_doubt, slowest_light
 from kickdrift.looks.record import Record
+from kickdrift.model.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.watcher import Watcher
 
@@ -29,6 +33,7 @@ class Stepping(Protocol):
     """Attributes of the integration; see `run.advance.Integration`."""
 
     method: Method
+    system: Any
     flow: RunFlow
     dt: float | None
     record: Record
@@ -45,12 +50,15 @@ class Stepping(Protocol):
 
 
 class Stability(Watcher):
-    """Warns if dt exceeds the limit of stability, or if stability rather than accuracy sets the steps.
+    """Warns if dt exceeds the limit of stability, if stability rather than accuracy sets the steps, or if a body is as
+    fast as light under a force that holds for slow ones.
 
     Attributes
     ----------
     limited : bool
         Whether stability can set the steps of this method and flow. If so, every look is stored.
+    shown : int
+        How many looks at the end of a series this must see.
     """
 
     def __init__(self, run: Stepping) -> None:
@@ -61,6 +69,13 @@ class Stability(Watcher):
         self._points: deque[Point] = deque(maxlen=WATCHED_POINTS)
         self._changes = run.changes
         self._check_at, self._first = 0, False
+        self._lights = slowest_light(run.system) < math.inf
+        self.shown = MOST_STEPS if self._lights else WATCHED_POINTS if self.limited else 0
+
+    @property
+    def watches(self) -> bool:
+        """Whether this must see looks."""
+        return self.limited or self._lights
 
     def begin_anew(self, check_at: int) -> None:
         """Start again from another state; check dt next when the record has ``check_at`` steps."""
@@ -73,14 +88,18 @@ class Stability(Watcher):
 
     def look(self) -> None:
         """Store the current point, and check dt at a run's first look."""
-        if self.limited and not self._run.record.backward:
+        if self._lights or (self.limited and not self._run.record.backward):
             self.keep(self._run.time, self._run.y)
         if self._first:
             self._first = False
             self._check_step()
 
     def keep(self, time: float, y: Floats) -> None:
-        """Store a point; drop the points from before an event changed the bodies."""
+        """Check the speeds of a point, and store it; drop the points from before an event changed the bodies."""
+        if self._lights:
+            self._check_speeds(y)
+        if not self.limited or self._run.record.backward:
+            return
         if self._changes != self._run.changes:
             self._changes = self._run.changes
             self._points.clear()
@@ -97,7 +116,13 @@ class Stability(Watcher):
         assert not isinstance(run.flow, EngineFlow)
         warning = stability_warning(run.flow, run.method, list(self._points))
         if warning and warning not in record.warnings:
-            record.warnings = [*(w for w in record.warnings if TOO_LONG in w), warning]
+            record.warnings = [*(w for w in record.warnings if not w.startswith(LIMITED)), warning]
+
+    def _check_speeds(self, y: Floats) -> None:
+        """Warn once if a body is as fast as light."""
+        line, warnings = light_doubt(self._run.system, y[1]), self._run.record.warnings
+        if line and not any(LIGHT in each for each in warnings):
+            warnings.append(line)
 
     def _check_step(self) -> None:
         """Warn if dt exceeds the limit of stability; check at the start and whenever the steps have doubled."""
