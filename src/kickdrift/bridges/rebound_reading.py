@@ -33,7 +33,7 @@ OTHER_COUNT = "Number of particles found does not match"  # in its warning about
 class Told(NamedTuple):
     """Answer of the process: the number of snapshots, rebound's warnings, and one snapshot; or an error."""
 
-    count: int = 0
+    snapshots: int = 0
     said: tuple[str, ...] = ()
     snapshot: Snapshot | None = None
     error: str = ""
@@ -45,7 +45,7 @@ def archived_system(path: Path, snapshot: int | None = None) -> System:
     if isinstance(snapshot, bool) or not isinstance(snapshot, int | np.integer):
         raise InputError(f"snapshot: expected a whole number, got {shown(snapshot)}")
     told, table = _told(path, int(snapshot))
-    count, found, said = told.count, told.snapshot, told.said
+    count, found, said = told.snapshots, told.snapshot, told.said
     if found is None:
         raise InputError(f"{path}: has no snapshot {snapshot}; the archive holds {count}, from 0 to {count - 1}")
     if any(OTHER_COUNT in each for each in said):
@@ -66,7 +66,7 @@ def archived_system(path: Path, snapshot: int | None = None) -> System:
 
 def snapshots_in(path: Path) -> int:
     """Number of an archive's whole snapshots."""
-    return _told(path, None)[0].count
+    return _told(path, None)[0].snapshots
 
 
 def _told(path: Path, snapshot: int | None) -> tuple[Told, Floats]:

@@ -135,7 +135,7 @@ def _read(rebound: Any, path: str, snapshot: int | None) -> tuple[dict[str, Any]
                 sim.synchronize()
             found, table = described(sim)
     texts = sorted({str(each.message) for each in said})
-    return {"count": count, "said": texts, "snapshot": found and found._asdict()}, table
+    return {"snapshots": count, "said": texts, "snapshot": found and found._asdict()}, table
 
 
 def _limit(size: int) -> None:

@@ -123,7 +123,7 @@ def _gravities(sim: Snapshot, units: UnitSystem) -> tuple[Any, ...]:
 
 def _run(sim: Snapshot, masses: Floats) -> tuple[RunDefaults, list[str]]:
     """Return the method and its step, and warnings about options without an equivalent here."""
-    method, own = sim.integrator, sim.options
+    method, own = sim.integrator, dict[str, Any](sim.options)
     run = RunDefaults(dt=sim.dt)
     central = int(np.argmax(masses)) == 0
     if method == "leapfrog" and own["order"] in LEAPFROGS:
