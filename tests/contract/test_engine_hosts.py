@@ -156,8 +156,8 @@ def test_mpiexec_ends_with_a_parent_that_is_killed(tmp_path):
     """In mpiexec's place is a program that says something when it begins, and when it ends by itself."""
     program, said = tmp_path / "mpiexec", tmp_path / "said"
     os.mkfifo(said)
-    program.write_text(f"#!{sys.executable} -IS\nimport time\nwith open({str(said)!r}, 'w') as file:\n"
-                       "    print('begun', file=file, flush=True)\n    time.sleep(60)\n    file.write('late')\n")  # fmt: skip
+    work = "    print('begun', file=file, flush=True)\n    time.sleep(60)\n    file.write('late')\n"
+    program.write_text(f"#!{sys.executable} -IS\nimport time\nwith open({str(said)!r}, 'w') as file:\n{work}")
     program.chmod(0o700)
     with subprocess.Popen([sys.executable, "-c", PARENT, program]) as parent, open(said) as file:
         assert file.readline() == "begun\n"
