@@ -132,9 +132,9 @@ def found(key: str, path: Any, fits: Callable[[Any], bool]) -> Any:
     module, _, name = path.rpartition(".")
     if module not in _MODULES:
         raise InputError(
-            f"{key}: {clean(path, VALUE)} is code, and a file runs no code by itself; kickdrift --load MODULE COMMAND, or "
-            "--load FILE.py, allows it for a module that you trust, in Python kd.register_force or a system given to "
-            "kd.resume"
+            f"{key}: {clean(path, VALUE)} is code, and a file runs no code by itself; kickdrift --load MODULE COMMAND "
+            "(or --load FILE.py) allows it for a module that you trust, in Python kd.register_force or a system given "
+            "to kd.resume"
         )
     there = vars(sys.modules[module])
     own = [each for each, value in there.items() if fits(value) and path_of(value) == f"{module}.{each}"]
