@@ -91,8 +91,12 @@ def test_the_processes_of_this_machine_have_room_in_its_memory(tmp_path):
         hosts.write_text(lines)
         with pytest.raises(kd.InputError, match=r"^run: 1,[08]00 processes take about .* of memory; give fewer$"):
             kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts, processes=processes)
-    with pytest.raises(kd.InputError, match=r"^processes: 5,000 would run on 'localhost'; a machine takes 1,024$"):
-        kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts, processes=5000)
+    for processes, said in [
+        (2000, r"2,000 would run on 'localhost'; a machine takes 1,024"),
+        (5000, r"5,000 are more than 4,096, which is the limit for a run"),
+    ]:
+        with pytest.raises(kd.InputError, match=f"^processes: {said}$"):
+            kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts, processes=processes)
 
 
 @pytest.mark.parametrize(("hosts", "count", "here"), [

@@ -58,7 +58,9 @@ def slots(file: str | os.PathLike[str]) -> dict[str, int]:
 
 def on_this_machine(hosts: Mapping[str, int], count: int) -> int:
     """Number of processes, of ``count``, that mpiexec starts here: it fills one machine after the other, again and
-    again. Raises InputError if a machine gets too many."""
+    again. Raises InputError for too many, on one machine or in all."""
+    if count > MOST:
+        raise InputError(f"processes: {count:,} are more than {MOST:,}, which is the limit for a run")
     rounds, left = divmod(count, sum(hosts.values()))
     here = 0
     for name, slots in hosts.items():
