@@ -64,7 +64,7 @@ def simulation_of(system: System) -> Any:
         sim.N_active = massive
     sim.t = state.time
     untaken = _set_method(sim, system) + [f"event {event.kind}" for event in system.events]
-    tell("to_rebound", untaken)
+    tell("to_rebound", untaken, 4)
     return sim
 
 

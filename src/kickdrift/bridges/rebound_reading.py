@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from kickdrift.bridges import rebound_snapshot
-from kickdrift.bridges.rebound_snapshot import COLUMNS, Snapshot
+from kickdrift.bridges.rebound_snapshot import CHOICES, COLUMNS, OPTIONS, Snapshot
 from kickdrift.bridges.rebound_system import system_from
 from kickdrift.disk.files import shown_path
 from kickdrift.errors import InputError
@@ -79,16 +79,26 @@ def _told(path: Path, snapshot: int | None) -> tuple[Told, Floats]:
     if told.error:
         raise InputError(f"{shown_path(path)}: rebound cannot read this archive: {' '.join(told.error.split())}")
     bodies = told.snapshot.N if told.snapshot else 0
+    if told.snapshot and not _whole(told.snapshot):
+        raise _damaged(path, "its settings make no sense")
     if len(data) != 8 * len(COLUMNS) * bodies:
         raise _damaged(path, "a snapshot lacks particles")
     return told, np.frombuffer(data).reshape(len(COLUMNS), bodies).T
+
+
+def _whole(found: Snapshot) -> bool:
+    """Whether a snapshot has its method's options, numbers and words, and a name for each body or for none."""
+    options = {key: key in CHOICES for key in OPTIONS.get(found.integrator, ())}
+    return options == {key: isinstance(value, str) for key, value in found.options.items()} and (
+        len(found.names) in (0, found.N)
+    )
 
 
 def _answer(path: Path, snapshot: int | None) -> bytes:
     """Run `rebound_snapshot` on the archive, and return its answer. Raises InputError if it dies or takes too long."""
     size = os.stat(path).st_size
     most, clock = ANSWER_BYTES + ANSWER_SHARE * size, Timer(CLOCK_SECONDS + size / CLOCK_RATE, lambda: process.kill())
-    words = json.dumps([str(path), snapshot, [each for each in sys.path if each]])
+    words = json.dumps([str(path), snapshot, [each for each in sys.path if each and isinstance(each, str)]])
     process: Any
     with subprocess.Popen(
         [sys.executable, "-I", rebound_snapshot.__file__, words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

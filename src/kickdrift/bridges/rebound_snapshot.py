@@ -23,6 +23,7 @@ OPTIONS = {  # of each integrator that kickdrift has too
     "trace": ("peri_crit_eta", "peri_mode", "r_crit_hill"),
     "saba": ("type",),
 }
+CHOICES = ("adaptive_mode", "coordinates", "kernel", "peri_mode", "type")  # options that are words
 MEMORY_BYTES, MEMORY_SHARE = 2**28, 8  # of the process that reads: this, and this many times the file's size
 CPU_SECONDS, CPU_RATE = 4, 10**7  # of its work: this, and the file's size at so many bytes a second
 
@@ -51,28 +52,28 @@ class Snapshot(NamedTuple):
     integrator: str
     functions: list[str]
     options: dict[str, int | float | str]
-    units: list[str | None]
+    units: tuple[str | None, str | None, str | None]
     names: list[str | None]
 
 
 def described(sim: Any) -> tuple[Snapshot, bytes]:
     """Return a Simulation's settings, and the `COLUMNS` of its bodies, one after the other, as bytes of doubles."""
     method = str(sim.integrator)
-    options = {key: _plain(getattr(sim.integrator, key)) for key in OPTIONS.get(method, ())}
+    options = {key: _option(key, getattr(sim.integrator, key)) for key in OPTIONS.get(method, ())}
     named = [p.name for p in sim.particles]
     snapshot = Snapshot(
         sim.t, sim.G, sim.softening, sim.OMEGA, sim.OMEGAZ, sim.dt, sim.exit_max_distance, sim.exit_min_distance,
         sim.N, sim.N_var, sim.N_active, sim._N_odes, bool(sim.is_synchronized), _own_switch(sim.integrator, method),
         str(sim.boundary), str(sim.collision), str(sim.gravity), method,
         [key for key in FUNCTIONS if getattr(sim, f"_{key}", None)], options,
-        [sim.units[key] for key in ("length", "time", "mass")], named if any(named) else [],
+        (sim.units["length"], sim.units["time"], sim.units["mass"]), named if any(named) else [],
     )  # fmt: skip
     return snapshot, _table(sim)
 
 
-def _plain(value: Any) -> int | float | str:
-    """A number, or the name of a choice. rebound gives a choice that it does not know as a number."""
-    return str(value) if isinstance(value, str) else int(value) if isinstance(value, int) else float(value)
+def _option(key: str, value: Any) -> int | float | str:
+    """An option without rebound's own type. rebound gives a choice that it does not know as a number."""
+    return str(value) if key in CHOICES else int(value) if isinstance(value, int) else float(value)
 
 
 def _own_switch(own: Any, method: str) -> bool:

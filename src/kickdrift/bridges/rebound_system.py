@@ -39,7 +39,7 @@ def system_from(sim: Snapshot, table: Floats, forces: Iterable[Any] | None = Non
         name="rebound", names=names, radii=radii if radii.any() else None, run=run,
     )  # fmt: skip
     untaken += [key for key in ("exit_max_distance", "exit_min_distance") if getattr(sim, key)]
-    tell("from_rebound", untaken)
+    tell("from_rebound", untaken, 5)
     return system.at(system.state.phase, sim.t)
 
 
@@ -48,10 +48,10 @@ def unnamed(i: int) -> str:
     return f"particle {i}"
 
 
-def tell(what: str, untaken: list[str]) -> None:
-    """Warn of what a conversion left out."""
+def tell(what: str, untaken: list[str], level: int) -> None:
+    """Warn of what a conversion left out; ``level`` is `warnings.warn`'s stacklevel."""
     if untaken:
-        warnings.warn(f"{what}: left out, without an equivalent in kickdrift: {'; '.join(untaken)}", stacklevel=5)
+        warnings.warn(f"{what}: left out, without an equivalent in kickdrift: {'; '.join(untaken)}", stacklevel=level)
 
 
 def _refuse(sim: Snapshot) -> None:

@@ -46,7 +46,8 @@ def slots(file: str | os.PathLike[str]) -> dict[str, int]:
         where = f"hosts: {shown_path(file)}, line {number}:"
         if not (parts := _LINE.fullmatch(words)):
             raise InputError(f"{where} {shown(words)} is not NAME or NAME:COUNT")
-        found[name] = found.get(name := parts["name"], 0) + int(parts["count"] or 1)
+        name = parts["name"]
+        found[name] = found.get(name, 0) + int(parts["count"] or 1)
         if found[name] > MOST_ON_ONE:
             raise InputError(f"{where} {shown(name)} has {found[name]:,} processes; a machine takes {MOST_ON_ONE:,}")
         if sum(found.values()) > MOST:

@@ -139,6 +139,6 @@ def found(key: str, path: Any, fits: Callable[[Any], bool]) -> Any:
     there = vars(sys.modules[module])
     own = [each for each, value in there.items() if fits(value) and path_of(value) == f"{module}.{each}"]
     if name not in own:
-        what = {is_calculator: "calculator ", is_function: "function "}.get(fits, "")
+        what = "calculator " if fits is is_calculator else "function " if fits is is_function else ""
         raise InputError(f"{key}: module {module} defines no {what}{clean(name, VALUE)}{suggestion(name, own)}")
     return there[name]
