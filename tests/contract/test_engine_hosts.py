@@ -59,15 +59,55 @@ def test_a_process_from_elsewhere_proves_that_it_knows_the_key():
 @pytest.mark.parametrize(("lines", "said"), [
     ("a b c", ", line 1: 'a b c' is not NAME or NAME:COUNT"),
     ("one\ntwo:0", ", line 2: 'two:0' is not NAME or NAME:COUNT"),
-    ("# nothing\n", " names no machine"),
-    (None, " cannot be read: No such file or directory"),
+    ("# nothing\n", ": names no machine"),
+    (None, ": no such file"),
+    ("\xff", ": is not a text file"),
+    ("localhost:999999", ", line 1: 'localhost' has 999,999 processes; a machine takes 1,024"),
+    ("localhost:1000\none\nlocalhost:25", ", line 3: 'localhost' has 1,025 processes; a machine takes 1,024"),
+    ("a:1024\nb:1024\nc:1024\nd:1024\ne", ", line 5: more than 4,096 processes, which is the limit for a run"),
+    ("#" * 2**20 + "\n", ": too large: a hosts file has at most 1,048,576 bytes"),
 ])  # fmt: skip
 def test_bad_hosts_files(lines, said, tmp_path):
     hosts = tmp_path / "hosts"
     if lines is not None:
-        hosts.write_text(lines)
+        hosts.write_text(lines, encoding="latin-1")
     with pytest.raises(kd.InputError, match=f"^hosts: {re.escape(str(hosts) + said)}$"):
         kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts)
+
+
+@pytest.mark.parametrize("path", ["pipe", "/dev/zero", "/dev/null"])
+def test_a_hosts_file_is_a_regular_file(path, tmp_path, monkeypatch):
+    """A pipe would wait for ever, and a device may have no end."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    with pytest.raises(kd.InputError, match=rf"^hosts: {path}: is a (pipe|device), not a hosts file$"):
+        kd.Simulation(kd.load("lj-1000"), **HOW, hosts=path)
+
+
+def test_the_processes_of_this_machine_have_room_in_its_memory(tmp_path):
+    """All lines with this machine's names count together, and so does more than the lines list."""
+    hosts = tmp_path / "hosts"
+    for lines, processes in [("localhost:900\n127.0.0.1:900", None), ("localhost", 1000)]:
+        hosts.write_text(lines)
+        with pytest.raises(kd.InputError, match=r"^run: 1,[08]00 processes take about .* of memory; give fewer$"):
+            kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts, processes=processes)
+    for processes, said in [
+        (2000, r"2,000 would run on 'localhost'; a machine takes 1,024"),
+        (5000, r"5,000 are more than 4,096, which is the limit for a run"),
+    ]:
+        with pytest.raises(kd.InputError, match=f"^processes: {said}$"):
+            kd.Simulation(kd.load("lj-1000"), **HOW, hosts=hosts, processes=processes)
+
+
+@pytest.mark.parametrize(("hosts", "count", "here"), [
+    ({"localhost": 2, "192.0.2.1": 4}, 6, 2),
+    ({"localhost": 2, "192.0.2.1": 4}, 1, 1),
+    ({"192.0.2.1": 4, "localhost": 2}, 5, 1),
+    ({"192.0.2.1": 4, "127.0.0.2": 2}, 13, 4),
+])  # fmt: skip
+def test_the_share_of_this_machine(hosts, count, here):
+    """192.0.2.1 is in nobody's network (RFC 5737)."""
+    assert other_machines.on_this_machine(hosts, count) == here
 
 
 def test_machines_that_cannot_be_reached_and_engines_without_processes(tmp_path):
@@ -106,6 +146,27 @@ def test_processes_that_do_not_start_say_why(said, cause, monkeypatch, tmp_path)
     monkeypatch.setattr(lammps_processes, "mpiexec", lambda: program)
     with pytest.raises(RuntimeError, match=f"^mpiexec ended with status 255: {re.escape(cause)}$"):
         lammps_processes.Processes(2)
+
+
+PARENT = """
+import sys
+from kickdrift.engines import lammps_processes
+lammps_processes.mpiexec = lambda: sys.argv[1]
+lammps_processes.Processes(2)
+"""
+
+
+def test_mpiexec_ends_with_a_parent_that_is_killed(tmp_path):
+    """In mpiexec's place is a program that says something when it begins, and when it ends by itself."""
+    program, said = tmp_path / "mpiexec", tmp_path / "said"
+    os.mkfifo(said)
+    work = "    print('begun', file=file, flush=True)\n    time.sleep(60)\n    file.write('late')\n"
+    program.write_text(f"#!{sys.executable} -IS\nimport time\nwith open({str(said)!r}, 'w') as file:\n{work}")
+    program.chmod(0o700)
+    with subprocess.Popen([sys.executable, "-c", PARENT, program]) as parent, open(said) as file:
+        assert file.readline() == "begun\n"
+        parent.kill()
+        assert file.read() == ""
 
 
 @pytest.mark.long

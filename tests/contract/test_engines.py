@@ -369,7 +369,7 @@ def test_processes_that_connect_and_say_nothing(monkeypatch, tmp_path):
     with pytest.raises(RuntimeError, match=r"^0 of 2 processes started within 2 s$"):
         lammps_processes.Processes(2)
     monkeypatch.setattr(lammps_processes, "mpiexec", lambda: tmp_path / "no-such-program")
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(RuntimeError, match=r"^mpiexec ended with status 1: FileNotFoundError: .*no-such-program'$"):
         lammps_processes.Processes(2)
     assert list(tmp_path.iterdir()) == [mute]
 

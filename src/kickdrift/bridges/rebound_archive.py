@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.bridges.rebound import archive_at, simulation_of
+from kickdrift.bridges.rebound import simulation_of
+from kickdrift.bridges.rebound_reading import snapshots_in
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.model.box import Box
@@ -71,11 +72,9 @@ class Archive:
 
     def check(self) -> None:
         """Read the archive back. Raises OSError if snapshots are missing: rebound does not tell of a full disk."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                found = len(archive_at(Path(self.path)))
-            except InputError:
-                found = 0
+        try:
+            found = snapshots_in(Path(self.path))
+        except InputError:
+            found = 0
         if found != self.count:
             raise OSError(errno.ENOSPC, f"{found} of {self.count} snapshots were written")

@@ -317,11 +317,11 @@ def _tested(name: str, calculator: str | None) -> Any:
 
     if calculator is not None:
         from kickdrift.forces.external_calculator import CalculatorForce
-        from kickdrift.forces.external_code import load_module
+        from kickdrift.forces.external_code import found, load_module
 
         load_module(calculator.rpartition(".")[0] or calculator)
         system: Any = load_or_run(name)
-        return system.remade(forces=[CalculatorForce(calculator)])
+        return system.remade(forces=[CalculatorForce(found("--calculator", calculator, callable))])
     if name in FORCES and not is_shipped(name) and not Path(name).exists():
         return FORCES[name]()
     return load_or_run(name)

@@ -10,38 +10,75 @@ import os
 import re
 import socket
 import struct
+from collections.abc import Mapping
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Connection, answer_challenge, deliver_challenge
-from pathlib import Path
 
+from kickdrift.disk.files import content, shown_path
 from kickdrift.errors import InputError
+from kickdrift.text import shown
 
+MOST_BYTES = 2**20  # of a hosts file
+MOST_ON_ONE, MOST = 1024, 4096  # processes on one machine, and in all
 KEY_BYTES = 32
 ANSWER_SECONDS = 10  # limit for each answer to a challenge
 # options of a connection, in seconds and milliseconds: a machine that is silent for a minute is gone
 SILENCE = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 60_000}
-_LINE = re.compile(r"(?P<name>[A-Za-z0-9._-]+)(:(?P<count>[1-9][0-9]{0,5}))?")
+_LINE = re.compile(r"(?P<name>[A-Za-z0-9._-]+)(:(?P<count>[1-9][0-9]{0,8}))?")
 
 
 def slots(file: str | os.PathLike[str]) -> dict[str, int]:
     """Return the machines of a hosts file, and the number of processes that each takes.
 
     The format is that of MPICH's mpiexec: a line for each machine, ``name`` or ``name:count``; ``#`` begins a comment.
-    Raises InputError for a file that is missing or names no machine, and for a line of another form."""
+    Raises InputError for a file that cannot be read or names no machine, for a line of another form, and for more
+    processes than any machine takes."""
     try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"hosts: {file} cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
+        lines = content(file, MOST_BYTES, "a hosts file").decode().splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"hosts: {shown_path(file)}: is not a text file") from None
+    except InputError as error:
+        raise InputError(f"hosts: {error}") from None
     found: dict[str, int] = {}
     for number, line in enumerate(lines, 1):
         if not (words := line.partition("#")[0].strip()):
             continue
+        where = f"hosts: {shown_path(file)}, line {number}:"
         if not (parts := _LINE.fullmatch(words)):
-            raise InputError(f"hosts: {file}, line {number}: {words!r} is not NAME or NAME:COUNT")
-        found[parts["name"]] = found.get(parts["name"], 0) + int(parts["count"] or 1)
+            raise InputError(f"{where} {shown(words)} is not NAME or NAME:COUNT")
+        name = parts["name"]
+        found[name] = found.get(name, 0) + int(parts["count"] or 1)
+        if found[name] > MOST_ON_ONE:
+            raise InputError(f"{where} {shown(name)} has {found[name]:,} processes; a machine takes {MOST_ON_ONE:,}")
+        if sum(found.values()) > MOST:
+            raise InputError(f"{where} more than {MOST:,} processes, which is the limit for a run")
     if not found:
-        raise InputError(f"hosts: {file} names no machine")
+        raise InputError(f"hosts: {shown_path(file)}: names no machine")
     return found
+
+
+def on_this_machine(hosts: Mapping[str, int], count: int) -> int:
+    """Number of processes, of ``count``, that mpiexec starts here: it fills one machine after the other, again and
+    again. Raises InputError for too many, on one machine or in all."""
+    if count > MOST:
+        raise InputError(f"processes: {count:,} are more than {MOST:,}, which is the limit for a run")
+    rounds, left = divmod(count, sum(hosts.values()))
+    here = 0
+    for name, slots in hosts.items():
+        part = rounds * slots + min(left, slots)
+        left -= min(left, slots)
+        if part > MOST_ON_ONE:
+            raise InputError(f"processes: {part:,} would run on {shown(name)}; a machine takes {MOST_ON_ONE:,}")
+        here += part if _is_here(name) else 0
+    return here
+
+
+def _is_here(name: str) -> bool:
+    try:
+        there, own = _ends(name)
+    except OSError:
+        return False
+    return there == own or there.startswith(("127.", "0."))
 
 
 def address_towards(names: list[str]) -> str:
@@ -50,15 +87,20 @@ def address_towards(names: list[str]) -> str:
     Raises InputError for a name without an address, and for a machine without a route."""
     for name in names:
         try:
-            there = socket.getaddrinfo(name, 9, socket.AF_INET, socket.SOCK_DGRAM)[0][4]
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-                asking.connect(there)  # sends nothing: the system chooses the route
-                own = str(asking.getsockname()[0])
+            there, own = _ends(name)
         except OSError as error:
             raise InputError(f"hosts: machine {name!r} cannot be reached: {error.strerror or error}") from None
-        if own != there[0]:
+        if own != there:
             return own
     return "127.0.0.1"
+
+
+def _ends(name: str) -> tuple[str, str]:
+    """A machine's address, and this machine's address as the other one sees it."""
+    there = socket.getaddrinfo(name, 9, socket.AF_INET, socket.SOCK_DGRAM)[0][4]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        asking.connect(there)  # sends nothing: the system chooses the route
+        return str(there[0]), str(asking.getsockname()[0])
 
 
 def listening(address: str, count: int) -> socket.socket:

@@ -2,7 +2,7 @@
 
 The processes connect to a socket in a folder that only this user can enter, or over the network if some run on other
 machines (see ``hosts``). They run in a session of their own, so that Ctrl-C reaches only this process, which then
-ends them. They also end when this process ends.
+ends them. They also end when this process ends (see ``keeper``).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from kickdrift.engines import keeper
 from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening
 from kickdrift.engines.lammps_library import mpiexec
 
@@ -35,7 +36,7 @@ START_SECONDS = 120.0  # limit for the start of all processes
 QUIET = ("=", "Warning:")  # beginnings of lines that say nothing: mpiexec's frame, and ssh's notes on known machines
 _MPIEXEC = re.compile(r"\[(mpiexec|proxy:\d+)@\S+\] \w+ \([^)]*\): ")  # beginning of a line of mpiexec's own
 POLL_SECONDS = 0.5
-END_SECONDS = 5.0
+END_SECONDS = 5.0  # for orders to be done
 
 
 class Processes:
@@ -52,8 +53,9 @@ class Processes:
                 door.settimeout(POLL_SECONDS)
                 words = [str(program), *machines, "-n", str(count)]
                 self._process = subprocess.Popen(
-                    [*words, sys.executable, "-m", "kickdrift.engines.lammps_worker"], stdin=subprocess.DEVNULL,
-                    stdout=self._said, stderr=self._said, env=_environment(door, self._key), start_new_session=True,
+                    [sys.executable, "-I", "-S", keeper.__file__, *words, sys.executable, "-m",
+                     "kickdrift.engines.lammps_worker"], stdin=subprocess.PIPE, stdout=self._said,
+                    stderr=self._said, env=_environment(door, self._key), start_new_session=True,
                 )  # fmt: skip
                 self._connections: list[Connection] = []
                 self.close = weakref.finalize(self, _end, self._process, self._connections, self._said, folder)
@@ -216,11 +218,13 @@ def _end(process: subprocess.Popen, connections: list[Connection], said: Any, fo
     """Ask the processes to end, and kill those that do not."""
     for connection in connections:
         connection.close()  # tells a process to end once its work is done
-    for act in (lambda: None, process.terminate, lambda: os.killpg(process.pid, signal.SIGKILL)):
+    assert process.stdin is not None
+    for act in (lambda: None, process.stdin.close, lambda: os.killpg(process.pid, signal.SIGKILL)):
         with contextlib.suppress(ProcessLookupError):
             act()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(END_SECONDS)
+            process.wait(END_SECONDS + keeper.END_SECONDS)
             break
+    process.stdin.close()
     said.close()
     shutil.rmtree(folder, ignore_errors=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from kickdrift.engines.bonded import split
 from kickdrift.forces.embedded_atom import EmbeddedAtom
+from kickdrift.forces.entries import potential_file
 from kickdrift.forces.many_body import ManyBodyForce
 from kickdrift.forces.setfl import FORMS
 from kickdrift.forces.stillinger_weber import StillingerWeber
@@ -35,7 +35,7 @@ def style_of(force: ManyBodyForce) -> str:
 def text_of(force: Any) -> str:
     """Text of a file of the force's parameters, without LAMMPS' note of units in its first line."""
     if isinstance(force, EmbeddedAtom):
-        first, rest = Path(force.file).read_text(encoding="utf-8", errors="replace").split("\n", 1)
+        first, rest = potential_file(force.name, force.file).decode("utf-8", "replace").split("\n", 1)
         return f"written by kickdrift\n{rest}" if first else rest
     assert isinstance(force, TabledForce)
     lines = (

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
+from kickdrift.disk.files import content
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number
 from kickdrift.text import shown
 
+POTENTIAL_BYTES = 2**28  # of a file; those of many elements have some 10 MB
 Entries = dict[tuple[str, str, str], tuple[float, ...]]
+
+
+def potential_file(name: str, file: str) -> bytes:
+    """Content of a file of parameters. Raises an InputError that names the file, unless it is a regular one."""
+    try:
+        return content(file, POTENTIAL_BYTES, "a file of a potential")
+    except InputError as error:
+        raise InputError(f"{name}: file: {error}") from None
 
 
 def read_entries(name: str, file: Any, suffix: str, keys: tuple[str, ...]) -> dict[str, dict[str, float]]:
@@ -19,10 +28,7 @@ def read_entries(name: str, file: Any, suffix: str, keys: tuple[str, ...]) -> di
     a comment. Return {"Si-Si-Si": {key: number}}. Raises an InputError that names the file."""
     if not isinstance(file, str) or "\0" in file or not file.endswith(suffix):
         raise InputError(f"{name}: file: expected a name that ends in {suffix}, got {shown(file)}")
-    try:
-        text = Path(file).read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise InputError(f"{name}: file: {file}: {error.strerror or error}") from None
+    text = potential_file(name, file).decode("utf-8", "replace")
     words = [word for line in text.splitlines() for word in line.split("#")[0].split()]
     length, found = 3 + len(keys), {}
     if not words or len(words) % length:

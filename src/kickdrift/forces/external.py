@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive
-from kickdrift.forces.external_code import found, named
+from kickdrift.forces.external_code import found, is_function, named
 from kickdrift.forces.external_turns import Question, asked
 from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments, misfit
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from kickdrift.model.state import Floats
     from kickdrift.model.subject import Subject
 
-LOAD = "FILE.py"  # a file that makes the force
 SHAPE = "expected (forces, energy) or (forces, energy, virial)"
 MIXED = 1e-3  # relative difference of one replica's forces in two calls; single precision has 1e-6
 LATER = 0.37  # time of a trial, to see whether a function depends on time
@@ -74,7 +73,7 @@ class PythonForce(Field):
 
     def __post_init__(self) -> None:
         if isinstance(self.function, str):
-            object.__setattr__(self, "function", found(f"{self.name}: function", self.function, LOAD))
+            object.__setattr__(self, "function", found(f"{self.name}: function", self.function, is_function))
         if not callable(self.function):
             raise InputError(f"{self.name}: function: expected a function, got {shown(self.function)}")
         if signature := misfit(self.function, None, None, None, None):

@@ -12,7 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import check_massive
-from kickdrift.forces.external_code import found, named, path_of, takes_batches
+from kickdrift.forces.external_code import found, is_calculator, named, path_of, takes_batches
 from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.ase_units import Scale
@@ -56,6 +56,7 @@ class CalculatorForce(Field):
     Parameters
     ----------
     calculator : a calculator, its class or a function that makes it, or the import path of one of these
+        In a module of ``--load``, a path finds only classes of calculators.
         Several forces may share a calculator, but a run then begins it anew more often.
     arguments : keyword arguments of the class or function
     symbols : chemical elements by species; default the species' own names
@@ -97,7 +98,7 @@ class CalculatorForce(Field):
         if self.renewal is not None and not (np.ndim(self.renewal) == 0 and self.renewal >= 0):
             raise InputError(f"{self.name}: renewal must be a length, zero or more, got {shown(self.renewal)}")
         if isinstance(code, str):
-            code = found(f"{self.name}: calculator", code)
+            code = found(f"{self.name}: calculator", code, is_calculator)
         ready = not isinstance(code, type) and hasattr(code, "calculate")
         if ready and arguments:
             raise InputError(f"{self.name}: arguments belong to a class of calculators, and this one is ready-made")

@@ -15,7 +15,7 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from kickdrift.errors import InputError
-from kickdrift.text import shown, suggestion
+from kickdrift.text import VALUE, clean, shown, suggestion
 
 _NAMED: dict[str, Any] = {}  # functions and classes by import path
 _FUNCTIONS: dict[str, Any] = {}  # rules of collisions by import path
@@ -40,9 +40,12 @@ def named(code: Callable[..., Any]) -> str:
 
 
 def load_module(name: str) -> None:
-    """Import a module, and let files name the functions and classes that it defines.
+    """Import a module, and let files name the functions and calculators that it defines.
 
-    Raises an InputError of one line if there is no such module, or if the import fails."""
+    Raises an InputError of one line if there is no such module, if the import fails, and for a module of Python's own,
+    which has no calculators but much that runs commands and removes files."""
+    if name.partition(".")[0] in sys.stdlib_module_names:
+        raise InputError(f"--load {name}: a module of Python's own; give a module of calculators that you trust")
     try:
         import_module(name)
     except ModuleNotFoundError as error:
@@ -74,14 +77,14 @@ def found_function(key: str, path: Any) -> Any:
     """The function of an import path in a file, for a rule of collisions: see `found`. Functions of a Python file that
     was given to ``--load`` are found too."""
     if not isinstance(path, str):
-        return found(key, path)
+        return found(key, path, is_function)
     if path in _FUNCTIONS:
         return _FUNCTIONS[path]
     module, _, name = path.rpartition(".")
     if module in _FILES and path not in _NAMED:
         own = [each.rpartition(".")[2] for each in _FUNCTIONS if each.rpartition(".")[0] == module]
         raise InputError(f"{key}: {module}.py defines no function {name!r}{suggestion(name, own)}")
-    return found(key, path)
+    return found(key, path, is_function)
 
 
 def home_of(path: Any) -> str | Path | None:
@@ -107,11 +110,21 @@ def installation(module: str) -> str:
     return "; ASE: pip install 'kickdrift[ase]'" if module.split(".")[0] == "ase" and "ase" not in sys.modules else ""
 
 
-def found(key: str, path: Any, load: str = "") -> Any:
+def is_function(code: Any) -> bool:
+    """Whether this is a plain function, or one that numba compiles."""
+    return isinstance(getattr(code, "py_func", code), FunctionType)
+
+
+def is_calculator(code: Any) -> bool:
+    """Whether this is a class of calculators, by the attributes of ASE's Calculator. Calls nothing."""
+    return isinstance(code, type) and hasattr(code, "implemented_properties") and hasattr(code, "calculate")
+
+
+def found(key: str, path: Any, fits: Callable[[Any], bool]) -> Any:
     """The function or class of an import path in a file.
 
     Raises an InputError that begins with ``key`` for a path that this program has not named, and for one that does not
-    exist. ``load`` is what to give to ``--load``, by default the path's module."""
+    exist. In a module that ``--load`` named, the file chooses the name, so only what ``fits`` is found."""
     if not isinstance(path, str) or not all(part.isidentifier() for part in path.split(".")) or "." not in path:
         raise InputError(f"{key}: expected an import path such as ase.calculators.emt.EMT, got {shown(path)}")
     if path in _NAMED:
@@ -119,12 +132,13 @@ def found(key: str, path: Any, load: str = "") -> Any:
     module, _, name = path.rpartition(".")
     if module not in _MODULES:
         raise InputError(
-            f"{key}: {path} is code, and a file runs no code by itself; "
-            f"kickdrift --load {load or (module if '.' in module else f'{module}.py')} COMMAND allows it, in Python "
-            "kd.register_force or a system given to kd.resume"
+            f"{key}: {clean(path, VALUE)} is code, and a file runs no code by itself; kickdrift --load MODULE COMMAND "
+            "(or --load FILE.py) allows it for a module that you trust, in Python kd.register_force or a system given "
+            "to kd.resume"
         )
     there = vars(sys.modules[module])
-    own = [each for each, value in there.items() if callable(value) and path_of(value) == f"{module}.{each}"]
+    own = [each for each, value in there.items() if fits(value) and path_of(value) == f"{module}.{each}"]
     if name not in own:
-        raise InputError(f"{key}: module {module} defines no {name}{suggestion(name, own)}")
+        what = "calculator " if fits is is_calculator else "function " if fits is is_function else ""
+        raise InputError(f"{key}: module {module} defines no {what}{clean(name, VALUE)}{suggestion(name, own)}")
     return there[name]

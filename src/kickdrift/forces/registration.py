@@ -10,7 +10,7 @@ from dataclasses import is_dataclass
 from typing import Any, TypeVar, overload
 
 from kickdrift.errors import InputError
-from kickdrift.forces.external_code import named
+from kickdrift.forces.external_code import is_calculator, named
 from kickdrift.text import shown
 
 Class = TypeVar("Class", bound=type)
@@ -42,7 +42,7 @@ def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
     """
     if cls is None:
         return lambda cls: register_force(cls, overwrite=overwrite)
-    if inspect.isfunction(cls) or (isinstance(cls, type) and hasattr(cls, "implemented_properties")):
+    if inspect.isfunction(cls) or is_calculator(cls):
         named(cls)
         return cls
     whole = isinstance(cls, type) and all(hasattr(cls, part) for part in ("name", "check", "bind"))

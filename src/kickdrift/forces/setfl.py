@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.entries import potential_file
 from kickdrift.text import shown
 
 FORMS = (".eam.alloy", ".eam.fs")
@@ -49,10 +50,7 @@ def read_setfl(name: str, file: str) -> Potential:
     path = Path(file)
     if not path.name.endswith(FORMS):
         raise InputError(f"{name}: file: expected a name that ends in {' or '.join(FORMS)}, got {shown(file)}")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{name}: file: {file}: {error.strerror or error}") from None
+    content = potential_file(name, file)
     try:
         from ase.calculators.eam import EAM
     except ImportError:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 PRIVATE = 0o700  # mode of a folder
 CODE = "jit"  # the folder of compiled code
+PYTHONS = "__pycache__"  # Python's own folder, which all users of an installation share
 
 
 @cache
@@ -42,7 +43,7 @@ def warm() -> tuple[Path, ...]:
 
 
 def _candidates() -> Iterator[Path]:
-    yield Path(__file__).resolve().parents[1] / "__pycache__"
+    yield Path(__file__).resolve().parents[1] / PYTHONS
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative path does not count
@@ -63,13 +64,15 @@ def _user() -> int:
 
 def make_private(place: Path) -> None:
     """Make a folder and its missing parents, for this user alone."""
-    if not place.is_dir():
+    if not os.path.isdir(place):
         make_private(place.parent)
         place.mkdir(PRIVATE, exist_ok=True)
 
 
 def _made(place: Path) -> bool:
     try:
+        if place.name == PYTHONS:
+            place.mkdir(exist_ok=True)
         make_private(place)
     except OSError:
         return False
@@ -94,7 +97,7 @@ def _own(place: Path) -> bool:
 
 
 def _writable(place: Path) -> bool:
-    inside = place / CODE if (place / CODE).is_dir() else place
+    inside = place / CODE if os.path.isdir(place / CODE) else place  # False if it cannot be read
     try:
         with tempfile.TemporaryFile(dir=inside):
             return True

@@ -291,7 +291,7 @@ def own_matplotlib_folder() -> Iterator[None]:
         yield
         return
     place = own / "matplotlib"
-    place.mkdir(exist_ok=True)
+    folders.make_private(place)
     os.environ["MPLCONFIGDIR"] = str(place)
     try:
         yield

@@ -10,7 +10,7 @@ from warnings import warn
 
 from kickdrift.display.showing import following
 from kickdrift.engines import engine as engine_named
-from kickdrift.engines.hosts import slots
+from kickdrift.engines.hosts import on_this_machine, slots
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
@@ -109,8 +109,9 @@ class Simulation(Present):
         machines = None if hosts is None else slots(hosts)
         listed = 1 if machines is None else sum(machines.values())
         self.processes = whole_number("processes", listed if processes is None else processes, 1)
-        if self.processes > 1 and hosts is None:
-            check_room("run", self.processes, "processes", PROCESS_BYTES, "give fewer")
+        if self.processes > 1:
+            here = self.processes if machines is None else on_this_machine(machines, self.processes)
+            check_room("run", here, "processes", PROCESS_BYTES, "give fewer")
         if isinstance(system, System):
             system = system if events is None else system.watched(events)
             watched: tuple[Event, ...] = system.events

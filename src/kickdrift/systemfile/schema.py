@@ -303,8 +303,8 @@ def _line(error: ErrorDetails, path: str) -> str:
     for part in (*error["loc"], *([context["key"]] if kind == "unknown_key" else [])):
         if isinstance(part, int):
             path += f"[{part}]"
-        elif not part.startswith("<"):  # the tag of a union is not a key of the file
-            path += f".{clean(part, VALUE)}" if path else clean(part, VALUE)
+        elif not (key := str(part)).startswith("<"):  # the tag of a union is not a key of the file
+            path += f".{clean(key, VALUE)}" if path else clean(key, VALUE)
     if kind == "value_error":
         text = str(context["error"])
     elif kind == "missing":

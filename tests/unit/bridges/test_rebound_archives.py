@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import sys
 import warnings
 
@@ -11,6 +12,7 @@ import rebound
 from typer.testing import CliRunner
 
 import kickdrift as kd
+from kickdrift.bridges import rebound_snapshot
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 
@@ -171,3 +173,73 @@ def test_a_name_beyond_ascii(archive, tmp_path):
     kd.Simulation(kd.load(archive)).run(2, output=tmp_path / "run.h5md")
     with pytest.raises(InputError, match="ASCII alone"):
         kd.export(tmp_path / "run.h5md", tmp_path / "ä.bin")
+
+
+def changed_at(content, place, value):
+    return content[:place] + bytes([value]) + content[place + 1 :]
+
+
+def outcome(path):
+    """What a damaged archive gives: "" for a System, or the line of the refusal."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            kd.load(path)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def test_an_archive_that_ends_rebound_is_one_line(archive, tmp_path):
+    """rebound's own reader ends the process with a signal on the first of these, and raises on the second."""
+    content, bad = archive.read_bytes(), tmp_path / "bad.bin"
+    bad.write_bytes(changed_at(content, 220, 255))
+    done = CliRunner().invoke(app, ["info", str(bad)])
+    assert isinstance(done.exception, InputError)
+    assert "bad.bin: rebound cannot read this archive, so it is damaged: rebound ended with SIG" in str(done.exception)
+    bad.write_bytes(changed_at(content, content.index(b"Sun\0"), 255))
+    assert outcome(bad).endswith("bad.bin: rebound cannot read this archive: a name in it is not text")
+
+
+def check_changed(content, bad, places):
+    """Each changed byte gives a System or one line."""
+    rng, found = random.Random(1), []
+    for place in places:
+        bad.write_bytes(changed_at(content, place, rng.choice((0, 1, 127, 128, 255))))
+        found.append(outcome(bad))
+    assert all("bad.bin: " in each and "\n" not in each for each in found if each)
+    return found
+
+
+def test_changed_bytes_are_a_system_or_one_line(archive, tmp_path):
+    content = archive.read_bytes()
+    check_changed(content, tmp_path / "bad.bin", range(150, len(content), len(content) // 6))
+
+
+@pytest.mark.long
+def test_many_changed_bytes_are_a_system_or_one_line(archive, tmp_path):
+    content = archive.read_bytes()
+    found = check_changed(content, tmp_path / "bad.bin", random.Random(2).sample(range(64, len(content)), 390))
+    assert sum("ended with SIG" in each for each in found) > 10
+    assert "" in found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limits of other systems differ")
+@pytest.mark.parametrize(
+    ("work", "text"),
+    [
+        ("while True: pass", "takes too much time or memory"),
+        ("x = bytearray(2**31)", "ended with status 1"),
+        ("os.write(os.open('new', os.O_CREAT | os.O_WRONLY), b'x')", "ended with status 1"),
+        ("print('x' * 2**23)", "takes too much time or memory"),
+        ('print(\'{"snapshots": "many"}\')', "its settings make no sense"),
+        ('print(\'{"snapshots": 1, "snapshot": {}}\')', "its settings make no sense"),
+    ],
+)
+def test_the_reader_of_archives_has_limits(archive, tmp_path, monkeypatch, work, text):
+    """A reader that goes wrong in one of these ways, under the limits of the real one."""
+    reader = tmp_path / "reader.py"
+    limits = f"limit = runpy.run_path({rebound_snapshot.__file__!r})['_limit']\nlimit.__globals__['CPU_SECONDS'] = 1\n"
+    reader.write_text(f"import os, runpy\nos.chdir({str(tmp_path)!r})\n{limits}limit(0)\n{work}\n")
+    monkeypatch.setattr(rebound_snapshot, "__file__", str(reader))
+    assert outcome(archive).endswith(text)

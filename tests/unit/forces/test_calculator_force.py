@@ -202,12 +202,56 @@ def test_a_file_runs_no_code_that_nobody_has_named(tmp_path, monkeypatch):
     load_code(Path("ase.calculators.emt"))
     try:
         assert kd.resume(path).steps_done == 2
-        with pytest.raises(kd.InputError, match=r"module ase.calculators.emt defines no EMTT; did you mean 'EMT'\?"):
+        with pytest.raises(
+            kd.InputError, match=r"module ase.calculators.emt defines no calculator EMTT; did you mean 'EMT'\?"
+        ):
             loads(TEXT.replace("emt.EMT", "emt.EMTT"))
-        with pytest.raises(kd.InputError, match=r"module ase.calculators.emt defines no sqrt"):
+        with pytest.raises(kd.InputError, match=r"module ase.calculators.emt defines no calculator sqrt"):
             loads(TEXT.replace("emt.EMT", "emt.sqrt"))
     finally:
         _MODULES.discard("ase.calculators.emt")
+
+
+TOOLS = """
+called = []
+def remove(*given, **named):
+    called.append("remove")
+class Command:
+    def __init__(self, *given, **named):
+        called.append("Command")
+class Half(Command):
+    implemented_properties = ("energy", "forces")
+"""
+
+
+@pytest.mark.parametrize("name", ["remove", "Command", "Half", "called"])
+def test_a_file_calls_only_calculators_of_a_loaded_module(name, tmp_path, monkeypatch):
+    (tmp_path / "tools.py").write_text(TOOLS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "tools", raising=False)
+    load_code(Path("tools"))
+    try:
+        with pytest.raises(kd.InputError, match=f"calculator: module tools defines no calculator {name}"):
+            loads(TEXT.replace("ase.calculators.emt.EMT", f"tools.{name}"))
+        if name != "remove":
+            with pytest.raises(kd.InputError, match=f"function: module tools defines no function {name}"):
+                kd.PythonForce(f"tools.{name}")
+        assert sys.modules["tools"].called == []
+    finally:
+        _MODULES.discard("tools")
+
+
+@pytest.mark.parametrize("name", ["subprocess", "os", "shutil", "multiprocessing.util"])
+def test_a_module_of_pythons_own_is_not_loaded(name):
+    with pytest.raises(kd.InputError, match=f"^--load {name}: a module of Python's own; .* that you trust$"):
+        load_code(Path(name))
+    assert name not in _MODULES
+
+
+def test_the_hint_does_not_repeat_a_strangers_module():
+    with pytest.raises(kd.InputError, match="allows it for a module that you trust") as raised:
+        loads(TEXT.replace("ase.calculators.emt.EMT", "stranger.module.Calculator"))
+    assert "--load stranger" not in str(raised.value)
 
 
 @pytest.mark.parametrize("name", ["ase.calculators.nobody", "nobody.at.all"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sys
 
 import numpy as np
@@ -269,7 +270,7 @@ def test_a_run_goes_on_from_its_file_until_the_potential_changes(tmp_path, monke
     with pytest.raises(InputError, match=r"copper.eam.alloy has changed"):
         kd.resume(tmp_path / "run.h5md")
     (tmp_path / "copper.eam.alloy").unlink()
-    with pytest.raises(InputError, match=rf"eam: file: {file}: No such file"):
+    with pytest.raises(InputError, match=rf"eam: file: {file}: no such file"):
         kd.resume(tmp_path / "run.h5md")
 
 
@@ -317,7 +318,7 @@ def test_a_system_that_does_not_fit_is_refused():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: kd.StillingerWeber(file="no.sw"), r"stillinger-weber: file: no.sw: No such file"),
+        (lambda: kd.StillingerWeber(file="no.sw"), r"stillinger-weber: file: no.sw: no such file"),
         (lambda: kd.StillingerWeber(file="a.txt"), r"file: expected a name that ends in .sw, got 'a.txt'"),
         (lambda: kd.StillingerWeber({}, "a.sw"), "give entries or a file, not both"),
         (lambda: kd.StillingerWeber({"Si": SILICON}), r"expected three species such as 'Si-Si-Si', got 'Si'"),
@@ -333,7 +334,7 @@ def test_a_system_that_does_not_fit_is_refused():
             lambda: two(kd.StillingerWeber({"Si-Si-Si": SILICON, "Ge-Ge-Ge": SILICON}), species=["Si", "Ge"]),
             r"entries has no parameters for Si-Si-Ge",
         ),
-        (lambda: kd.EmbeddedAtom("no.eam.alloy"), r"eam: file: no.eam.alloy: No such file"),
+        (lambda: kd.EmbeddedAtom("no.eam.alloy"), r"eam: file: no.eam.alloy: no such file"),
         (lambda: kd.EmbeddedAtom("Cu_u3.eam"), r"expected a name that ends in .eam.alloy or .eam.fs, got 'Cu_u3.eam'"),
         (
             lambda: two(example(kd.EmbeddedAtom), species=["Cu", "Ag"]),
@@ -344,6 +345,19 @@ def test_a_system_that_does_not_fit_is_refused():
 def test_parameters_that_make_no_sense_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a system without pipes")
+@pytest.mark.parametrize("name", ["a.sw", "a.tersoff", "a.eam.alloy"])
+def test_a_file_of_a_potential_is_a_regular_file(tmp_path, monkeypatch, name):
+    """A pipe would wait for ever, and a device may have no end."""
+    monkeypatch.chdir(tmp_path)
+    make = {"a.sw": lambda: kd.StillingerWeber(file=name), "a.tersoff": lambda: kd.Tersoff(file=name)}
+    for what, place in [("pipe", lambda: os.mkfifo(name)), ("device", lambda: os.symlink("/dev/zero", name))]:
+        place()
+        with pytest.raises(InputError, match=rf": file: {name}: is a {what}, not a file of a potential"):
+            make.get(name, lambda: kd.EmbeddedAtom(name))()
+        os.remove(name)
 
 
 def test_a_file_that_is_no_potential_is_refused(tmp_path):

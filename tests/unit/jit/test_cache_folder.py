@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -116,6 +117,49 @@ def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
     assert folders.warm.__wrapped__() == (package / "__pycache__",)
     os.chmod(package / "__pycache__", 0o775)
     assert folders.warm.__wrapped__() == ()
+
+
+USER = """
+import os, sys
+from pathlib import Path
+from kickdrift.jit import code_files, folders
+folders.__file__, user, home = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+os.environ["HOME"] = home
+os.umask(0o022)
+os.setuid(user)
+folder = folders.folder()
+folders.make_private(folder / folders.CODE)
+for place in folders.warm():
+    assert code_files.load(place / folders.CODE / "function.nbc", "key") is None
+print(folder)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt" or os.getuid() != 0, reason="only root can become another user")
+@pytest.mark.parametrize("before", ["nothing", "0.2"])
+def test_the_first_user_of_an_installation_does_not_lock_out_others(before):
+    """Without compiled modules, `__pycache__` is not there at first. Version 0.2 made it for its user alone."""
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        place.chmod(0o755)
+        pycache, homes = place / "package" / "__pycache__", {user: place / f"home-{user}" for user in (0, 12345)}
+        for user, home in homes.items():
+            home.mkdir()
+            os.chown(home, user, user)
+        pycache.parent.mkdir(mode=0o755)
+        if before == "0.2":
+            pycache.mkdir(0o700)
+
+        def used(user):
+            file = str(pycache.parent / "jit" / "folders.py")
+            words = [sys.executable, "-c", USER, file, str(user), str(homes[user])]
+            done = subprocess.run(words, capture_output=True, text=True, check=True)
+            return Path(done.stdout.strip())
+
+        assert used(0) == pycache
+        assert mode(pycache) == (0o700 if before == "0.2" else 0o755)
+        assert mode(pycache / folders.CODE) == 0o700
+        assert used(12345) == homes[12345] / ".cache" / "kickdrift"
 
 
 class Harmful:

@@ -292,6 +292,7 @@ def test_a_dict_is_a_system_file():
         ({}, "system: units: required key is missing"),
         ({**data, "particles": {"positions": x[:, :2]}}, r"system: particles.positions\[0\]: expected 3 items, got 2"),
         ({**data, "forces": []}, "system: forces: unknown key"),
+        ({**data, ("a", 1): 2}, r"system: \('a', 1\): unknown key"),
     ):
         with pytest.raises(kd.InputError, match=expected):
             kd.load(wrong)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +33,47 @@ def content(path: Path) -> dict[str, Any]:
         }  # fmt: skip
 
 
-def found_in(name: str) -> dict[str, Any] | int:
-    """The content of a file; where it is refused, an exit status, after one line."""
+def tried(act: Callable[[], Any]) -> Any:
+    """What a function returns; where kickdrift refuses its input, an exit status, after one line."""
     from kickdrift.errors import KickdriftError
 
     try:
-        return content(Path(name))
+        return act()
     except KickdriftError as error:
         print(f"kickdrift: {error}", file=sys.stderr)
         return error.exit_status
+
+
+def found_in(name: str) -> dict[str, Any] | int:
+    """The content of a file; where it is refused, an exit status."""
+    found: dict[str, Any] | int = tried(lambda: content(Path(name)))
+    return found
+
+
+def set_up(hosts: str, processes: str) -> int:
+    """Make a Simulation whose processes are on the machines of a hosts file, all of them this one."""
+    import kickdrift as kd
+    from kickdrift.engines import hosts as machines
+    from kickdrift.model.capacity import PROCESS_BYTES, check_room
+
+    machines._ends = lambda name: ("127.0.0.1", "127.0.0.1")  # asks no name server
+
+    def act() -> int:
+        count = int(processes) if processes else None
+        sim = kd.Simulation(kd.load("lj.toml"), engine="lammps", hosts=hosts, processes=count)
+        check_room("run", sim.processes, "processes", PROCESS_BYTES)
+        print(f"{sim.processes} processes")
+        return 0
+
+    return int(tried(act))
+
+
+def load(table: Any) -> int:
+    """Make the System or Problem of a dict."""
+    import kickdrift as kd
+
+    found = tried(lambda: kd.load(table))
+    return found if isinstance(found, int) else 0
 
 
 def open(name: str) -> int:

@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
-from kickdrift_validation.fuzzing import command_lines, flips, killed, run_files, system_files
+from kickdrift_validation.fuzzing import (
+    archives,
+    command_lines,
+    dicts,
+    flips,
+    hosts,
+    killed,
+    lammps_data,
+    run_files,
+    system_files,
+)
 
-KINDS = {each.KIND: each.case for each in (system_files, command_lines, run_files, flips, killed)}
+INPUTS = (archives, hosts, lammps_data, dicts)  # other inputs than the program's own files
+KINDS = {each.KIND: each.case for each in (system_files, command_lines, run_files, flips, killed, *INPUTS)}

@@ -34,7 +34,7 @@ def bases() -> dict[str, str]:
     return found
 
 
-def _replaced(rng: random.Random, text: str, pattern: re.Pattern[str], by: Callable[[re.Match[str]], str]) -> str:
+def replaced(rng: random.Random, text: str, pattern: re.Pattern[str], by: Callable[[re.Match[str]], str]) -> str:
     """The text with one match, drawn, replaced."""
     matches = list(pattern.finditer(text))
     if not matches:
@@ -54,22 +54,22 @@ def escaped(text: str) -> str:
 
 
 def number(rng: random.Random, text: str) -> str:
-    return _replaced(rng, text, NUMBER, lambda match: rng.choice(NUMBERS))
+    return replaced(rng, text, NUMBER, lambda match: rng.choice(NUMBERS))
 
 
 def number_as_other(rng: random.Random, text: str) -> str:
     others = (quoted(rng.choice(TEXTS)), "true", "[]", "{}", "[[1.0]]", "1979-05-27T07:32:00Z", "{ a = 1 }", '[1, "a"]')
-    return _replaced(rng, text, NUMBER, lambda match: rng.choice(others))
+    return replaced(rng, text, NUMBER, lambda match: rng.choice(others))
 
 
 def string(rng: random.Random, text: str) -> str:
     write = rng.choice((quoted, escaped))
-    return _replaced(rng, text, STRING, lambda match: write(rng.choice(TEXTS)))
+    return replaced(rng, text, STRING, lambda match: write(rng.choice(TEXTS)))
 
 
 def unit(rng: random.Random, text: str) -> str:
     pattern = rng.choice((QUANTITY, NUMBER))
-    return _replaced(
+    return replaced(
         rng, text, pattern,
         lambda match: quoted(f"{match[1] if match.re is QUANTITY else match[0]} {rng.choice(UNITS)}"),
     )  # fmt: skip
@@ -81,12 +81,12 @@ def key(rng: random.Random, text: str) -> str:
     def other(match: re.Match[str]) -> str:
         return match[1] + rng.choice([escaped(rng.choice(TEXTS)), match[2] + "x", rng.choice(names)]) + match[3]
 
-    return _replaced(rng, text, KEY, other)
+    return replaced(rng, text, KEY, other)
 
 
 def header(rng: random.Random, text: str) -> str:
     others = ("[x]", "[[force]]", "[particles.x]", "[[run]]", "[force]", "[" + "a." * 300 + "b]", "[]", "[[particles]]")
-    return _replaced(rng, text, HEADER, lambda match: rng.choice((*others, f"{match[0]}\n{match[0]}")))
+    return replaced(rng, text, HEADER, lambda match: rng.choice((*others, f"{match[0]}\n{match[0]}")))
 
 
 def line(rng: random.Random, text: str) -> str:
@@ -108,13 +108,13 @@ def line(rng: random.Random, text: str) -> str:
 def nesting(rng: random.Random, text: str) -> str:
     depth = rng.choice((1, 2, 5, 100, 900, 20_000))
     left, right = rng.choice((("[", "]"), ("{ a = ", " }")))
-    return _replaced(rng, text, rng.choice((NUMBER, STRING)), lambda match: left * depth + match[0] + right * depth)
+    return replaced(rng, text, rng.choice((NUMBER, STRING)), lambda match: left * depth + match[0] + right * depth)
 
 
 def size(rng: random.Random, text: str) -> str:
     """A number or string that becomes a long list of itself."""
     times = rng.choice((2, 3, 100, 20_000))
-    return _replaced(rng, text, rng.choice((NUMBER, STRING)), lambda match: "[" + ", ".join([match[0]] * times) + "]")
+    return replaced(rng, text, rng.choice((NUMBER, STRING)), lambda match: "[" + ", ".join([match[0]] * times) + "]")
 
 
 def letters(rng: random.Random, text: str) -> str:
@@ -150,7 +150,7 @@ MUTATIONS: dict[Mutation, int] = {
 def foreign_unit(rng: random.Random, text: str) -> str:
     """A quantity with a dimension that no quantity of a system file has."""
     name = rng.choice(FOREIGN_UNITS)
-    return _replaced(rng, text, QUANTITY, lambda match: quoted(f"{match[1]} {name}"))
+    return replaced(rng, text, QUANTITY, lambda match: quoted(f"{match[1]} {name}"))
 
 
 def case(number: int, seed: int = 0) -> Case:

@@ -50,6 +50,11 @@ def members(session: int) -> list[int]:
     return found
 
 
+def work(session: int) -> float:
+    """Seconds of processor time of a session's processes."""
+    return sum(each[1] for each in map(figures, members(session)) if each)
+
+
 def end(session: int) -> None:
     """Kill a session."""
     for pid in members(session):
@@ -66,7 +71,7 @@ def watch(pid: int, limits: Limits, may_compute: bool, kill_after: float | None,
     """Wait for a child, and end one that takes too much, or as the case asks."""
     began, pause, worked, last = monotonic(), 0.002, monotonic(), -1.0
     family = any("ensemble" in word for word in ended.command)
-    interrupted = looked = 0.0
+    interrupted = looked = others = 0.0
     while True:
         found, status, used = os.wait4(pid, os.WNOHANG)
         if found:
@@ -98,6 +103,8 @@ def watch(pid: int, limits: Limits, may_compute: bool, kill_after: float | None,
             reason = "compiles without end" if now - began > limits.compiling else ""
         elif interrupted and now - interrupted > limits.seconds:
             reason = f"does not stop {limits.seconds:g} s after Ctrl-C"
+        elif now - worked > limits.blocked and (busy := work(pid)) != others:  # a process that this one waits for
+            worked, others = now, busy
         elif now - worked > limits.blocked:
             reason = f"hangs: no work for {limits.blocked:g} s"
         elif free > limits.seconds:
