@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import h5py
@@ -189,8 +189,9 @@ def _why_not(name: str, error: Exception) -> str:
         return f"{BEING_WRITTEN}; it can be read when that is over"
     if "truncated file" in str(error):
         return "is truncated: its end is missing (copied in part?)"
-    if not h5py.is_hdf5(name):
-        return "is not an HDF5 file"
+    with suppress(OSError):  # if not even the first bytes can be read
+        if not h5py.is_hdf5(name):
+            return "is not an HDF5 file"
     return f"cannot be read: {_one_line(error)}"
 
 

@@ -1,19 +1,22 @@
 """System files: the Systems they make, and one line for each bad file."""
 
+import os
 import subprocess
 import sys
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.systemfile import files
 from kickdrift.systemfile import reading as systemfile
-from kickdrift.systemfile.files import describe, shipped
+from kickdrift.systemfile.files import describe, shipped, toml_table
 from kickdrift.systemfile.reading import load, loads
 
 GOOD = """
@@ -459,6 +462,34 @@ def test_whatever_stands_in_a_force_builds_or_is_one_line(key, junk):
     except InputError as error:
         line = str(error)
     assert "\n" not in line
+
+
+@pytest.mark.parametrize("part", ["a", '"a b"', "''", ' "\\"" '])
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(part):
+    key = ".".join([part] * 20_000)
+    for text in (f"{key} = 1\n", f"[{key}]\n", f"x = [1.5, {{ {key} = 2 }}]\n", f'x = """\n"a" """\n{key} = 1\n'):
+        with pytest.raises(InputError, match="a key has more than 32 parts"):
+            loads(text)
+    dots = "1.2." * 100
+    for text in (f"# {dots}\n", f"x = '{dots}'\n", f'x = """{dots}\n{dots}"""\n', f"x = [{'1.5,' * 100}]\n"):
+        assert toml_table(text) == tomllib.loads(text)
+
+
+def test_a_dict_that_holds_itself_is_one_line():
+    whole: dict[str, Any] = {"units": "lj"}
+    whole["particles"] = whole
+    rows: list[Any] = []
+    rows.append(rows)
+    for data in (whole, {"units": "lj", "force": rows}):
+        with pytest.raises(InputError, match="nested more than 32 deep"):
+            load(data)
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="needs Linux")
+@pytest.mark.parametrize("read", [kd.load, kd.open])
+def test_a_file_that_the_system_cannot_read_is_one_line(read):
+    with pytest.raises(InputError, match="/proc/self/mem: cannot be read"):
+        read("/proc/self/mem")
 
 
 def test_files_that_are_not_there(tmp_path, monkeypatch):
