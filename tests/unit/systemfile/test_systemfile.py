@@ -485,6 +485,36 @@ def test_a_dict_that_holds_itself_is_one_line():
             load(data)
 
 
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("", "expected a name, got ''"),
+        (" ", "expected a name, got ' '"),
+        ("a\x1b[31m", "a name without control characters"),
+        ("a\0b", "a name without control characters"),
+        ("\udcff", "a name without control characters"),
+        ("a" * 256, "at most 255 letters, got 256: 'aaa"),
+    ],
+)
+def test_names_are_checked_when_they_are_read(name, why):
+    for key in ("species", "names"):
+        with pytest.raises(InputError) as refused:
+            kd.System(np.eye(3), **{key: ["B", name, "C"]})
+        assert str(refused.value).startswith(f"{key}[1]: ")
+        assert why in str(refused.value)
+        assert len(str(refused.value)) < 200
+    with pytest.raises(InputError, match="crossing: name: "):
+        kd.Crossing(lambda sim: 1.0, name=name)
+    assert kd.System(np.eye(2, 3), species=["Ä" * 255, "水 1"]).species == ("Ä" * 255, "水 1")
+
+
+def test_more_species_than_a_file_can_name_are_refused_before_the_run(tmp_path):
+    system = kd.System(np.eye(300, 3), species=[f"{k:0255}" for k in range(300)])
+    with pytest.raises(InputError, match="cannot hold 300 species, whose names take 78,000 bytes"):
+        kd.Simulation(system, dt=0.1).run(1, output=tmp_path / "run.h5md")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="needs Linux")
 @pytest.mark.parametrize("read", [kd.load, kd.open])
 def test_a_file_that_the_system_cannot_read_is_one_line(read):
