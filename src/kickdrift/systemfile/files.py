@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
+from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
 from kickdrift.model.other_names import other_name
@@ -38,11 +39,17 @@ class Description(NamedTuple):
 
 
 def parsed(path: Path) -> tuple[str, dict[str, Any]]:
-    """Text of a system file, and its TOML tables, not yet checked."""
-    stored = content(path, SYSTEM_FILE_BYTES, "a system file")
-    with prefixed(f"{path}: "):
-        text = decoded(stored)
-        return text, toml_table(text)
+    """Text of a system file, and its TOML tables, not yet checked. The error for a file of another program says what
+    the file is."""
+    try:
+        stored = content(path, SYSTEM_FILE_BYTES, "a system file")
+        with prefixed(f"{path}: "):
+            text = decoded(stored)
+            return text, toml_table(text)
+    except InputError:
+        if what := foreign(path):
+            raise InputError(f"{path}: {what}") from None
+        raise
 
 
 def shipped() -> dict[str, Path]:

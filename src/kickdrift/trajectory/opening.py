@@ -18,6 +18,7 @@ import h5py
 from h5py import h5a, h5d, h5g, h5l, h5o, h5t
 
 from kickdrift.disk.files import descriptor, reason, shown_path
+from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.trajectory.heaps import Heaps
@@ -45,7 +46,7 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
         try:
             file = h5py.File(name, "r", locking="best-effort")
         except (OSError, RuntimeError, ValueError) as error:
-            raise InputError(f"{shown_path(path)}: {_why_not(name, error)}") from None
+            raise InputError(f"{shown_path(path)}: {_why_not(path, name, error)}") from None
         key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
         if key == _last[0]:
             return file
@@ -183,7 +184,7 @@ def _descriptor(path: str | os.PathLike[str]) -> int:
         raise InputError(f"{shown_path(path)}: {reason(error)}") from None
 
 
-def _why_not(name: str, error: Exception) -> str:
+def _why_not(path: str | os.PathLike[str], name: str, error: Exception) -> str:
     """Reason why HDF5 cannot open a file."""
     if isinstance(error, BlockingIOError):
         return f"{BEING_WRITTEN}; it can be read when that is over"
@@ -191,7 +192,8 @@ def _why_not(name: str, error: Exception) -> str:
         return "is truncated: its end is missing (copied in part?)"
     with suppress(OSError):  # if not even the first bytes can be read
         if not h5py.is_hdf5(name):
-            return "is not an HDF5 file"
+            what = foreign(path)
+            return "is not an HDF5 file" + (f": it {what}" if what else "")
     return f"cannot be read: {_one_line(error)}"
 
 
