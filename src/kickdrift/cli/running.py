@@ -231,10 +231,10 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 def _before(sim: Simulation) -> list[str]:
     """Warnings that are printed before the first step."""
     from kickdrift.engines import ENGINES
-    from kickdrift.run.layer import pressure_warning
+    from kickdrift.run.layer import pressure_warning, unused_warnings
 
     missing = pressure_warning(sim.system)
-    return [*ENGINES[sim.engine].warnings, *([missing] if missing else [])]
+    return [*ENGINES[sim.engine].warnings, *([missing] if missing else []), *unused_warnings(sim.system)]
 
 
 def show(

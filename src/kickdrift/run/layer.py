@@ -1,4 +1,4 @@
-"""Warnings of a System before its run: all particles in one plane, and forces without a pressure."""
+"""Warnings of a System before its run: particles in one plane, forces without a pressure, what nothing uses."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.listed import ListedForce
+from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import choices, suggestion
 
 
 def layer_warning(system: Any, phase: Floats) -> str:
@@ -38,3 +40,21 @@ def pressure_warning(system: Any) -> str:
     reasons = [force.no_pressure(system) for force in system.forces if hasattr(force, "no_pressure")]
     reasons = [reason for reason in reasons if reason]
     return f"pressure is left out: {'; '.join(reasons)}" if reasons else ""
+
+
+def unused_warnings(system: Any) -> list[str]:
+    """Return warnings of what a System gives and nothing uses: parameters of species that no particle has, and factors
+    without a pair force."""
+    if not isinstance(system, System):
+        return []
+    found, pairs = [], [force for force in system.forces if isinstance(force, PairForce)]
+    for force in pairs:
+        named = [*(force.species or ()), *(name for pair in force.pairs or () for name in pair)]
+        if strange := [name for name in dict.fromkeys(named) if name not in system.species]:
+            near = suggestion(strange[0], system.species) if len(strange) == 1 else ""
+            found.append(f"{force.name}: no particle is of species {choices(map(repr, strange))}{near}")
+    topology = system.topology
+    if topology is not None and not pairs and system.forces and len(topology.scaled.pairs):
+        acting = " and ".join(dict.fromkeys(force.name for force in system.forces))
+        found.append(f"topology: factors and exclusions have no effect: they are about pair forces, and not {acting}")
+    return found

@@ -21,7 +21,7 @@ from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import CHUNK_SECONDS, Integration
-from kickdrift.run.layer import layer_warning, pressure_warning
+from kickdrift.run.layer import layer_warning, pressure_warning, unused_warnings
 from kickdrift.run.plan import Plan
 from kickdrift.run.watch.file import File
 from kickdrift.run.watch.stability import Stability
@@ -62,7 +62,7 @@ class Sampler:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
         if not record.begun:
             flow.begin(record, y)
-            warnings = [layer_warning(run.system, y), pressure_warning(run.system)]
+            warnings = [layer_warning(run.system, y), pressure_warning(run.system), *unused_warnings(run.system)]
             record.warnings += [warning for warning in warnings if warning]
         safe.time, safe.step, safe.box = time, step, run.box
         if new:

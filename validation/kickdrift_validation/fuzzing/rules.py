@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-LONGEST_LINE = 2000  # characters on standard error
+LONGEST_LINE = 700  # characters on standard error
 KILLED = "killed, as the case asks"
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 CULPRIT = re.compile(r'File ".*?/(kickdrift/[\w/.]+)", line (\d+), in (\S+)')
