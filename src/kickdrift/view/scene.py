@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -192,7 +193,7 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
     return found
 
 
-def _of(chosen: NDArray[np.int64], read: Callable[[slice], Sequence[Any]]) -> list[Any]:
+def _of(chosen: NDArray[np.int64], read: Callable[[slice], Any]) -> list[Any]:
     """What is read of the chosen frames: all at once, or each apart where a frame between them is damaged."""
     first = int(chosen[0])
     try:
@@ -207,8 +208,13 @@ def _read(
 ) -> tuple[Floats, Floats, dict[str, Floats], list[Box]]:
     """Positions, velocities and columns (f, k, …) of the shown rows at the chosen frames, and the boxes."""
     x, v = (_vectors(run, what, chosen, rows) for what in ("positions", "velocities"))
-    values = {name: np.array(_of(chosen, lambda part, name=name: run.framed(part)[name]))[:, rows] for name in columns}
+    values = {name: np.array(_of(chosen, partial(_column, run, name)))[:, rows] for name in columns}
     return x, v, values, _of(chosen, lambda part: run.boxes_of(range(part.start, part.stop)))
+
+
+def _column(run: reader.Run, name: str, frames: slice) -> Floats:
+    """A column (f, n) at some frames."""
+    return run.framed(frames)[name]
 
 
 def _vectors(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) -> Floats:
