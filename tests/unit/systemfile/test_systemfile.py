@@ -18,6 +18,7 @@ from kickdrift.systemfile import files
 from kickdrift.systemfile import reading as systemfile
 from kickdrift.systemfile.files import describe, shipped, toml_table
 from kickdrift.systemfile.reading import load, loads
+from kickdrift.text import choices
 
 GOOD = """
 units = "lj"
@@ -561,3 +562,19 @@ def test_an_installed_wheel_brings_its_systems_inside_the_package(tmp_path, monk
     monkeypatch.setattr(files, "__file__", str(tmp_path / "systemfile" / "files.py"))
     assert list(shipped()) == ["melt"]
     assert len(load("melt")) == 216
+
+
+def test_long_lists_of_names_are_cut_and_begin_with_the_nearest():
+    known = [f"law-{k}" for k in range(40)] + ["gravity"]
+    assert choices(known[:3]) == "law-0, law-1, law-2"
+    assert choices(known, "gravty").startswith("gravity, ")
+    assert choices(known, "gravty").endswith("… (41 in all)")
+    assert choices(known) == "law-0, law-1, law-2, law-3, law-4, law-5, … (41 in all)"
+    assert len(choices(["a" * 10_000] * 12, "b")) < 12 * 63
+
+
+def test_an_unknown_force_names_the_nearest():
+    with pytest.raises(InputError) as refused:
+        loads(GOOD.replace('"lennard-jones"', '"lennard-jonez"'))
+    assert "force[0].type: expected one of lennard-jones, " in str(refused.value)
+    assert len(str(refused.value)) < 250
