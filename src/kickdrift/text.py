@@ -11,6 +11,7 @@ LINE = 2000  # most characters of a message or a line of a report
 CELL = 200  # most characters of a table's cell
 VALUE = 60  # most characters of a key or a value in a message
 MANY, FEW = 16, 6  # names that a message lists, and how many of a longer list
+LIST = 400  # most characters of these names
 UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode's control, format, surrogate and separator characters
 
 
@@ -58,7 +59,7 @@ def choices(known: Iterable[Any], word: object = "") -> str:
     import difflib
 
     names = [_cut(" ".join(str(each).split()), VALUE) for each in known]
-    if len(names) <= MANY:
+    if len(names) <= MANY and sum(map(len, names)) <= LIST:
         return ", ".join(names)
     near = difflib.get_close_matches(str(word)[:VALUE], names, n=FEW, cutoff=0.3) if word else []
     return f"{', '.join(near or names[:FEW])}, … ({len(names):,} in all)"

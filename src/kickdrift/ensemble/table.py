@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = kinds.TABLE.suffixes
 CHECKSUM = "checksum"  # its name in a file
+SEAL, SEAL_BYTES = b"kickdrift seal: ", 32  # before a checksum of all bytes of an HDF5 file
 PROVENANCE = "kickdrift"  # its name in a file, and in a table's ``attrs``
 # Columns of texts, empty if missing.
 TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", STOPPED_BY, "warnings")
@@ -267,6 +268,9 @@ def _write_hdf5(table: DataFrame, path: Path) -> None:
                 stored, kind = [json.dumps(value) for value in values], h5py.string_dtype()
             file.create_dataset(_dataset(name), data=stored, dtype=kind, track_times=False)
         file.attrs[CHECKSUM] = checksum(_of_hdf5(file))
+    with path.open("r+b") as raw:  # behind HDF5's end, and checked before HDF5 reads a byte
+        whole = raw.read()
+        raw.write(SEAL + hashlib.sha256(whole).digest())
 
 
 def _dataset(name: str) -> str:
@@ -277,6 +281,10 @@ def _dataset(name: str) -> str:
 def _read_hdf5(path: Path) -> DataFrame:
     from kickdrift.trajectory.opening import open_to_read
 
+    with opened(path) as raw:
+        whole, mark, seal = raw.read().rpartition(SEAL)
+    if mark and len(seal) == SEAL_BYTES and hashlib.sha256(whole).digest() != seal:
+        raise InputError(f"{path}: was damaged: its bytes are not those that were written")
     with open_to_read(path) as file:
         return _of_hdf5(file)
 
@@ -289,6 +297,8 @@ def _of_hdf5(file: Any) -> DataFrame:
     columns: dict[str, Any] = {}
     for name in file.attrs["columns"]:
         dataset = file[_dataset(name)]
+        if dataset.size * max(1, dataset.dtype.itemsize) > file.id.get_filesize():
+            raise ValueError(f"column {name!r} claims {dataset.size:,} values, more than the file can hold")
         if h5py.check_string_dtype(dataset.dtype):
             columns[name] = [json.loads(text) for text in dataset.asstr()[()]]
         elif h5py.check_vlen_dtype(dataset.dtype):
