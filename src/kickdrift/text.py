@@ -7,7 +7,8 @@ import unicodedata
 from collections.abc import Iterable
 from typing import Any
 
-LINE = 2000  # most characters of a message or a line of a report
+LINE = 2000  # most characters of a line of a report
+MESSAGE = 700  # most characters of a message
 CELL = 200  # most characters of a table's cell
 VALUE = 60  # most characters of a key or a value in a message
 MANY, FEW = 16, 6  # names that a message lists, and how many of a longer list
