@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kickdrift.text import LINE
+from kickdrift.text import MESSAGE
 
 
 def assert_refused(result, *parts, status=2):
@@ -14,6 +14,6 @@ def assert_refused(result, *parts, status=2):
     assert err.count("\n") == 1
     assert err.endswith("\n")
     assert "Traceback" not in err
-    assert len(err) < LINE + 50
+    assert len(err) < MESSAGE + 50
     for part in parts:
         assert part in err

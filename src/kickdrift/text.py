@@ -7,9 +7,12 @@ import unicodedata
 from collections.abc import Iterable
 from typing import Any
 
-LINE = 2000  # most characters of a message or a line of a report
+LINE = 2000  # most characters of a line of a report
+MESSAGE = 700  # most characters of a message
 CELL = 200  # most characters of a table's cell
 VALUE = 60  # most characters of a key or a value in a message
+MANY, FEW = 16, 6  # names that a message lists, and how many of a longer list
+LIST = 400  # most characters of these names
 UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode's control, format, surrogate and separator characters
 
 
@@ -50,6 +53,17 @@ def shown(value: object) -> str:
         text = f"a {type(value).__name__} too large to show"
     text = " ".join(text.split())
     return _cut(text, VALUE)
+
+
+def choices(known: Iterable[Any], word: object = "") -> str:
+    """Known names as text, "a, b, c"; of more than MANY, those nearest to a word, and how many there are."""
+    import difflib
+
+    names = [_cut(" ".join(str(each).split()), VALUE) for each in known]
+    if len(names) <= MANY and sum(map(len, names)) <= LIST:
+        return ", ".join(names)
+    near = difflib.get_close_matches(str(word)[:VALUE], names, n=FEW, cutoff=0.3) if word else []
+    return f"{', '.join(near or names[:FEW])}, … ({len(names):,} in all)"
 
 
 def suggestion(word: object, known: Iterable[Any]) -> str:

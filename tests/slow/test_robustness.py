@@ -28,6 +28,7 @@ pytestmark = pytest.mark.fuzzing
 
 COUNTS = {"system-files": 24, "command-lines": 16, "run-files": 20, "flipped-bytes": 20, "kills": 3}
 COUNTS |= {"archives": 6, "hosts": 12, "lammps-data": 8, "dicts": 12}
+COUNTS |= {"tables": 16, "more-commands": 12}
 # Far above a case's needs, even on a busy machine; limits on memory and blocked processes stay strict.
 LIMITS = Limits(seconds=60, wall=300, blocked=30)
 # Known defects: the signature of the finding and the reason for its delay. There are none.

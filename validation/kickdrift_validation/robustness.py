@@ -18,13 +18,13 @@ from importlib.util import find_spec
 from typing import Any
 
 from kickdrift_validation.claim import Claim, claim, main, not_run
-from kickdrift_validation.fuzzing.actions import FRAMES, LOST, NO_FILE
+from kickdrift_validation.fuzzing.actions import FRAMES, LOST, NO_FILE, WRONG
 from kickdrift_validation.fuzzing.kinds import KINDS
 
 SHORT = {"system-files": 300, "command-lines": 150, "run-files": 150, "flipped-bytes": 150, "kills": 12}
-SHORT |= {"archives": 60, "hosts": 60, "lammps-data": 60, "dicts": 120}
+SHORT |= {"archives": 60, "hosts": 60, "lammps-data": 60, "dicts": 120, "tables": 150, "more-commands": 150}
 LONG = {"system-files": 10_000, "command-lines": 5000, "run-files": 2500, "flipped-bytes": 2500, "kills": 200}
-LONG |= {"archives": 800, "hosts": 600, "lammps-data": 600, "dicts": 2000}
+LONG |= {"archives": 800, "hosts": 600, "lammps-data": 600, "dicts": 2000, "tables": 2000, "more-commands": 3000}
 NEEDS = {"archives": "rebound", "lammps-data": "ase"}  # packages
 WORKERS = 2
 SHOWN = 20  # findings of each kind
@@ -65,9 +65,9 @@ def claims(long: bool = False) -> Iterator[Claim]:
             megabytes = max(megabytes, *(each["megabytes"] for each in results))
             broken = sum(bool(each["found"]) for each in results)
             yield claim(f"{kind}: cases, of {number:,}, that break a rule", broken, "0", broken == 0, RULES)
-            if kind == "flipped-bytes":
-                wrong = sum(any(FRAMES in text for text in each["found"]) for each in results)
-                text = f"silent wrong frames, of {number:,} damaged files"
+            if kind in ("flipped-bytes", "tables"):
+                wrong = sum(any(FRAMES in text or WRONG in text for text in each["found"]) for each in results)
+                text = f"silent wrong {'frames' if kind == 'flipped-bytes' else 'tables'}, of {number:,} damaged files"
                 yield claim(text, wrong, "0", wrong == 0, "the file that was not damaged")
             if kind == "kills":
                 files = sum(NO_FILE not in each["ends"][-1][4] for each in results)

@@ -32,7 +32,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.topology import SIZES, Topology
 from kickdrift.model.unit_systems import UnitSystem, unit_system
-from kickdrift.text import shown
+from kickdrift.text import choices, shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
@@ -182,7 +182,7 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
     symbol = symbols_of(system.species, symbols or {})
     for kind in symbols or ():
         if kind not in system.species:
-            raise InputError(f"symbols: no species {kind!r}; known are {', '.join(system.species)}")
+            raise InputError(f"symbols: no species {shown(kind)}; known are {choices(system.species, kind)}")
         if symbol[kind] not in atomic_numbers:
             raise InputError(f"symbols: {shown(symbol[kind])} for species {kind!r} is not a chemical element")
     massless = np.flatnonzero(state.masses == 0)

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 from kickdrift.display import layout, showing
 from kickdrift.display.showing import KEY
 from kickdrift.display.showing import members_bar as members_bar
-from kickdrift.text import CELL, clean, escaped
+from kickdrift.text import CELL, MESSAGE, clean, escaped
 
 PLAIN = {
     "±": "+-",
@@ -137,7 +137,7 @@ def say(text: str, quiet: bool = False) -> None:
     """Print a message on standard error, or lose it if the stream is closed; on a terminal it wraps between words."""
     if not quiet:
         with suppress(OSError):
-            for line in layout.folded(clean(text), width_of(sys.stderr)):
+            for line in layout.folded(clean(text, MESSAGE), width_of(sys.stderr)):
                 print(line, file=sys.stderr)
             sys.stderr.flush()
 

@@ -233,11 +233,13 @@ def _before(sim: Simulation) -> list[str]:
     from kickdrift.engines import ENGINES
     from kickdrift.model.doubles import doubtful_forces
     from kickdrift.model.system import System
-    from kickdrift.run.layer import pressure_warning
+    from kickdrift.run.layer import pressure_warning, unused_warnings
 
-    if not isinstance(sim.system, System):
+    system = sim.system
+    if not isinstance(system, System):
         return list(ENGINES[sim.engine].warnings)
-    return [*ENGINES[sim.engine].warnings, *filter(None, [pressure_warning(sim.system)]), *doubtful_forces(sim.system)]
+    missing = filter(None, [pressure_warning(system)])
+    return [*ENGINES[sim.engine].warnings, *missing, *doubtful_forces(system), *unused_warnings(system)]
 
 
 def show(

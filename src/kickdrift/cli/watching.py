@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kickdrift.cli.console import say
+from kickdrift.display.pace import silent
 from kickdrift.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def watched(sim: Simulation, live: int | None, imd: int | None, imd_wait: bool, 
         from kickdrift.run.watch.imd import HOST
 
         say(f"streams to imd://{HOST}:{imd}{'; waits for a program that reads' if imd_wait else ''}", quiet)
-    with watched_live(sim, False if live is None else live):
+    with silent(quiet), watched_live(sim, False if live is None else live):
         yield
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from kickdrift.errors import InputError
 
 SYSTEM_FILE_BYTES = 16 * 2**20  # about 200,000 particles line by line; put more into a structure file
+BLOCK = 2**20  # bytes read at a time
 _WORDS = {
     errno.ENOENT: "no such file",
     errno.ENOTDIR: "no such file",
@@ -62,11 +64,30 @@ def descriptor(path: str | os.PathLike[str], flags: int = os.O_RDONLY, what: str
 def opened(path: str | os.PathLike[str], what: str = "a file") -> BinaryIO:
     """Open a regular file for reading. Raises an InputError with the reason if it cannot be opened."""
     try:
-        return os.fdopen(descriptor(path, what=what), "rb")
+        return BufferedReader(_Input(descriptor(path, what=what), os.fspath(path)))
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{shown_path(path)}: {reason(error)}") from None
+
+
+class _Input(FileIO):
+    """The bytes of an input file. An error of the system becomes an InputError that names the file."""
+
+    def __init__(self, number: int, path: str) -> None:
+        super().__init__(number)
+        self._path = path
+
+    def readinto(self, buffer: Any) -> int:
+        """Read some bytes."""
+        try:
+            return super().readinto(buffer)
+        except OSError as error:
+            raise InputError(f"{shown_path(self._path)}: cannot be read: {reason(error)}") from None
+
+    def readall(self) -> bytes:
+        """Read all bytes that are left."""
+        return b"".join(iter(lambda: self.read(BLOCK), b""))
 
 
 def content(path: str | os.PathLike[str], most: int, what: str = "a file") -> bytes:

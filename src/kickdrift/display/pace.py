@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from threading import Timer
 from time import monotonic
 
@@ -13,6 +14,7 @@ from kickdrift.text import CELL, clean, duration
 SHORT = 2.0  # seconds of work that go without a word
 FIRST, LONGEST = 10.0, 60.0  # seconds between the first two lines, and at most
 PARTS = 1000  # a run to a time counts thousandths of the way, which have no rate of their own
+_silent: ContextVar[bool] = ContextVar("silent", default=False)
 
 
 class Pace:
@@ -58,6 +60,22 @@ class LineBar:
         if done < of and self._clock() >= self._next:
             self._next, self._gap = self._clock() + self._gap, min(2 * self._gap, LONGEST)
             print_line(f"{self._label}: {self._pace.text(done, of)}{more}")
+
+
+@contextmanager
+def silent(quiet: bool) -> Iterator[None]:
+    """Print no `notice` in this context, if quiet."""
+    token = _silent.set(quiet)
+    try:
+        yield
+    finally:
+        _silent.reset(token)
+
+
+def notice(text: str) -> None:
+    """Print a line about what goes on, unless that is unwanted."""
+    if not _silent.get():
+        print_line(text)
 
 
 def print_line(text: str) -> None:

@@ -21,6 +21,7 @@ from kickdrift.forces.embedded_atom import EmbeddedAtom
 from kickdrift.forces.stillinger_weber import StillingerWeber
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import choices
 
 TAKES = "ASE takes one force alone: lennard-jones, eam or tersoff"
 
@@ -37,7 +38,7 @@ def refusal(job: Job) -> str | None:
     force: Any = system.forces[0]
     laws = {force.pair_law(a, b) for a in system.species for b in system.species}
     if len(laws) > 1:
-        return f"species: ASE's LennardJones has one sigma and epsilon, and {', '.join(system.species)} differ"
+        return f"species: ASE's LennardJones has one sigma and epsilon, and {choices(system.species)} differ"
     return None
 
 

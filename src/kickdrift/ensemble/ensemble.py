@@ -33,7 +33,7 @@ from kickdrift.model.system import System
 from kickdrift.run.plan import check_run
 from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
-from kickdrift.text import suggestion
+from kickdrift.text import choices, suggestion
 from kickdrift.trajectory.layout import versions
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Ensemble:
         for key in settings:
             if key not in known:
                 hint = meant(key) or suggestion(key, known)
-                raise InputError(f"{key}: expected one of {', '.join(known)}{hint}")
+                raise InputError(f"{key}: expected one of {choices(known, key)}{hint}")
         if not (callable(measure) or measure in (RUN, MEGNO)):
             raise InputError(f"measure: expected {RUN!r}, {MEGNO!r} or a function of the Simulation, got {measure!r}")
         given = {

@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.ensemble.rows import DONE, LAST, MEMBER
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -48,7 +48,7 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
     if column is not None:
         if column not in known:
             raise InputError(
-                f"column: expected one of {', '.join(known)}, got {shown(column)}{suggestion(column, known)}"
+                f"column: expected one of {choices(known, column)}, got {shown(column)}{suggestion(column, known)}"
             )
         return column
     if not known:

@@ -3,6 +3,7 @@ kill, at most the last line of the journal is damaged."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import tempfile
@@ -18,6 +19,7 @@ from kickdrift.disk.outputs import checked_target, reason, written_whole
 from kickdrift.ensemble.lock import Lock
 from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY
 from kickdrift.errors import InputError, RunError
+from kickdrift.text import CELL, clean
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from kickdrift.ensemble.rows import Row
 
 SUFFIXES = kinds.TABLE.suffixes
+CHECKSUM = "checksum"  # its name in a file
+SEAL, SEAL_BYTES = b"kickdrift seal: ", 32  # before a checksum of all bytes of an HDF5 file
 PROVENANCE = "kickdrift"  # its name in a file, and in a table's ``attrs``
 # Columns of texts, empty if missing.
 TEXTS = ("status", "error", "integrator", "energy_verdict", "verdict", "stopped", STOPPED_BY, "warnings")
@@ -176,7 +180,7 @@ def write(table: DataFrame, output: Path) -> None:
     """Write the table to a file, whole or not at all, replacing an existing file."""
     with written_whole(output, kinds.TABLE, overwrite=True) as part:
         if output.suffix.lower() == ".parquet":
-            table.to_parquet(part, index=False)
+            _write_parquet(table, part)
         else:
             _write_hdf5(table, part)
 
@@ -189,10 +193,12 @@ def read(path: str | os.PathLike[str]) -> DataFrame:
     refuse_unfit(path)
     try:
         table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_hdf5(path)
+        if table.attrs.pop(CHECKSUM, None) not in (None, checksum(table)):
+            raise InputError(f"{path}: was damaged: the table is not the one that was written")
     except InputError:
         raise
-    except (OSError, ArithmeticError, LookupError, NotImplementedError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    except Exception as error:  # a damaged file can end in any error of the libraries that read it
+        raise InputError(f"{path}: cannot be read: {clean(str(error), CELL)}") from None
     if not isinstance(table.attrs.get(PROVENANCE), dict) or not {MEMBER, "status"} <= set(table.columns):
         raise InputError(f"{path}: is no table of an ensemble")
     from kickdrift.ensemble.shown import Table
@@ -213,11 +219,34 @@ def checked_output(output: str | os.PathLike[str]) -> Path:
         raise InputError(f"{path}: cannot be written: {reason(error)}") from None
 
 
+def checksum(table: DataFrame) -> str:
+    """Checksum of a table's columns, values and provenance, whatever file it is in. Tables of version 0.2 have none."""
+    text = json.dumps([{name: [_bare(value) for value in table[name].tolist()] for name in table.columns},
+                       table.attrs.get(PROVENANCE)])  # fmt: skip
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _bare(value: Any) -> Any:
+    """A cell's value without what differs between files: numbers in lists are floats, and nothing is None."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return [float(number) for number in value] or None
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
 def _read_parquet(path: Path) -> DataFrame:
     import pandas as pd
 
     with opened(path) as file:
         return pd.read_parquet(file)
+
+
+def _write_parquet(table: DataFrame, path: Path) -> None:
+    import pandas as pd
+
+    table.to_parquet(path, index=False)
+    stored = pd.read_parquet(path)
+    stored.attrs[CHECKSUM] = checksum(stored)
+    stored.to_parquet(path, index=False)
 
 
 def _write_hdf5(table: DataFrame, path: Path) -> None:
@@ -238,6 +267,10 @@ def _write_hdf5(table: DataFrame, path: Path) -> None:
             else:
                 stored, kind = [json.dumps(value) for value in values], h5py.string_dtype()
             file.create_dataset(_dataset(name), data=stored, dtype=kind, track_times=False)
+        file.attrs[CHECKSUM] = checksum(_of_hdf5(file))
+    with path.open("r+b") as raw:  # behind HDF5's end, and checked before HDF5 reads a byte
+        whole = raw.read()
+        raw.write(SEAL + hashlib.sha256(whole).digest())
 
 
 def _dataset(name: str) -> str:
@@ -246,21 +279,34 @@ def _dataset(name: str) -> str:
 
 
 def _read_hdf5(path: Path) -> DataFrame:
+    from kickdrift.trajectory.opening import open_to_read
+
+    with opened(path) as raw:
+        whole, mark, seal = raw.read().rpartition(SEAL)
+    if mark and len(seal) == SEAL_BYTES and hashlib.sha256(whole).digest() != seal:
+        raise InputError(f"{path}: was damaged: its bytes are not those that were written")
+    with open_to_read(path) as file:
+        return _of_hdf5(file)
+
+
+def _of_hdf5(file: Any) -> DataFrame:
+    """The table in an open file, with its checksum."""
     import h5py
     import pandas as pd
 
-    from kickdrift.trajectory.opening import open_to_read
-
-    with open_to_read(path) as file:
-        columns: dict[str, Any] = {}
-        for name in file.attrs["columns"]:
-            dataset = file[_dataset(name)]
-            if h5py.check_string_dtype(dataset.dtype):
-                columns[name] = [json.loads(text) for text in dataset.asstr()[()]]
-            elif h5py.check_vlen_dtype(dataset.dtype):
-                columns[name] = [value if len(value) else None for value in dataset[()]]
-            else:
-                columns[name] = dataset[()]
-        table = pd.DataFrame(columns)
-        table.attrs[PROVENANCE] = json.loads(file.attrs[PROVENANCE])
+    columns: dict[str, Any] = {}
+    for name in file.attrs["columns"]:
+        dataset = file[_dataset(name)]
+        if dataset.size * max(1, dataset.dtype.itemsize) > file.id.get_filesize():
+            raise ValueError(f"column {name!r} claims {dataset.size:,} values, more than the file can hold")
+        if h5py.check_string_dtype(dataset.dtype):
+            columns[name] = [json.loads(text) for text in dataset.asstr()[()]]
+        elif h5py.check_vlen_dtype(dataset.dtype):
+            columns[name] = [value if len(value) else None for value in dataset[()]]
+        else:
+            columns[name] = dataset[()]
+    table = pd.DataFrame(columns)
+    table.attrs[PROVENANCE] = json.loads(file.attrs[PROVENANCE])
+    if CHECKSUM in file.attrs:
+        table.attrs[CHECKSUM] = str(file.attrs[CHECKSUM])
     return table

@@ -10,7 +10,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.arguments import number
 from kickdrift.model.state import Floats
-from kickdrift.text import shown
+from kickdrift.text import choices, shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -33,7 +33,9 @@ def central_body(name: str, central: Central, system: Subject) -> int:
         index = int(np.argmax(masses))
     elif isinstance(central, str):
         if central not in system.names:
-            known = f"bodies are {', '.join(system.names)}" if system.names else "this system's bodies have no names"
+            known = (
+                f"bodies are {choices(system.names, central)}" if system.names else "this system's bodies have no names"
+            )
             raise InputError(f"{name}: central: there is no body {shown(central)}; {known}")
         index = system.names.index(central)
     else:

@@ -17,7 +17,7 @@ from kickdrift.forces.fields import Field
 from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.ase_units import Scale
 from kickdrift.model.file_units import FileUnits
-from kickdrift.text import shown
+from kickdrift.text import choices, shown
 
 if TYPE_CHECKING:
     from kickdrift.forces.external_kernel import ExternalKernel
@@ -154,7 +154,7 @@ class CalculatorForce(Field):
         for kind in given:
             if kind not in system.species:
                 raise InputError(
-                    f"{self.name}: symbols: no species {shown(kind)}; known are {', '.join(system.species)}"
+                    f"{self.name}: symbols: no species {shown(kind)}; known are {choices(system.species, kind)}"
                 )
         nominal = FileUnits.of(system.units).nominal
         elements = {}

@@ -19,6 +19,7 @@ from kickdrift.forces.listed import ListedForce
 from kickdrift.forces.pair_law import PairForce
 from kickdrift.model.checks import is_number
 from kickdrift.model.state import State
+from kickdrift.text import choices
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System
@@ -83,7 +84,7 @@ def parameter_of(system: System, text: str) -> tuple[int, str, float]:
     name, _, key = text.partition(".") if isinstance(text, str) else ("", "", "")
     found = [k for k, force in enumerate(system.forces) if force.name == name]
     if len(found) != 1 or not key:
-        known = ", ".join(force.name for force in system.forces)
+        known = choices(force.name for force in system.forces)
         raise InputError(f"parameters: expected FORCE.KEY with a force of {known}, got {text!r}")
     force = system.forces[found[0]]
     value: Any = getattr(force, key, None)

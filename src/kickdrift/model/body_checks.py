@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from types import FunctionType
 from typing import Any
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +15,33 @@ from kickdrift.model.checks import listed, per_particle
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
+MOST_LETTERS = 255  # of a name
+UNWRITABLE = ("Cc", "Cs", "Zl", "Zp")  # Unicode's control, surrogate and separator characters
+
 
 def names_of(key: str, values: list[Any]) -> list[str]:
-    """Return the values as names. Raises InputError if one is neither text nor a whole number."""
+    """Return the values as names. Raises InputError if one is neither text nor a whole number, or if a run's file
+    could not hold it: see `check_name`."""
     wrong = {kind for kind in set(map(type, values)) if not issubclass(kind, str | int | np.integer) or kind is bool}
     if wrong:
         k, value = next((k, value) for k, value in enumerate(values) if type(value) in wrong)
         raise InputError(f"{key}[{k}]: expected a name, got {shown(value)}")
-    return list(map(str, values))
+    names = list(map(str, values))
+    for name in set(names):
+        if not (name.isprintable() and 0 < len(name) <= MOST_LETTERS and name.strip()):
+            check_name(f"{key}[{names.index(name)}]", name)
+    return names
+
+
+def check_name(key: str, name: str) -> None:
+    """Refuse a name that is empty, longer than MOST_LETTERS, or has a control character or half a character."""
+    if not name.strip():
+        raise InputError(f"{key}: expected a name, got {shown(name)}")
+    if len(name) > MOST_LETTERS:
+        raise InputError(f"{key}: expected a name of at most {MOST_LETTERS} letters, got {len(name):,}: {shown(name)}")
+    for each in name:
+        if category(each) in UNWRITABLE:
+            raise InputError(f"{key}: expected a name without control characters, got {shown(name)}")
 
 
 def body_radii(radii: ArrayLike, n: int) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.display.showing import Lines, Shown, above
-from kickdrift.text import counted
+from kickdrift.text import choices, counted
 
 
 class ShownSystem(Shown):
@@ -24,7 +24,7 @@ class ShownSystem(Shown):
         units = self.units
         lines = [
             ("system", self.name),
-            ("particles", f"{len(self):,} ({', '.join(self.species)})"),
+            ("particles", f"{len(self):,} ({choices(self.species)})"),
             ("box", self.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if self.dimensions == 2 else []),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),

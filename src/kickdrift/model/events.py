@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from kickdrift.errors import InputError
 from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.body_checks import check_name
 from kickdrift.model.checks import is_number, positive
 from kickdrift.model.collision import Collision, one_of
 from kickdrift.text import shown
@@ -125,6 +126,8 @@ class Crossing:
     tolerance: float = 1e-13
 
     def __post_init__(self) -> None:
+        if isinstance(self.name, str) and self.name:
+            check_name("crossing: name", self.name)
         if not (isinstance(self.name, str) and 0 < len(self.name.encode()) <= NAME_BYTES):
             raise InputError(f"crossing: name must be text of 1 to {NAME_BYTES} bytes, got {shown(self.name)}")
         if not (callable(self.function) or isinstance(self.function, Between)):

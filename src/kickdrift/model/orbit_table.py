@@ -15,7 +15,7 @@ from kickdrift.model.starts.elements import ANGLES, Elements
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import Subject
 from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 SHOWN = ("a", "e", "inc", "Omega", "omega", "f", "M", "P")  # columns of a printed table
 
@@ -127,4 +127,4 @@ def gravity_of(system: Subject, key: str) -> float:
 
 def _near(name: str, names: tuple[str, ...]) -> str:
     hint = suggestion(name, names) if isinstance(name, str) else ""
-    return f"{hint} (known: {', '.join(names[:12])}{', …' if len(names) > 12 else ''})"
+    return f"{hint} (known: {choices(names, name)})"

@@ -12,7 +12,7 @@ from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
 from kickdrift.model.topology import Topology
 from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 
 class Particles(Protocol):
@@ -84,6 +84,6 @@ def index_of(system: Subject, body: str | int, key: str) -> int:
             return int(found[0])
     if not system.names:
         raise InputError(f"{key}: there is no particle {shown(body)}; expected a number from 0 to {len(system) - 1}")
-    known = ", ".join(system.names[:12]) + (", …" if len(system) > 12 else "")
+    known = choices(system.names, body)
     hint = suggestion(body, system.names) if isinstance(body, str) else ""
     raise InputError(f"{key}: there is no body {shown(body)}{hint} (known: {known})")

@@ -19,7 +19,7 @@ from kickdrift.plots.runs import (
     new_figure,
     with_unit,
 )
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 from kickdrift.trajectory import reader
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def column_figure(run: reader.Run, name: str) -> Figure:
     Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
     observables = run.observables
     if name not in observables:
-        known = ", ".join(observables) or "none, for it has no sample"
+        known = choices(observables, name) or "none, for it has no sample"
         raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
     times, values, unit = run.sample_times, observables[name], run.unit_of(name)
     units, title = run.units, _title(run)

@@ -12,6 +12,7 @@ from kickdrift.looks.doubts import digits_doubt
 from kickdrift.model.doubles import doubtful_forces
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import choices, suggestion
 
 
 def layer_warning(system: Any, phase: Any) -> str:
@@ -49,7 +50,7 @@ def begins_badly(system: Any, phase: Floats) -> list[str]:
         return []
     x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
     found = [layer_warning(system, (x, v)), pressure_warning(system), digits_doubt(system, x)]
-    return [*filter(None, found), *doubtful_forces(system)]
+    return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system)]
 
 
 def ends_badly(system: Any, state: Any) -> list[str]:
@@ -60,3 +61,21 @@ def ends_badly(system: Any, state: Any) -> list[str]:
     paired = topology is not None and any(isinstance(force, PairForce) for force in system.forces)
     far = topology.far_special(state.box, x) if topology is not None and paired else ""
     return [digits_doubt(system, x), far]
+
+
+def unused_warnings(system: Any) -> list[str]:
+    """Return warnings of what a System gives and nothing uses: parameters of species that no particle has, and factors
+    without a pair force."""
+    if not isinstance(system, System):
+        return []
+    found, pairs = [], [force for force in system.forces if isinstance(force, PairForce)]
+    for force in pairs:
+        named = [*(force.species or ()), *(name for pair in force.pairs or () for name in pair)]
+        if strange := [name for name in dict.fromkeys(named) if name not in system.species]:
+            near = suggestion(strange[0], system.species) if len(strange) == 1 else ""
+            found.append(f"{force.name}: no particle is of species {choices(map(repr, strange))}{near}")
+    topology = system.topology
+    if topology is not None and not pairs and system.forces and len(topology.scaled.pairs):
+        acting = " and ".join(dict.fromkeys(force.name for force in system.forces))
+        found.append(f"topology: factors and exclusions have no effect: they are about pair forces, and not {acting}")
+    return found

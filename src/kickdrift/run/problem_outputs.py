@@ -28,16 +28,21 @@ if TYPE_CHECKING:
     from kickdrift.run.report import Report
     from kickdrift.trajectory.options import FileOptions
 
+SPECIES_BYTES = 64_000  # HDF5 keeps the names of species in a message of at most 65,535 bytes
 _OWN_COLUMN = re.compile(r"y\d*|energy")
 
 
 def check_suffix(system: System | Problem, output: str) -> None:
-    """Refuse a name whose suffix is that of another kind of run."""
+    """Refuse a name whose suffix is that of another kind of run, and more species than a file can name."""
     kind = kinds.RUN if isinstance(system, System) else kinds.PROBLEM
     suffixes = kind.suffixes if isinstance(system, System) else (*kind.suffixes, *kinds.SERIES.suffixes)
     if Path(output).suffix.lower() not in suffixes:
         noun = kind.noun if isinstance(system, System) else "a Problem's run"
         raise InputError(f"{output}: the name of {noun} {kinds.wrong_ending(output, suffixes)}")
+    if isinstance(system, System):
+        size = sum(len(name.encode()) // 8 * 8 + 12 for name in system.species)
+        if size > SPECIES_BYTES:
+            raise InputError(f"{output}: cannot hold {len(system.species):,} species, whose names take {size:,} bytes")
 
 
 def is_table(output: str) -> bool:

@@ -26,7 +26,7 @@ from kickdrift.run.loop import go_to
 from kickdrift.run.plan import Plan, check_samples, whole_number
 from kickdrift.run.problem_resuming import check_f, other_y, sample_of, subject_of
 from kickdrift.run.simulation import Simulation
-from kickdrift.text import counted, shown
+from kickdrift.text import choices, counted, shown
 from kickdrift.trajectory import opened
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.named import about, method_of, options_of
@@ -40,6 +40,7 @@ from kickdrift.trajectory.recorded import Recorded
 if TYPE_CHECKING:
     from kickdrift.model.events import Event
 
+CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
 _NEW = "a new run can begin at a frame"
 
 
@@ -244,12 +245,20 @@ def _samples(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | No
             sim.record.looks.add(make(int(at), float(when), values))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{run.path}: damaged: its samples do not fit a run: {error}") from None
-    lines = []
+    lines = [] if isinstance(run, ProblemRun) else _damaged_frames(run, kept.frames)
     if kept != run.committed:
         lines.append(f"the file's end is damaged; the run is computed again from step {step}")
     if lost := kept.samples - int(np.count_nonzero(found.rows < kept.samples)):
         lines.append(f"{counted(lost, 'damaged sample')} of the file left out of the report")
     return lines
+
+
+def _damaged_frames(run: Run, kept: int) -> list[str]:
+    """A warning of damaged frames before a number of frames, which a resumed run leaves as they are."""
+    if 24 * len(run.ids) * len(run) > CHECKED_BYTES:
+        return []
+    found = [k for k in run.damaged_frames() if k < kept]
+    return [f"the file stays damaged: {choices(f'frame {k}' for k in found)}"] if found else []
 
 
 def _warnings(sim: Simulation, run: Run | ProblemRun, goal: tuple[int, float | None]) -> list[str]:

@@ -15,7 +15,7 @@ from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_bodies import ORBIT, BodiesTable, BodyTable, PlummerTable
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 
 def on_orbits(
@@ -76,7 +76,8 @@ def _primary(name: str, names: list[str | None]) -> int:
     if name not in names:
         known = [each for each in names if each]
         raise InputError(
-            f"primary: no earlier body is called {shown(name)}{suggestion(name, known)} (earlier: {', '.join(known)})"
+            f"primary: no earlier body is called {shown(name)}{suggestion(name, known)} "
+            f"(earlier: {choices(known, name)})"
         )
     return names.index(name)
 

@@ -23,6 +23,7 @@ from kickdrift.systemfile.files import prefixed
 from kickdrift.systemfile.plain import plain
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_bodies import AddedTable, BodiesTable, BodyTable, CentralTable
+from kickdrift.text import choices
 
 
 def from_elements(
@@ -100,7 +101,7 @@ def _placed(system: System, body: AddedTable, mass: float) -> tuple[Floats, Floa
 
 def _species(system: System, body: AddedTable) -> str:
     if body.species is None and len(system.species) > 1:
-        raise InputError(f"species: required, one of {', '.join(system.species)} or a new one")
+        raise InputError(f"species: required, one of {choices(system.species)} or a new one")
     return system.species[0] if body.species is None else body.species
 
 

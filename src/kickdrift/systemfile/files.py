@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,11 +12,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
+from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.model.checks import path_text
 from kickdrift.model.other_names import other_name
+from kickdrift.systemfile.plain import DEEPEST
 from kickdrift.text import shown, suggestion
 
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""  # of a key; many values look like one
+_LONG = r"""\"{3}(?:[^"\\]|\\.|"(?!""))*+\"{3,5}|'{3}(?:[^']|'(?!''))*+'{3,5}"""
+_TOKEN = re.compile(
+    rf"""{_LONG}|(?P<open>"{{3}}|'{{3}})|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART})*+)"""
+    r"""|["'].*+|\#[^\n]*+|[^\w"'#-]++|.""",
+    re.DOTALL | re.ASCII,
+)
 SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
 
 
@@ -29,11 +39,17 @@ class Description(NamedTuple):
 
 
 def parsed(path: Path) -> tuple[str, dict[str, Any]]:
-    """Text of a system file, and its TOML tables, not yet checked."""
-    stored = content(path, SYSTEM_FILE_BYTES, "a system file")
-    with prefixed(f"{path}: "):
-        text = decoded(stored)
-        return text, toml_table(text)
+    """Text of a system file, and its TOML tables, not yet checked. The error for a file of another program says what
+    the file is."""
+    try:
+        stored = content(path, SYSTEM_FILE_BYTES, "a system file")
+        with prefixed(f"{path}: "):
+            text = decoded(stored)
+            return text, toml_table(text)
+    except InputError:
+        if what := foreign(path):
+            raise InputError(f"{path}: {what}") from None
+        raise
 
 
 def shipped() -> dict[str, Path]:
@@ -100,6 +116,7 @@ def decoded(stored: bytes) -> str:
 
 def toml_table(text: str) -> dict[str, Any]:
     """Tables of a text in TOML."""
+    _refuse_long_keys(text)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -108,3 +125,15 @@ def toml_table(text: str) -> dict[str, Any]:
         raise InputError("not valid TOML: nested too deeply") from None
     except ValueError as error:  # an integer with thousands of digits
         raise InputError(f"not valid TOML: {' '.join(str(error).split(';')[0].split())}") from None
+
+
+def _refuse_long_keys(text: str) -> None:
+    """Raise InputError for a key of many parts, a.b.c…, on which the parser spends time and memory of its square."""
+    if all(line.count(".") <= DEEPEST for line in text.split("\n")):
+        return
+    for token in _TOKEN.finditer(text):
+        if token["open"]:
+            return  # a string that does not end, which the parser refuses
+        if token["key"] and token[0].count(".") > DEEPEST and len(re.findall(_PART, token[0])) > DEEPEST:
+            line = text.count("\n", 0, token.start()) + 1
+            raise InputError(f"not valid TOML for kickdrift: line {line}: a key has more than {DEEPEST} parts")

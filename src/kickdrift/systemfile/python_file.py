@@ -21,7 +21,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.systemfile.files import prefixed
 from kickdrift.systemfile.reading import load
-from kickdrift.text import shown
+from kickdrift.text import choices, shown
 
 BESIDE = ("t_span", "jacobian", "energy", "exact", "args", "separable", "name")  # names that a file may define
 NAMED = ("system", "problem")
@@ -52,7 +52,7 @@ def from_python(path: Path) -> System | Problem:
         if len(made) == 1:
             return next(iter(made.values()))
         if made:
-            raise InputError(f"defines {', '.join(made)}; name one of them system or problem")
+            raise InputError(f"defines {choices(made)}; name one of them system or problem")
         if not callable(found.get("f")) or "y0" not in found:
             raise InputError("expected a function f and y0, or a System or Problem named system or problem")
         given = {key: found[key] for key in BESIDE if key in found}

@@ -49,7 +49,7 @@ from kickdrift.systemfile.schema import (
 )
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
 from kickdrift.systemfile.topology import topology_of
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 _BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
@@ -154,10 +154,12 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
     from kickdrift.odes import ODES
 
     if "problem" not in table.ode:
-        raise InputError(f"ode.problem: required key is missing; expected one of {', '.join(ODES)}")
+        raise InputError(f"ode.problem: required key is missing; expected one of {choices(ODES)}")
     name = table.ode["problem"]
     if not isinstance(name, str) or name not in ODES:
-        raise InputError(f"ode.problem: expected one of {', '.join(ODES)}, got {shown(name)}{suggestion(name, ODES)}")
+        raise InputError(
+            f"ode.problem: expected one of {choices(ODES, name)}, got {shown(name)}{suggestion(name, ODES)}"
+        )
     given = checked(ode_table(ODES[name]), table.ode, None, "ode")
     parameters = {key: value for key, value in given if key != "problem"}
     with prefixed("ode."):
@@ -237,13 +239,13 @@ def _note_unused_seed() -> None:
 
 def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) -> Any:
     if "type" not in given:
-        raise InputError(f"{path}.type: required key is missing; expected one of {', '.join(FORCES)}")
+        raise InputError(f"{path}.type: required key is missing; expected one of {choices(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
         hint = (
             other_name("force", name) or suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
         )
-        raise InputError(f"{path}.type: expected one of {', '.join(FORCES)}, got {shown(name)}{hint}")
+        raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = force_parameters(cls, given, units, path)
     if isinstance(parameters.get("file"), str):

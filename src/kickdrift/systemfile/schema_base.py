@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from kickdrift.errors import InputError
 from kickdrift.model.units import quantity
-from kickdrift.text import shown, suggestion
+from kickdrift.text import choices, shown, suggestion
 
 
 class In:
@@ -58,7 +58,7 @@ class Table(BaseModel):
     @classmethod
     def unknown_text(cls, key: str) -> str:
         """Message about an unknown key."""
-        return f"unknown key{cls.hint(key)} (known: {', '.join(cls.model_fields)})"
+        return f"unknown key{cls.hint(key)} (known: {choices(cls.model_fields, key)})"
 
     @classmethod
     def hint(cls, key: str) -> str:

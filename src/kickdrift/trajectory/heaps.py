@@ -20,6 +20,7 @@ REFERENCE = 16  # bytes: length, address of the heap, index in it
 HEAP = b"GCOL\x01\0\0\0"  # first bytes of a heap; its size follows
 _PIECE = 16 * 2**20
 _FILL_OLD, _FILL, _ATTRIBUTE, _CONTINUED = 0x04, 0x05, 0x0C, 0x10  # messages of an object header
+_KIND_OF_VARIABLE, _LIST = 3, 0  # place in an encoded type, and its value there
 _SHARED = 2  # flag: the message's body is elsewhere
 _MOST = 1000  # most pieces of an object header
 
@@ -48,6 +49,7 @@ class Heaps:
             if kind.get_size() * count > self.bytes:
                 raise ValueError(f"attribute {each.name!r} claims more than the file's {self.bytes:,} bytes hold")
             if is_variable(kind):
+                _check_type(kind)
                 variable[each.name] = kind, count
         if not variable:
             return
@@ -69,6 +71,7 @@ class Heaps:
         kind = data.get_type()
         if not is_variable(kind):
             return
+        _check_type(kind)
         if not self._plain:
             self._walk_all()
             return
@@ -161,6 +164,17 @@ def is_variable(kind: h5t.TypeID) -> bool:
     if isinstance(kind, h5t.TypeCompoundID):
         return any(is_variable(kind.get_member_type(k)) for k in range(kind.get_nmembers()))
     return isinstance(kind, h5t.TypeVlenID) or (isinstance(kind, h5t.TypeArrayID) and is_variable(kind.get_super()))
+
+
+def _check_type(kind: h5t.TypeID) -> None:
+    """Refuse a type of variable length that is neither a list nor a text: HDF5 crashes when it reads one."""
+    if isinstance(kind, h5t.TypeCompoundID):
+        for k in range(kind.get_nmembers()):
+            _check_type(kind.get_member_type(k))
+    elif isinstance(kind, h5t.TypeVlenID | h5t.TypeArrayID):
+        if isinstance(kind, h5t.TypeVlenID) and kind.encode()[_KIND_OF_VARIABLE] & 0x0F != _LIST:
+            raise ValueError("its type is damaged")
+        _check_type(kind.get_super())
 
 
 def _attribute(body: bytes) -> tuple[bytes, bytes]:

@@ -16,7 +16,7 @@ from kickdrift.model.event_log import event_lines
 from kickdrift.model.limits import NEVER
 from kickdrift.model.topology import counts_text
 from kickdrift.model.unit_systems import symbol_of
-from kickdrift.text import clean, counted, measured, shown
+from kickdrift.text import choices, clean, counted, measured, shown
 from kickdrift.trajectory.reader import Run, open
 from kickdrift.trajectory.recorded import Recorded
 from kickdrift.trajectory.room import means_of
@@ -145,7 +145,7 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
     units = found["units"]
     length, time, energy = (symbol_of(units[key]) for key in ("length", "time", "energy"))
     named = [f"{key} {symbol}" for key, symbol in zip(_SHOWN_UNITS, (length, time, energy), strict=True) if symbol]
-    species = ", ".join(f"{count:,} {name}" for name, count in found["species"].items())
+    species = choices(f"{count:,} {name}" for name, count in found["species"].items())
     rows = [
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),

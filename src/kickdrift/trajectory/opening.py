@@ -11,13 +11,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import h5py
 from h5py import h5a, h5d, h5g, h5l, h5o, h5t
 
 from kickdrift.disk.files import descriptor, reason, shown_path
+from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.trajectory.heaps import Heaps
@@ -45,7 +46,7 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
         try:
             file = h5py.File(name, "r", locking="best-effort")
         except (OSError, RuntimeError, ValueError) as error:
-            raise InputError(f"{shown_path(path)}: {_why_not(name, error)}") from None
+            raise InputError(f"{shown_path(path)}: {_why_not(path, name, error)}") from None
         key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
         if key == _last[0]:
             return file
@@ -183,14 +184,16 @@ def _descriptor(path: str | os.PathLike[str]) -> int:
         raise InputError(f"{shown_path(path)}: {reason(error)}") from None
 
 
-def _why_not(name: str, error: Exception) -> str:
+def _why_not(path: str | os.PathLike[str], name: str, error: Exception) -> str:
     """Reason why HDF5 cannot open a file."""
     if isinstance(error, BlockingIOError):
         return f"{BEING_WRITTEN}; it can be read when that is over"
     if "truncated file" in str(error):
         return "is truncated: its end is missing (copied in part?)"
-    if not h5py.is_hdf5(name):
-        return "is not an HDF5 file"
+    with suppress(OSError):  # if not even the first bytes can be read
+        if not h5py.is_hdf5(name):
+            what = foreign(path)
+            return "is not an HDF5 file" + (f": it {what}" if what else "")
     return f"cannot be read: {_one_line(error)}"
 
 

@@ -158,7 +158,9 @@ def _state(found: dict[str, Any]) -> str:
     if "problem" not in found:
         text = f"{found['frames']:,} and {counted(found['samples'], 'sample', ',')}"
     if found["closed"] and not ahead:
-        return f"{text}; " + (f"stopped by {found['stopped']}" if found["stopped"] else "the run is finished")
+        return f"{text}; " + (
+            f"stopped by {found['stopped'].removeprefix('by ')}" if found["stopped"] else "the run is finished"
+        )
     text += f"; the run did not finish{f': {ahead}' if ahead else ''}"
     return text + (f"; continue with: kickdrift resume {found['file']}" if ahead and found["checkpoints"] else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +170,12 @@ class Run(Recorded, Frames, ShownRun):
         wrong = self._wrong_clock[as_slice(rows)]
         if wrong.any():
             raise self._damaged("frame", rows[int(np.argmax(wrong))])
+
+    def damaged_frames(self, frames: Iterable[int] | None = None) -> list[int]:
+        """Numbers of the damaged frames, of all or of these ones. Reads them whole."""
+        if frames is None:
+            return np.flatnonzero(self._checks.frames).tolist()
+        return [int(k) for k in frames if self._checks.frame(int(k))]
 
     def refuse_changed(self) -> None:
         """Raise InputError if anything that gives the numbers their meaning has changed, by the file's hash."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from kickdrift.display.showing import stage
 from kickdrift.errors import InputError
+from kickdrift.model.box import Box
 from kickdrift.model.patch import patch_of
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -26,7 +28,7 @@ from kickdrift.model.unit_systems import UnitSystem, symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
-from kickdrift.text import counted, measured, suggestion
+from kickdrift.text import choices, counted, measured, shown, suggestion
 from kickdrift.trajectory import reader
 from kickdrift.trajectory.chosen import BLOCK_BYTES
 from kickdrift.trajectory.merged import masses_held
@@ -78,7 +80,9 @@ def scene_of(
         raise InputError(f"view: expected a run, a System or a Simulation, got {type(given).__name__}")
     names = [each["name"] for each in found["colours"]]
     if colour is not None and colour not in names:
-        raise InputError(f"colour: expected one of {', '.join(names)}, got {colour!r}{suggestion(colour, names)}")
+        raise InputError(
+            f"colour: expected one of {choices(names, colour)}, got {shown(colour)}{suggestion(colour, names)}"
+        )
     return found | {"colour": colour or found["colour"], "size": float(size)}
 
 
@@ -160,7 +164,19 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
     chosen = np.linspace(0, len(run) - 1, kept).round().astype(int)
     if kept < len(run):
         notes.append(f"Shows {kept:,} of {len(run):,} frames, spread evenly.")
-    x, v = (_read(run, what, chosen, stage.rows) for what in ("positions", "velocities"))
+    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
+    try:
+        x, v, values, boxes = _read(run, chosen, stage.rows, columns)
+    except InputError:
+        lost = run.damaged_frames(chosen)
+        if not lost:
+            raise
+        notes.append(f"Leaves out what is damaged: {choices(f'frame {k}' for k in lost)}.")
+        chosen = chosen[~np.isin(chosen, lost)]
+        if not len(chosen):
+            found = scene_of_system(run.system())
+            return found | more | {"notes": [*notes, "No frame is whole: the view shows the start."]}
+        x, v, values, boxes = _read(run, chosen, stage.rows, columns)
     held = np.broadcast_to(stage.masses[stage.rows], x.shape[:2])
     if stage.gravity is not None and stage.stride == 1:
         held = masses_held(run, chosen, x, v)
@@ -168,13 +184,7 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
             y -= np.einsum("kn,knj->kj", held, np.nan_to_num(y))[:, None] / held.sum(axis=1)[:, None, None]
     if (patch := patch_of(stage.system)) is not None:
         x, v = patch.folded(x, v, run.all_times[chosen])
-    columns = {name: unit for name, (shape, unit) in run.columns.items() if shape == (len(run.ids),)}
-    observed = run[:].observables if columns else {}
-    values = {name: np.asarray(observed[name])[chosen][:, stage.rows] for name in columns}
-    boxes = run.boxes_of(range(len(run)))
-    chunk = stage.chunk(
-        run.all_steps[chosen], run.all_times[chosen], x, v, [boxes[k] for k in chosen], values, held
-    )  # fmt: skip
+    chunk = stage.chunk(run.all_steps[chosen], run.all_times[chosen], x, v, boxes, values, held)
     more["columns"] = [{"name": name, "label": name, "unit": symbol_of(unit)} for name, unit in columns.items()]
     found = stage.scene([chunk], x[0], v[0], notes=notes, **more)
     if stage.few:
@@ -183,14 +193,37 @@ def scene_of_run(run: reader.Run, frames: int | None = None, growing: bool = Fal
     return found
 
 
-def _read(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) -> Floats:
+def _of(chosen: NDArray[np.int64], read: Callable[[slice], Any]) -> list[Any]:
+    """What is read of the chosen frames: all at once, or each apart where a frame between them is damaged."""
+    first = int(chosen[0])
+    try:
+        found = read(slice(first, int(chosen[-1]) + 1))
+    except InputError:
+        return [read(slice(k, k + 1))[0] for k in chosen.tolist()]
+    return [found[k - first] for k in chosen.tolist()]
+
+
+def _read(
+    run: reader.Run, chosen: NDArray[np.int64], rows: slice, columns: Iterable[str]
+) -> tuple[Floats, Floats, dict[str, Floats], list[Box]]:
+    """Positions, velocities and columns (f, k, …) of the shown rows at the chosen frames, and the boxes."""
+    x, v = (_vectors(run, what, chosen, rows) for what in ("positions", "velocities"))
+    values = {name: np.array(_of(chosen, partial(_column, run, name)))[:, rows] for name in columns}
+    return x, v, values, _of(chosen, lambda part: run.boxes_of(range(part.start, part.stop)))
+
+
+def _column(run: reader.Run, name: str, frames: slice) -> Floats:
+    """A column (f, n) at some frames."""
+    return run.framed(frames)[name]
+
+
+def _vectors(run: reader.Run, what: str, chosen: NDArray[np.int64], rows: slice) -> Floats:
     """Positions or velocities (f, k, 3) of the shown rows at the chosen frames, read in blocks."""
     most = max(1, BLOCK_BYTES // (24 * len(run.ids)))  # frames of a block
     starts = np.flatnonzero(np.diff(chosen // most, prepend=-1))
     found, done, move = [], 0, stage(f"reading {what}")
     for part in np.split(chosen, starts[1:]):
-        block = run.vectors(what, slice(int(part[0]), int(part[-1]) + 1), rows)
-        found.append(block[part - part[0]])
+        found.append(np.array(_of(part, lambda frames: run.vectors(what, frames, rows))))
         done += len(part)
         move(done, len(chosen))
     return np.concatenate(found)

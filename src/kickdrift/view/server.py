@@ -11,7 +11,8 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Condition, Semaphore, Thread
+from io import BufferedReader, RawIOBase
+from threading import Condition, Lock, Semaphore, Thread
 from time import monotonic
 from typing import Any, ClassVar
 from urllib.parse import parse_qs, urlsplit
@@ -25,7 +26,11 @@ from kickdrift.view.page import POLICY, page_of
 HOST = "127.0.0.1"
 PORTS = 65535
 MOST_PAGES = 16  # open at a time
-MOST_CALLS = 64  # connections at a time; more are closed unheard, so that nobody fills the run's process
+MOST_CALLS = 64  # connections at a time without the token; for one more, the oldest of them is closed
+MOST_THREADS = 4 * MOST_CALLS  # more connections are closed unheard, so that nobody fills the run's process
+TAKEN = 10.0  # seconds that a page may take over a part of an answer
+HEARD = 5.0  # seconds at most until a whole request has come
+MOST_HEARD = 64 * 1024  # bytes at most of a request
 KEPT = 1000  # messages of text and curves that a page may miss while it loads
 SILENCE = 5.0  # seconds without news after which a sign of life is sent
 LAST = 2.0  # seconds at most in which pages may take the last frame
@@ -159,17 +164,27 @@ class Server:
 
 
 class _Http(ThreadingHTTPServer):
+    """A server whose connections without the token give way to new ones, so that they never shut out the page."""
+
     daemon_threads = True
     block_on_close = False
     owner: Server
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        self._free = Semaphore(MOST_CALLS)
+        self._free = Semaphore(MOST_THREADS)
+        self._strangers: dict[int, socket.socket] = {}  # connections that have not shown the token, the oldest first
+        self._lock = Lock()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether a thread may answer the connection."""
-        return self._free.acquire(blocking=False)
+        if not self._free.acquire(blocking=False):
+            return False
+        with self._lock:
+            if len(self._strangers) >= MOST_CALLS:
+                self._hang_up(next(iter(self._strangers)))
+            self._strangers[id(request)] = request
+        return True
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Answer, and make room for another connection."""
@@ -178,15 +193,50 @@ class _Http(ThreadingHTTPServer):
         finally:
             self._free.release()
 
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        self.know(request)
+        super().shutdown_request(request)
+
+    def know(self, request: Any) -> bool:
+        """Take a connection off the strangers, since it has the token or ends; False if it was closed already."""
+        with self._lock:
+            return self._strangers.pop(id(request), None) is not None
+
+    def _hang_up(self, key: int) -> None:
+        """Close a stranger's connection, so that its thread ends."""
+        with suppress(OSError):
+            self._strangers.pop(key).shutdown(socket.SHUT_RDWR)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of pages that were closed."""
+
+
+class _Request(RawIOBase):
+    """The bytes of a request, which has to come whole within HEARD seconds."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self._line, self._until, self._left = line, monotonic() + HEARD, MOST_HEARD
+
+    def readable(self) -> bool:
+        """True: the bytes are read."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Read some bytes; raise TimeoutError once the time or the length is used up."""
+        left = self._until - monotonic()
+        if left <= 0 or self._left <= 0:
+            raise TimeoutError
+        self._line.settimeout(left)
+        read = self._line.recv_into(buffer, min(len(buffer), self._left))
+        self._left -= read
+        return read
 
 
 class _Handler(BaseHTTPRequestHandler):
     """Answers a request that names this machine and has the token."""
 
     server: _Http
-    timeout = 10.0  # seconds that a page may take nothing
     server_version, sys_version = "kickdrift", ""
     heads: ClassVar[dict[str, str]] = {
         "Cache-Control": "no-store",
@@ -195,6 +245,19 @@ class _Handler(BaseHTTPRequestHandler):
         "X-Frame-Options": "DENY",
         "Cross-Origin-Resource-Policy": "same-origin",
     }
+
+    def setup(self) -> None:
+        """Prepare to read one request."""
+        super().setup()
+        self.rfile.close()
+        self.rfile = BufferedReader(_Request(self.connection))
+
+    def parse_request(self) -> bool:
+        """Read the whole request; then a page may take as long as TAKEN over each part of the answer."""
+        try:
+            return super().parse_request()
+        finally:
+            self.connection.settimeout(TAKEN)
 
     def do_GET(self) -> None:
         """Send the page, or what happens from now on."""
@@ -209,6 +272,8 @@ class _Handler(BaseHTTPRequestHandler):
             return self._refuse(403, "this page has another address")
         if not hmac.compare_digest(token.encode(), owner.token.encode()):
             return self._refuse(403, "the address needs the token that the terminal shows")
+        if not self.server.know(self.connection):
+            return None  # it came too late, and was closed for a newer one
         if asked.path == "/":
             return self._answer(200, "text/html; charset=utf-8", owner.page().encode())
         after = words.get("after", ["0"])[0]

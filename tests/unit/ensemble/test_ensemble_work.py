@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -99,6 +100,43 @@ def test_numbers_and_texts_are_a_column_of_texts(tmp_path, suffix):
     table = tables.frame((row_of(members[i], "done") for i in range(2)), {"grids": members.grids})
     tables.write(table, tmp_path / f"table{suffix}")
     assert list(tables.read(tmp_path / f"table{suffix}")["dt"]) == ["0.1", "36.525 day"]
+
+
+@pytest.mark.parametrize("suffix", tables.SUFFIXES)
+def test_a_flipped_byte_of_a_table_is_noticed(tmp_path, suffix):
+    path = tmp_path / f"table{suffix}"
+    own = {"energy": 0.5, "far": [1, 2.0], "name": "Ä", "none": None, "nan": float("nan"), "ok": True}
+    members = Ensemble("sun-jupiter", {"dt": [0.1, 0.2, 0.3]}).members
+    tables.write(tables.frame((row_of(members[i], "done") | own for i in range(3)), {"seed": 1}), path)
+    whole, table = path.read_bytes(), tables.read(path)
+    right = repr((tables.records(table), table.attrs))
+    assert "checksum" not in right
+    rng, noticed = np.random.default_rng(1), 0
+    for place in rng.choice(np.flatnonzero(np.frombuffer(whole, "u1")), 60):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            table = tables.read(path)
+        except kd.InputError:
+            noticed += 1
+        else:
+            assert repr((tables.records(table), table.attrs)) == right
+    assert noticed > 20
+
+
+@pytest.mark.parametrize("suffix", tables.SUFFIXES)
+def test_a_table_of_an_older_version_has_no_checksum_and_is_read(tmp_path, suffix):
+    path = tmp_path / f"table{suffix}"
+    members = Ensemble("sun-jupiter", {"dt": [0.1, 0.2]}).members
+    table = tables.frame((row_of(members[i], "done") for i in range(2)), {"seed": 1})
+    if suffix == ".parquet":
+        table.to_parquet(path, index=False)
+    else:
+        tables.write(table, path)
+        with h5py.File(path, "r+") as file:
+            del file.attrs["checksum"]
+    assert repr(tables.records(tables.read(path))) == repr(tables.records(table))
 
 
 def test_what_is_no_number_and_no_text_is_a_failure():

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import kickdrift as kd
+from kickdrift.cli.main import app
 from kickdrift.model import constants
 from kickdrift.model.unit_systems import UNIT_SYSTEMS
 from kickdrift.run.watch import imd
-from kickdrift.run.watch.imd_packets import Frame, Kind, Units, head, packets
+from kickdrift.run.watch.imd_packets import Frame, Kind, Units, greeting, head, packets
 from tests.systems import liquid
 
 imdclient = pytest.importorskip("imdclient.IMDClient")
@@ -45,6 +47,7 @@ class Port:
 
 @pytest.fixture
 def port(monkeypatch: pytest.MonkeyPatch) -> Port:
+    kd.Simulation(liquid(), dt=0.001).run(2)  # compiles, since a client waits 5 s for a greeting
     return Port(monkeypatch)
 
 
@@ -148,6 +151,7 @@ def test_a_client_pauses_thins_and_ends_the_run(port, tmp_path):
     with kd.open(path) as run:
         assert run.closed
         assert run.steps[-1] == sim.steps_done
+    assert "; stopped by the IMD client" in CliRunner().invoke(app, ["info", str(path)]).stdout
     sim.run(2)
     assert sim.stopped == ""
 
@@ -208,3 +212,99 @@ def test_a_taken_port_is_one_line_and_nothing_is_written(tmp_path):
     assert not path.exists()
     with pytest.raises(kd.InputError, match="a Problem has no particles"):
         kd.Simulation(kd.load("ode-harmonic")).run(2, imd=port)
+
+
+class Visitor:
+    """A program that connects at the first look of a run, says some words, and leaves at a later look if it has to."""
+
+    def __init__(self, port: Port, words: bytes, leaves: bool = False, narrow: bool = False) -> None:
+        self.port, self.words, self.leaves, self.narrow = port, words, leaves, narrow
+        self.line = socket.socket()
+        self.came = False
+
+    def __call__(self, sim: kd.Simulation) -> None:
+        if not self.came:
+            self.came = True
+            if self.narrow:
+                self.line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            self.line.connect(("127.0.0.1", self.port.number))
+            self.line.sendall(self.words)
+        elif self.leaves and sim.steps_done == 10:
+            self.line.close()
+
+    def heard(self) -> int:
+        """Number of bytes that came until the end."""
+        with self.line:
+            return sum(iter(lambda: len(self.line.recv(65536)), 0))
+
+
+@pytest.mark.parametrize(
+    ("words", "leaves", "frames"),
+    [
+        (head(Kind.GO, 0) + head(Kind.WAIT, 1), True, None),  # the wish to wait ends with its connection
+        (head(Kind.GO, 0) + head(Kind.PAUSE, 0)[:3], False, 20),  # the rest of the packet does not come
+        (head(Kind.MDCOMM, 64) + b"\0" * 100, False, 0),
+        (b"\0\0\0", False, 0),
+    ],
+    ids=["wait", "half a command", "half of the forces", "no go"],
+)
+def test_a_program_that_goes_or_says_half_a_word_holds_up_nothing(port, words, leaves, frames):
+    visitor = Visitor(port, words, leaves)
+    sim = kd.Simulation(liquid(), dt=0.001)
+    sim.run(20, every=1, observe=visitor, imd=port.number)
+    assert sim.steps_done == 20
+    if frames is not None:
+        frame = len(packets(Frame(*[0] * 6, np.eye(3), *[np.zeros((64, 3))] * 3), Units()))  # type: ignore[arg-type]
+        assert visitor.heard() == len(greeting(True)) + frames * frame
+
+
+def test_a_program_that_never_reads_misses_frames_and_does_not_stop_the_run(port, monkeypatch):
+    monkeypatch.setattr(imd, "LINGER", 0.01)
+    before = imd.packets
+    monkeypatch.setattr(imd, "packets", lambda *given: before(*given) * 4000)  # more than the system's buffers take
+    visitor = Visitor(port, head(Kind.GO, 0), narrow=True)
+    report = kd.Simulation(liquid(), dt=0.001).run(20, every=1, observe=visitor, imd=port.number)
+    visitor.line.close()
+    assert report.stopped == ""
+    assert any("the IMD client was slow and missed" in each for each in report.warnings)
+
+
+def test_a_run_waits_for_a_slow_reader_if_it_has_to_but_not_for_ever(port, monkeypatch, capsys):
+    monkeypatch.setattr(imd, "PATIENCE", 0.05)
+    monkeypatch.setattr(imd, "SHORT", 0.0)
+    monkeypatch.setattr(imd, "POLL", 1e-3)
+    before = imd.packets
+    monkeypatch.setattr(imd, "packets", lambda *given: before(*given) * 4000)
+    visitor = Visitor(port, head(Kind.GO, 0) + head(Kind.WAIT, 1), narrow=True)
+    report = kd.Simulation(liquid(), dt=0.001).run(20, every=1, observe=visitor, imd=port.number)
+    visitor.line.close()
+    assert report.steps == 20
+    said = capsys.readouterr().err
+    assert "imd: the run waits: the program that reads is slow\nimd: the run goes on\n" in said
+
+
+def test_the_terminal_says_that_a_run_waits(port, monkeypatch, capsys):
+    monkeypatch.setattr(imd, "SHORT", 0.0)
+    heard = threading.Event()
+    before = imd.notice
+
+    def notice(text: str) -> None:
+        before(text)
+        heard.set()
+
+    monkeypatch.setattr(imd, "notice", notice)
+
+    def come() -> None:
+        assert heard.wait(60)
+        with socket.create_connection(("127.0.0.1", port.number), timeout=10) as line:
+            line.sendall(head(Kind.PAUSE, 0) + head(Kind.GO, 0))
+            heard.clear()
+            assert heard.wait(60)
+            kill(line)
+
+    comes = in_thread(port, come)
+    kd.Simulation(liquid(), dt=0.001).run(20, every=1, imd=port.number, imd_wait=True)
+    comes()
+    said = capsys.readouterr().err
+    assert "imd: the run waits: no program reads\n" in said
+    assert "imd: the run waits: the program that reads has paused it\n" in said

@@ -169,7 +169,7 @@ def test_a_particle_more_in_the_plane():
 
 BAD_BODY = [
     ({"name": "Sun", "mass": 0.0, "a": 3.0}, "is called 'Sun'; expected unique names"),
-    ({"name": "", "mass": 0.0, "a": 3.0}, "particle 4 is called ''; expected unique names"),
+    ({"name": "", "mass": 0.0, "a": 3.0}, "names[4]: expected a name, got ''"),
     ({"mass": 0.0, "aa": 3.0}, "with_body.aa: unknown key; did you mean 'a'?"),
     ({"mass": 0.0, "a": -3.0}, "with_body: a: an ellipse (e < 1) has a positive semi-major axis, got -3.0"),
     ({"mass": 0.0}, "expected exactly one of a, q, P, got none"),

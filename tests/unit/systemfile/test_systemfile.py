@@ -1,20 +1,24 @@
 """System files: the Systems they make, and one line for each bad file."""
 
+import os
 import subprocess
 import sys
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.systemfile import files
 from kickdrift.systemfile import reading as systemfile
-from kickdrift.systemfile.files import describe, shipped
+from kickdrift.systemfile.files import describe, shipped, toml_table
 from kickdrift.systemfile.reading import load, loads
+from kickdrift.text import choices
 
 GOOD = """
 units = "lj"
@@ -461,6 +465,64 @@ def test_whatever_stands_in_a_force_builds_or_is_one_line(key, junk):
     assert "\n" not in line
 
 
+@pytest.mark.parametrize("part", ["a", '"a b"', "''", ' "\\"" '])
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(part):
+    key = ".".join([part] * 20_000)
+    for text in (f"{key} = 1\n", f"[{key}]\n", f"x = [1.5, {{ {key} = 2 }}]\n", f'x = """\n"a" """\n{key} = 1\n'):
+        with pytest.raises(InputError, match="a key has more than 32 parts"):
+            loads(text)
+    dots = "1.2." * 100
+    for text in (f"# {dots}\n", f"x = '{dots}'\n", f'x = """{dots}\n{dots}"""\n', f"x = [{'1.5,' * 100}]\n"):
+        assert toml_table(text) == tomllib.loads(text)
+
+
+def test_a_dict_that_holds_itself_is_one_line():
+    whole: dict[str, Any] = {"units": "lj"}
+    whole["particles"] = whole
+    rows: list[Any] = []
+    rows.append(rows)
+    for data in (whole, {"units": "lj", "force": rows}):
+        with pytest.raises(InputError, match="nested more than 32 deep"):
+            load(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("", "expected a name, got ''"),
+        (" ", "expected a name, got ' '"),
+        ("a\x1b[31m", "a name without control characters"),
+        ("a\0b", "a name without control characters"),
+        ("\udcff", "a name without control characters"),
+        ("a" * 256, "at most 255 letters, got 256: 'aaa"),
+    ],
+)
+def test_names_are_checked_when_they_are_read(name, why):
+    for key in ("species", "names"):
+        with pytest.raises(InputError) as refused:
+            kd.System(np.eye(3), **{key: ["B", name, "C"]})
+        assert str(refused.value).startswith(f"{key}[1]: ")
+        assert why in str(refused.value)
+        assert len(str(refused.value)) < 200
+    with pytest.raises(InputError, match="crossing: name: "):
+        kd.Crossing(lambda sim: 1.0, name=name)
+    assert kd.System(np.eye(2, 3), species=["Ä" * 255, "水 1"]).species == ("Ä" * 255, "水 1")
+
+
+def test_more_species_than_a_file_can_name_are_refused_before_the_run(tmp_path):
+    system = kd.System(np.eye(300, 3), species=[f"{k:0255}" for k in range(300)])
+    with pytest.raises(InputError, match="cannot hold 300 species, whose names take 78,000 bytes"):
+        kd.Simulation(system, dt=0.1).run(1, output=tmp_path / "run.h5md")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="needs Linux")
+@pytest.mark.parametrize("read", [kd.load, kd.open])
+def test_a_file_that_the_system_cannot_read_is_one_line(read):
+    with pytest.raises(InputError, match="/proc/self/mem: cannot be read"):
+        read("/proc/self/mem")
+
+
 def test_files_that_are_not_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
@@ -500,3 +562,19 @@ def test_an_installed_wheel_brings_its_systems_inside_the_package(tmp_path, monk
     monkeypatch.setattr(files, "__file__", str(tmp_path / "systemfile" / "files.py"))
     assert list(shipped()) == ["melt"]
     assert len(load("melt")) == 216
+
+
+def test_long_lists_of_names_are_cut_and_begin_with_the_nearest():
+    known = [f"law-{k}" for k in range(40)] + ["gravity"]
+    assert choices(known[:3]) == "law-0, law-1, law-2"
+    assert choices(known, "gravty").startswith("gravity, ")
+    assert choices(known, "gravty").endswith("… (41 in all)")
+    assert choices(known) == "law-0, law-1, law-2, law-3, law-4, law-5, … (41 in all)"
+    assert len(choices(["a" * 10_000] * 12, "b")) < 12 * 63
+
+
+def test_an_unknown_force_names_the_nearest():
+    with pytest.raises(InputError) as refused:
+        loads(GOOD.replace('"lennard-jones"', '"lennard-jonez"'))
+    assert "force[0].type: expected one of lennard-jones, " in str(refused.value)
+    assert len(str(refused.value)) < 250

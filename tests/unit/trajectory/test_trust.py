@@ -542,3 +542,18 @@ def test_a_law_of_constants_is_none(monkeypatch):
             return half * p.k * r, -half * p.k / float(np.sqrt(r2))
 
     assert Law(cutoff=1.0).law.law(4.0) == (1.0, -0.25)
+
+
+def test_a_list_of_unknown_kind_is_refused_before_hdf5_reads_it(tmp_path):
+    """HDF5 crashes on a type of variable length that is neither a list nor a text."""
+    path = tmp_path / "run.h5md"
+    with h5py.File(path, "w", libver="earliest") as file:
+        file.create_dataset("table/x", (1,), h5py.string_dtype())[0] = "text"
+        raw = file["table/x"].id.get_type().encode()[2:6]
+    data = bytearray(path.read_bytes())
+    place = data.find(raw)
+    assert place > 0
+    data[place + 1] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="its type is damaged"):
+        kd.open(path)

@@ -8,6 +8,7 @@ import re
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -249,22 +250,57 @@ def test_a_taken_port_and_a_problem_are_one_line(sim):
         kd.Simulation(kd.load("ode-harmonic")).run(2, live=True)
 
 
-def test_more_connections_than_allowed_are_closed_unheard(sim, monkeypatch):
+def test_connections_without_the_token_do_not_shut_out_the_page(sim, monkeypatch):
     monkeypatch.setattr(serving, "MOST_CALLS", 2)
     server = Server(sim)
-    idle = [socket.create_connection(("127.0.0.1", server.port), timeout=30) for _ in range(3)]
+    events: list[tuple[str, Any]] = []
+    reader = heard(server, 0, events)
+    idle = [socket.create_connection(("127.0.0.1", server.port), timeout=30) for _ in range(5)]
     try:
-        assert idle[2].recv(1) == b""
+        for each in idle[-2:]:
+            each.sendall(b"GET / HTTP/1.1\r\nHost:")
+        assert asked(server, f"/?token={server.token}")[0] == 200
+        assert [each.recv(1) for each in idle[:3]] == [b""] * 3, "the oldest give way"
+        server.send("end", {})
+        reader.join(30)
+        assert events == [("end", {})], "a page with the token stays"
+    finally:
         for each in idle:
             each.close()
-        while True:  # until the threads of the idle connections have gone
-            try:
-                assert asked(server, f"/?token={server.token}")[0] == 200
-                break
-            except ConnectionError:
-                pass
-    finally:
         server.close()
+
+
+def test_more_connections_than_threads_are_closed_unheard(sim, monkeypatch):
+    monkeypatch.setattr(serving, "MOST_THREADS", 0)
+    server = Server(sim)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as there:
+        assert there.recv(1) == b""
+    server.close()
+
+
+def test_a_request_has_to_come_whole_within_its_time_and_length(sim, monkeypatch):
+    monkeypatch.setattr(serving, "HEARD", 0.2)
+    server = Server(sim)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as slow:
+        closed = threading.Event()
+
+        def drip() -> None:
+            with suppress(OSError):
+                while not closed.wait(0.02):
+                    slow.sendall(b"x")
+
+        thread = threading.Thread(target=drip, daemon=True)
+        thread.start()
+        with suppress(ConnectionError):
+            assert slow.recv(1) == b""
+        closed.set()
+        thread.join(30)
+    monkeypatch.setattr(serving, "HEARD", 30.0)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as long, suppress(ConnectionError):
+        long.sendall(b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 99 + b"B: " + b"x" * 60_000 + b"\r\n")
+        long.sendall(b"C: " + b"x" * 60_000 + b"\r\n")
+        assert long.recv(1) == b""
+    server.close()
 
 
 def test_an_address_that_cannot_be_read_is_refused(server):

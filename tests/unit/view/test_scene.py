@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 
@@ -174,3 +175,23 @@ def test_a_name_that_is_no_system_gets_the_nearest_one():
 def test_up_is_the_axis_of_bodies_that_go_round_alike():
     assert scene_of("plummer-1000")["up"] == [0.0, 0.0, 1.0]
     assert 0.9 < scene_of("solar-system")["up"][2] < 0.93  # 23 degrees from the axis of the Earth
+
+
+def test_a_damaged_file_shows_its_good_frames_and_says_which_is_damaged(tmp_path):
+    path = tmp_path / "run.h5md"
+    sim = kd.Simulation(kd.load("two-body"), dt=0.01)
+    column = kd.Column("speed", "velocity", (2,), lambda sim: np.linalg.norm(sim.state.velocities, axis=1))
+    sim.run(60, every=10, output=path, columns=[column])
+    with h5py.File(path) as file:
+        stored = file["particles/trajectory/position/value"]
+        place, size = stored.id.get_chunk_info(0).byte_offset, stored[0].nbytes
+    data = bytearray(path.read_bytes())
+    for frame in (1, 4):
+        data[place + frame * size + 5] ^= 16
+    path.write_bytes(data)
+    found = scene_of(path)
+    assert unpacked(found["chunks"][0]["steps"]).tolist() == [0, 20, 30, 50, 60]
+    assert "Leaves out what is damaged: frame 1, frame 4." in found["notes"]
+    assert "Leaves out what is damaged: frame 4." in scene_of(path, frames=4)["notes"]
+    again = kd.resume(path)
+    assert "the file stays damaged: frame 1, frame 4" in again.record.warnings

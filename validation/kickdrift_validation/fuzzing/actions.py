@@ -14,6 +14,7 @@ from typing import Any
 from kickdrift_validation.fuzzing.places import ENSEMBLE, JOURNAL
 
 FRAMES, LOST, NO_FILE = "a silent wrong frame", "a bit lost", "no file yet"
+WRONG = "a silent wrong table"
 
 
 def truth(name: str) -> Path:
@@ -94,6 +95,22 @@ def read(name: str, whole: str, before: str) -> int:
     if len(found["frames"]) < len(content(truth(before))["frames"]):
         raise AssertionError(f"{FRAMES}: some are not there")
     print(f"{len(found['frames'])} of {len(expected['frames'])} frames")
+    return 0
+
+
+def table(name: str) -> int:
+    """Read the table of an ensemble: the one that was written, or one line."""
+    import kickdrift as kd
+
+    expected = kd.Ensemble.read(truth(name))
+    try:
+        found = kd.Ensemble.read(name)
+    except kd.InputError as error:
+        print(f"kickdrift: {error}", file=sys.stderr)
+        return error.exit_status
+    if repr(found.to_dict()) != repr(expected.to_dict()) or found.attrs != expected.attrs:
+        raise AssertionError(WRONG)
+    print(f"{len(found)} members")
     return 0
 
 

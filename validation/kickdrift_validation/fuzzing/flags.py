@@ -16,6 +16,8 @@ WORK = (
     ("kickdrift.run.simulation", "Simulation", "run"), ("kickdrift.run.simulation", "Simulation", "equilibrate"),
     ("kickdrift.analysis.chaos", "", "megno"), ("kickdrift.analysis.work_precision", "", "work_precision"),
     ("kickdrift.analysis.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
+    ("kickdrift.analysis.transits", "", "transits"), ("kickdrift.analysis.force_testing", "", "force_checks"),
+    ("kickdrift.analysis.certifying", "", "engine_checks"), ("kickdrift.plots.movie", "", "movie"),
     ("kickdrift.analysis.bench", "", "plan"), ("kickdrift.analysis.bench", "", "lj_energy"),
 )  # fmt: skip
 

@@ -10,9 +10,12 @@ from kickdrift_validation.fuzzing import (
     hosts,
     killed,
     lammps_data,
+    more_commands,
     run_files,
     system_files,
+    tables,
 )
 
-INPUTS = (archives, hosts, lammps_data, dicts)  # other inputs than the program's own files
-KINDS = {each.KIND: each.case for each in (system_files, command_lines, run_files, flips, killed, *INPUTS)}
+INPUTS = (archives, hosts, lammps_data, dicts, tables)  # other inputs than system files and run files
+COMMANDS = (command_lines, more_commands)
+KINDS = {each.KIND: each.case for each in (system_files, *COMMANDS, run_files, flips, killed, *INPUTS)}

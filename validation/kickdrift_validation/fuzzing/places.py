@@ -35,6 +35,7 @@ ENSEMBLE = (
     "ensemble", "s.toml", "--vary", "dt=0.001:0.002:6", "--steps", "20000", "--every", "1000", "--workers", "1",
     "--output", "t.parquet", "--quiet",
 )  # fmt: skip
+MEMBERS = ("members.h5", "members.parquet")  # tables of an ensemble
 JOURNAL = "t.parquet.journal"
 WHOLE = {"bodies": "bodies.h5md", "liquid": "liquid.h5md", "unfinished": "bodies.h5md"}  # and the file of the whole run
 
@@ -56,11 +57,27 @@ def make_bases(folder: Path) -> None:
     shutil.copy(folder / "bodies.h5md", folder / "old.h5md")
     (folder / "old.json").write_text("{}\n")
     (folder / "old.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    make_tables(folder)
     (folder / "measure.py").write_text(MEASURE)
     (folder / "broken.toml").write_text("[run\n")
     (folder / "text.txt").write_text("a text of mine\n")
     shutil.copy(folder / "text.txt", folder / "text.h5md")
     (folder / "empty").write_text("")
+
+
+def make_tables(folder: Path) -> None:
+    """Write tables as of an ensemble of 20 members."""
+    from kickdrift.ensemble import table
+
+    rows: list[dict[str, Any]] = [
+        {"member": k, "seed": 7 * k, "dt": 0.001 * k, "status": "done", "error": "", "energy": k / 3 - 1.5,
+         "momentum": [0.1 * k, 0.2, 0.3], "closed": k % 2 == 0, "verdict": "bounded", "integrator": "rk4",
+         "stopped": "", "warnings": ""} for k in range(20)
+    ]  # fmt: skip
+    provenance = {"identity": {"system": "s"}, "system": "s", "seed": 0, "members": 20, "replicas": 1, "draws": {},
+                  "grids": {"dt": [0.001 * k for k in range(20)]}}  # fmt: skip
+    for name in MEMBERS:
+        table.write(table.frame(rows, provenance), folder / name)
 
 
 def left_at(system: Any, path: Path, steps: int, every: int, last: int) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-LONGEST_LINE = 2000  # characters on standard error
+LONGEST_LINE = 700  # characters on standard error
 KILLED = "killed, as the case asks"
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+PROGRESS = re.compile(r"(?!kickdrift: )(compiling .*|.*( …|: \d+ %.*))$")  # a line about work that takes long
 CULPRIT = re.compile(r'File ".*?/(kickdrift/[\w/.]+)", line (\d+), in (\S+)')
 
 
@@ -74,7 +75,7 @@ def usage(ended: Ended) -> bool:
 
 def error_lines(lines: list[str]) -> list[str]:
     """What is wrong with the standard error of exit status 2."""
-    errors = [line for line in lines if not line.startswith("warning: ")]
+    errors = [line for line in lines if not line.startswith("warning: ") and not PROGRESS.match(line)]
     if len(errors) == 1 and errors[0].startswith("kickdrift: "):
         return []
     if not errors:

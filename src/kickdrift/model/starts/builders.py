@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.disk.files import unfit
+from kickdrift.disk.foreign import is_lammps_data
 from kickdrift.errors import InputError
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.capacity import check_particles
@@ -37,7 +38,6 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     ),
 }
 
-LAMMPS_DATA = (".data", ".lmp", ".lammps-data")
 MOST = 10**8  # most particles on a lattice, whatever the memory
 ROUNDING = 1e-9  # part of a cell vector in a structure file: a tilt that is only rounding
 OVERLAP = 0.3  # part of a force's shortest length; at 0.3 sigma Lennard-Jones is 7 million epsilon
@@ -168,7 +168,7 @@ def read_structure(
     periodic : axes along which the box is to be periodic, default those of the file
     boxed : whether the box is known from elsewhere; positions then stay as they are in the file
     """
-    lammps = path.suffix.lower() in LAMMPS_DATA
+    lammps = is_lammps_data(path)
     if units.name not in (("metal", "lj", "si") if lammps else ("metal",)):
         if lammps:
             raise InputError(f'data files of LAMMPS are in lj, metal or si units; got units = "{units.name}"')

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kickdrift.disk.files import unfit
+from kickdrift.disk.foreign import is_lammps_data
 from kickdrift.errors import InputError
 from kickdrift.text import shown
 
@@ -69,8 +70,8 @@ def from_file(path: Path) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # MDAnalysis warns of attributes that are not used here
-            lammps = path.suffix.lower() in (".data", ".lammps-data", ".lmp")
-            universe = Universe(str(path), to_guess=(), **({"topology_format": "DATA"} if lammps else {}))
+            form = {"topology_format": "DATA"} if is_lammps_data(path) else {}
+            universe = Universe(str(path), to_guess=(), **form)
     except Exception as error:  # each of MDAnalysis' parsers raises errors of its own
         text = " ".join((str(error) or type(error).__name__).split())
         raise InputError(f"MDAnalysis cannot read a topology from {path}: {shown(text)}") from None

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kickdrift.display.pace import SHORT, notice
 from kickdrift.errors import InputError
 from kickdrift.looks.record import OBSERVING
 from kickdrift.model.checks import whole_number
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.forces import forces_at
-from kickdrift.run.watch.imd_packets import FORCE_BYTES, HEAD_BYTES, Frame, Kind, Units, greeting, packets, read_head
+from kickdrift.run.watch.imd_client import Client
+from kickdrift.run.watch.imd_packets import Frame, Kind, Units, greeting, packets
 from kickdrift.run.watch.watcher import Watcher
-from kickdrift.text import shown
+from kickdrift.text import counted, shown
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
@@ -26,9 +28,11 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 PORT = 8888  # as in GROMACS
 POLL = 0.1  # seconds between two checks for Ctrl-C while the run waits
-LINGER = 5.0  # seconds at most in which the last frames may reach the client
+LINGER = 5.0  # seconds at most in which a client says go, and in which the last frames may reach it
+PATIENCE = 60.0  # seconds at most in which a client for which the run waits may take nothing
 PORTS = 65535
 KILLED = "by the IMD client"
+NOBODY, PAUSED, SLOW = "no program reads", "the program that reads has paused it", "the program that reads is slow"
 PUSHED = "the IMD client sent forces, which kickdrift does not apply"
 
 
@@ -51,11 +55,13 @@ def listening(port: int, option: str = "imd") -> socket.socket:
 class Imd(Watcher):
     """Sends each look as a frame, and obeys the client: pause, resume, kill, rate of frames, disconnect.
 
+    The run waits for nobody, except where it was asked to: see `_reason_to_wait`. A client that is slow misses frames.
+
     Parameters
     ----------
     run : the Integration to stream
     port : where to listen, on this machine alone
-    wait : whether the run waits while no client is there
+    wait : whether the run waits while no client reads
     """
 
     part = OBSERVING
@@ -68,10 +74,9 @@ class Imd(Watcher):
             raise InputError(f"imd_wait: expected True or False, got {shown(wait)}")
         self._run, self._wait, self._units = run, wait, Units.of(system.units)
         self._ids, self._boxed = system.state.ids.copy(), all(system.box.periodic_axes)
-        self._client: socket.socket | None = None
-        self._ready = self._paused = False  # whether the client has said go; whether it has said pause
-        self._apart = 1  # least number of steps between frames, as the client asks
-        self._last: int | None = None  # step of the last frame
+        self._client: Client | None = None
+        self._missed = 0  # frames
+        self._said: set[str] = set()  # reasons to wait that the terminal has told
         self._server = listening(port)
 
     def begin(self) -> None:
@@ -82,115 +87,127 @@ class Imd(Watcher):
     def look(self) -> None:
         """Send the look to the client that listens."""
         self._attend()
-        step = self._run.steps_done
-        due = self._last is None or abs(step - self._last) >= self._apart
-        if self._ready and due and not self._run.ended:
-            self._send(packets(self._frame(), self._units))
-            self._last = step
+        client, step = self._client, self._run.steps_done
+        if client is None or not client.ready or self._run.ended:
+            return
+        if client.last is not None and abs(step - client.last) < client.apart:
+            return
+        if client.behind:
+            self._missed += 1
+            return
+        client.send(packets(self._frame(), self._units))
+        client.last = step
 
     def pause(self) -> None:
         """Obey the client between two looks."""
         self._attend()
 
+    def end(self) -> None:
+        """Tell of frames that were left out."""
+        if self._missed:
+            self._warn(f"the IMD client was slow and missed {counted(self._missed, 'frame', ',')}")
+
     def close(self, report: Report | None) -> None:
         """Let the last frames reach the client, and close the sockets."""
         self._server.close()
-        if self._client is not None:
-            client, until = self._client, monotonic() + LINGER
-            try:
-                client.shutdown(socket.SHUT_WR)
-                while _unsent(client) and monotonic() < until and not self._run.pressed():
-                    select([], [], [], POLL / 10)
-                while select([client], [], [], 0)[0] and client.recv(4096):
-                    pass
-            except OSError:
-                pass  # the client has gone
-            self._drop()
+        if self._client is None:
+            return
+        client, until = self._client, monotonic() + LINGER
+        while client.behind and not client.gone and monotonic() < until and not self._run.pressed():
+            client.push()
+            select([], [], [], POLL / 10)
+        try:
+            client.line.shutdown(socket.SHUT_WR)
+            while _unsent(client.line) and monotonic() < until and not self._run.pressed():
+                select([], [], [], POLL / 10)
+            while select([client.line], [], [], 0)[0] and client.line.recv(4096) and monotonic() < until:
+                pass
+        except OSError:
+            pass  # the client has gone
+        self._drop()
 
     def _attend(self) -> None:
         """Greet a client that comes, and obey the one that is here; wait where the run has to."""
-        run = self._run
+        run, began, told = self._run, monotonic(), ""
         while True:
             self._greet()
-            waits = self._paused or (self._wait and not self._ready)
-            one = self._client if self._client is not None else self._server
-            if run.pressed() or run.ended or not (select([one], [], [], POLL if waits else 0)[0] or waits):
-                return
-            if self._client is not None:
-                self._obey()
+            self._obey()
+            why = self._reason_to_wait()
+            if not why or run.pressed() or run.ended:
+                break
+            if why not in self._said and monotonic() - began > SHORT:
+                self._said.add(why)
+                told = why
+                notice(f"imd: the run waits: {why}")
+            client = self._client
+            lines = [self._server] if client is None else [client.line]
+            select(lines, lines if client and client.behind else [], [], POLL)
+        if told and not run.ended and not run.pressed():
+            notice("imd: the run goes on")
+
+    def _reason_to_wait(self) -> str:
+        """Why the run has to wait now; "" if it has not. Drops a client that kept the run waiting for too long."""
+        client = self._client
+        if client is None:
+            return NOBODY if self._wait else ""
+        silent = monotonic() - client.since
+        if not client.ready and silent > LINGER:
+            self._drop()
+            return self._reason_to_wait()
+        if client.paused:
+            return PAUSED
+        if not (self._wait if client.waits is None else client.waits):
+            return ""
+        if client.behind and silent > PATIENCE:
+            self._drop()
+            return self._reason_to_wait()
+        return "" if client.ready and not client.behind else SLOW if client.behind else NOBODY
 
     def _greet(self) -> None:
+        """Take in a client, if one comes and the place is free."""
         if self._client is not None:
             return
         try:
-            client, _ = self._server.accept()
+            line, _ = self._server.accept()
         except OSError:
             return
-        client.setblocking(False)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client, self._apart, self._last = client, 1, None
-        self._send(greeting(self._boxed))
+        self._client = Client(line)
+        self._client.send(greeting(self._boxed))
 
     def _obey(self) -> None:
-        """Read a packet of the client, if one is there, and obey the command in the packet."""
-        data = self._read(HEAD_BYTES)
-        if not data:
+        """Obey the commands that have come whole, and send what the connection takes."""
+        client = self._client
+        if client is None:
             return
-        kind, number = read_head(data)
-        if kind == Kind.GO:
-            self._ready = True
-        elif kind in (Kind.PAUSE, Kind.RESUME):
-            self._paused = kind == Kind.PAUSE
-        elif kind == Kind.TRATE:
-            self._apart = max(number, 1)
-        elif kind == Kind.WAIT:
-            self._wait = bool(number)
-        elif kind == Kind.KILL:
-            self._run.ended = KILLED
-        elif kind == Kind.MDCOMM and 0 <= number <= len(self._ids):
-            self._read(FORCE_BYTES * number)
-            if PUSHED not in self._run.record.warnings:
-                self._run.record.warnings.append(PUSHED)
-        else:  # a disconnect, or no client of this protocol
+        client.push()
+        for kind, number in client.commands(len(self._ids)):
+            if kind == Kind.GO:
+                client.ready = True
+            elif kind in (Kind.PAUSE, Kind.RESUME):
+                client.paused = kind == Kind.PAUSE
+            elif kind == Kind.TRATE:
+                client.apart = max(number, 1)
+            elif kind == Kind.WAIT:
+                client.waits = bool(number)
+            elif kind == Kind.KILL:
+                self._run.ended = KILLED
+            elif kind == Kind.MDCOMM and 0 <= number <= len(self._ids):
+                self._warn(PUSHED)
+            else:  # a disconnect, or no client of this protocol
+                client.gone = True
+                break
+        if client.gone:
             self._drop()
 
-    def _read(self, count: int) -> bytes:
-        """So many bytes of the client, or none if nothing has come. A client that goes is dropped."""
-        found, until = b"", monotonic() + LINGER
-        while self._client is not None and len(found) < count:
-            if not select([self._client], [], [], POLL if found else 0)[0]:
-                if not found:
-                    break
-                if self._run.pressed() or monotonic() > until:
-                    self._drop()  # the rest of the packet does not come
-                continue
-            try:
-                more = self._client.recv(count - len(found))
-            except OSError:
-                more = b""
-            if not more:
-                self._drop()
-            found += more
-        return found if len(found) == count else b""
-
-    def _send(self, data: bytes) -> None:
-        """Send all bytes, and wait for a client that is slow. A client that goes is dropped."""
-        left = memoryview(data)
-        while self._client is not None and left:
-            if self._run.pressed():
-                return self._drop()
-            if select([], [self._client], [], POLL)[1]:
-                try:
-                    left = left[self._client.send(left) :]
-                except OSError:
-                    self._drop()
-        return None
+    def _warn(self, text: str) -> None:
+        if text not in self._run.record.warnings:
+            self._run.record.warnings.append(text)
 
     def _drop(self) -> None:
-        """Let the client go."""
+        """Let the client go, with all that it asked for."""
         if self._client is not None:
-            self._client.close()
-        self._client, self._ready, self._paused = None, False, False
+            self._client.line.close()
+        self._client = None
 
     def _frame(self) -> Frame:
         """The current look."""
