@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
+from kickdrift.model.units import UnitSystem, time_in
+
 
 @runtime_checkable
 class NamedWithOptions(Protocol):
@@ -57,6 +59,13 @@ class RunDefaults:
         return hash(
             (self.integrator, self.dt, self.steps, self.time, self.every, self.interval, frozenset(self.options))
         )
+
+    def in_units(self, units: UnitSystem) -> RunDefaults:
+        """Return the defaults with times that are text, such as dt = "2 fs", as numbers in ``units``."""
+        times = {key: getattr(self, key) for key in ("dt", "time", "interval")}
+        if not any(isinstance(value, str) for value in times.values()):
+            return self
+        return RunDefaults(**self.said() | {key: time_in(value, units, key) for key, value in times.items()})
 
     def said(self) -> dict[str, Any]:
         """Values by key, including the options. As arguments they make an equal RunDefaults."""

@@ -129,7 +129,7 @@ class System(Bridged, ShownSystem):
         check_kinds(name=(name, str), run=(run, RunDefaults), source=(source, str))
         check_kinds(equilibration=(equilibration, Equilibration), invariants=(invariants, Mapping))
         put(self, "name", name)
-        put(self, "run", run or RunDefaults())
+        put(self, "run", (run or RunDefaults()).in_units(self.units))
         put(self, "equilibration", equilibration)
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
@@ -188,7 +188,7 @@ class System(Bridged, ShownSystem):
         """Return the system with changed `RunDefaults`, such as ``dt`` and ``integrator``, which may be a value of
         ``kickdrift.integrator``. Steps replace a time, and a time replaces steps."""
         made = copy(self)
-        object.__setattr__(made, "run", self.run.changed(**defaults))
+        object.__setattr__(made, "run", self.run.changed(**defaults).in_units(self.units))
         return made
 
     # --- new systems from old ones ---

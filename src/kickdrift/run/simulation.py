@@ -15,7 +15,7 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
@@ -67,10 +67,11 @@ class Simulation(Present):
     hosts : file that lists machines for the processes, as mpiexec takes it: lines of NAME or NAME:COUNT
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     options : options of the integrator, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
-        explains them. Options given here override those of an integrator's value, which override the system file's.
-        Every integrator takes ``precision`` of the pair forces: "double" (float64, default) or "mixed" (pairs in
-        float32, everything else in float64). With "mixed", the error of forces in a liquid is about 2e-7 of a typical
-        force for each sigma of the box's edge (in open space, of the extent). Reported energies are in float64
+        explains them. A value with a unit may be text: ``temperature="300 K"``. Options given here override those of an
+        integrator's value, which override the system file's. Every integrator takes ``precision`` of the pair forces:
+        "double" (float64, default) or "mixed" (pairs in float32, everything else in float64). With "mixed", the error
+        of forces in a liquid is about 2e-7 of a typical force for each sigma of the box's edge (in open space, of the
+        extent). Reported energies are in float64
 
     Raises
     ------
@@ -99,8 +100,7 @@ class Simulation(Present):
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        asked = in_units(asked, self.method.options, getattr(system, "units", None))
-        self.options = settled(self.method, asked, system.run)
+        self.options = settled(self.method, asked, system.run, getattr(system, "units", None))
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
@@ -319,18 +319,19 @@ class Simulation(Present):
 
     def equilibrate(
         self,
-        temperature: float,
+        temperature: float | str,
         time: float | str | None = None,
         interval: int = 10,
         progress: bool | Callable[[int, int], Any] | None = None,
         *,
-        to: float | None = None,
+        to: float | str | None = None,
         steps: int | None = None,
         integrator: str | None = None,
         **options: Any,
     ) -> None:
         """Bring the system to ``temperature`` in ``time`` or ``steps``, then count steps, time and conservation from
-        zero. With ``to``, the temperature goes from ``temperature`` to ``to``, linearly in time.
+        zero. With ``to``, the temperature goes from ``temperature`` to ``to``, linearly in time. Each may be text with
+        a unit, such as "94.4 K" or "5 ps".
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,
