@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -67,6 +67,11 @@ class ImplicitStepper(PythonStepper):
         self.iteration = options.iteration or ("fixed-point" if isinstance(flow, ParticleFlow) else "newton")
         if self.iteration == "newton":
             check_unknowns(tableau.name, flow, '; iteration="fixed-point" needs none')
+
+    def retimed(self, dt: float) -> Self:
+        """This stepper with steps of another length. Call ``reset`` before the next step."""
+        self.dt = dt
+        return self
 
     def _forget(self) -> None:
         self._start = self.time - self.steps_done * self.dt

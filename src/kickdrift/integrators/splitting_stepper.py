@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,17 @@ class SplittingStepper(FixedStepper):
         if alone:
             flow.forces.keep_sorted()
         return Word(stages, further, groups, sweeps(len(flow.subject), flow.forces.threads), plan, pressed)
+
+    def retimed(self, dt: float) -> Self:
+        """See FixedStepper. Heat baths are bound anew, because their strength depends on the step."""
+        if self._bound or self.barostat:
+            self._stages = self._word(self._flow, self._options.changed(dt=dt))
+        return super().retimed(dt)
+
+    def begin_from(self, run: SplittingStepper) -> None:
+        """Start anew at the step point of another stepper of the same method, with the memory of its heat baths."""
+        self.reset(run.y.copy(), run.time, run.steps_done)
+        self.baths = by_value(run.baths)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""

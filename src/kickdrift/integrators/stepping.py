@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,6 +182,11 @@ class FixedStepper(Regular):
         self._carry = np.zeros(y.shape if self._compensated else (*y.shape[:2], 0))
         self._cursor[STEP:] = 0
         self._flow.forces.forget()
+
+    def retimed(self, dt: float) -> Self:
+        """This stepper with steps of another length. Call ``reset`` before the next step."""
+        self.dt = dt
+        return self
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         status = self._flow.forces.call(
