@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,8 @@ class Composition(Lettered, Protocol):
     @property
     def name(self) -> str: ...
 
+    def timed(self, options: Options) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -132,7 +134,9 @@ class SplittingStepper(FixedStepper):
     def retimed(self, dt: float) -> Self:
         """See FixedStepper. Heat baths are bound anew, because their strength depends on the step."""
         if self._bound or self.barostat:
-            self._stages = self._word(self._flow, self._options.changed(dt=dt))
+            options = self._options.changed(dt=dt)
+            self._method = self._method.timed(options)
+            self._stages = self._word(self._flow, options)
         return super().retimed(dt)
 
     def begin_from(self, run: SplittingStepper) -> None:

@@ -172,6 +172,14 @@ class System(Bridged, ShownSystem):
         object.__setattr__(other, "state", state)
         return other
 
+    def anew(self, state: State) -> System:
+        """Return the system with its bodies in this state, for a new run that begins there: with no steps done, and
+        without ``equilibration``, ``invariants`` and the text of a file, which are of the start."""
+        made = self.at(state.phase, state.time, ids=state.ids, box=state.box)
+        for key, value in (("equilibration", None), ("invariants", {}), ("source", "")):
+            object.__setattr__(made, key, value)
+        return made
+
     def under(self, forces: Iterable[Any]) -> System:
         """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)

@@ -74,6 +74,9 @@ class Simulation(Present):
         of forces in a liquid is about 2e-7 of a typical force for each sigma of the box's edge (in open space, of the
         extent). Reported energies are in float64
 
+    ``now()`` is the System at present, and ``sim["Callisto"]`` a body at present.
+    ``system`` is the System at the start.
+
     Raises
     ------
     InputError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number, numbers
+from kickdrift.model.checks import number
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
 from kickdrift.run.backward import check_backward
@@ -22,15 +22,17 @@ def times_of(sim: Planned, times: Any) -> Floats:
     what is no finite time."""
     if isinstance(times, str) or not isinstance(times, Iterable):
         raise InputError(f"times: expected a row of times, such as [0.5, 1.0], got {shown(times)}")
-    given: Any = (
-        times if isinstance(times, np.ndarray) else [time_of(sim, k, f"times[{i}]") for i, k in enumerate(times)]
-    )
-    found = numbers("times", given, "times")
-    if found.ndim != 1 or not found.size:
-        raise InputError(f"times: expected one time or more in a row, got {shown(times)}")
-    if not np.isfinite(found).all():
-        raise InputError(f"times[{int(np.argmin(np.isfinite(found)))}]: expected a finite time")
+    found = np.array([_time(sim, f"times[{k}]", value) for k, value in enumerate(times)])
+    if not found.size:
+        raise InputError("times: expected one time or more, got none")
     check_samples(len(found), "times")
+    return found
+
+
+def _time(sim: Planned, key: str, value: Any) -> float:
+    found = number(time_of(sim, value, key))
+    if not np.isfinite(found):
+        raise InputError(f"{key}: expected a finite time, got {shown(value)}")
     return found
 
 
