@@ -183,9 +183,8 @@ def test_looks_at_given_times_change_no_bit(name):
         first.run(times=times[:2], observe=lambda sim, again=again: again.append((sim.time, bits(sim))))
         then.restore(kept(first))
         then.run(times=times[2:], observe=lambda sim, again=again: again.append((sim.time, bits(sim))))
-        if not (
-            whole.method.chooses_steps and whole.integration.moving.clocked
-        ):  # f is not asked beyond an earlier end
+        earlier_end_counts = whole.method.chooses_steps and whole.integration.moving.clocked
+        if not earlier_end_counts:  # f has no value beyond the end
             assert again[:3] + again[4:] == seen
             assert again[3] == again[2]
         for sim in (whole, timed, then):

@@ -121,8 +121,8 @@ class System(Bridged, ShownSystem):
         put(self, "dimensions", dimensions)
         if dimensions == 2:
             check_plane(self.state.phase)
-        put(self, "forces", forces_of(forces))
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
+        put(self, "forces", forces_of(forces, self.units))
         put(self, "species", kinds)
         put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
@@ -183,7 +183,7 @@ class System(Bridged, ShownSystem):
     def under(self, forces: Iterable[Any]) -> System:
         """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)
-        object.__setattr__(other, "forces", forces_of(forces))
+        object.__setattr__(other, "forces", forces_of(forces, self.units))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
