@@ -31,7 +31,7 @@ def test_a_body_by_name_is_the_body_now():
 
 
 def test_a_run_goes_on_from_the_present_system():
-    """The first energy is that of the last look to the bit, and nothing of the start stays."""
+    """The first energy is that of the last look, but for the order of its sum; nothing of the start stays."""
     system = kd.load("lj-1000-switch")
     assert system.invariants
     nvt = kd.Simulation(system, "csvr", temperature=1.0, tau=0.1)
@@ -39,7 +39,8 @@ def test_a_run_goes_on_from_the_present_system():
     now = nvt.now()
     assert (now.state.time, now.state.steps_done, now.equilibration, dict(now.invariants)) == (nvt.time, 0, None, {})
     nve = kd.Simulation(now, "velocity-verlet")
-    assert nve.energy() == nvt.energy()
+    assert nve.energy().kinetic == nvt.energy().kinetic
+    assert nve.energy().potential == pytest.approx(nvt.energy().potential, rel=1e-14)
     nve.run(3)
     assert nve.time == pytest.approx(nvt.time + 3 * nve.dt)
     assert (now.state.phase == nvt.state.phase).all()
