@@ -8,8 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from kickdrift.model.units import UnitSystem, time_in
 
-# A key of ``[run]``, and keys that it replaces.
-_IN_PLACE_OF = (
+# A key of ``[run]``, and the keys that it replaces.
+REPLACED = (
     ("steps", "time", "times"), ("time", "steps", "times"), ("every", "interval", "times"),
     ("interval", "every", "times"), ("times", "steps", "time", "every", "interval"),
 )  # fmt: skip
@@ -96,7 +96,7 @@ class RunDefaults:
         An integrator with options as one value gives its name and its options; an option beside the value replaces the
         value's own.
         """
-        for one, *others in _IN_PLACE_OF:
+        for one, *others in REPLACED:
             if one in defaults:
                 defaults = dict.fromkeys(others) | defaults
         which = defaults.get("integrator")

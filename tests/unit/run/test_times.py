@@ -167,3 +167,53 @@ def test_logged_events_are_found_beside_the_times(name):
     plain.run(until=2.0)
     assert with_times.events == plain.events
     assert with_times.going_on() == plain.going_on()
+
+
+FILE = """
+units = "nbody"
+particles = { positions = [[0.5, 0, 0], [-0.5, 0, 0]], masses = [0.5, 0.5] }
+velocities = { values = [[0, 0.5, 0], [0, -0.5, 0]] }
+force = [{ type = "gravity" }]
+run = { dt = 0.003, times = [0.1, 0.25] }
+"""
+
+
+def test_times_on_the_command_line(kickdrift, tmp_path):
+    given, output = tmp_path / "two.toml", tmp_path / "two.h5md"
+    given.write_text(FILE)
+    assert kickdrift("run", given, "--output", output)[0] == 0
+    status, _, err = kickdrift("resume", output, "--times", "0.3,0.4")
+    assert (status, "continues from step 84" in err) == (0, True)
+    with kd.open(output) as run:
+        assert run.times.tolist() == [0.0, 0.1, 0.25, 0.3, 0.4]
+    assert "the run is finished at step 134; --times extend it" in kickdrift("resume", output)[2]
+    assert kickdrift("run", given, "--times", "0:1:5", "--output", output, "--overwrite")[0] == 0
+    with kd.open(output) as run:
+        assert run.times == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+    for words, message in (
+        (["--times", "0.1", "--steps", "3"], "give --times or --steps, not both"),
+        (["--times", "1:2"], "--times: '1:2' is neither times such as 1,2.5,4 nor START:STOP:COUNT"),
+        (["--times", "0.2,0.1"], "times[1]: 0.1 does not follow 0.2"),
+        (["--every", "4"], "run: give times alone"),
+    ):
+        status, out, err = kickdrift("run", given, *words)
+        assert (status, out) == (2, "")
+        assert message in err
+    status, _, err = kickdrift("resume", output, "--steps", "600")
+    assert (status, "the run looks at given times; give other --times to extend the run" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("run", "message"),
+    [
+        ("times = [0.5, 0.2]", "run: times must rise, got 0.5 before 0.2"),
+        ("times = [0.5], steps = 4", "run: expected times or steps, got both"),
+        ("times = [0.5], every = 4", "run: expected times or every, got both"),
+        ("times = []", "run.times: expected 1 or more items, got 0"),
+        ('times = ["1 ps"]', "run.times[0]: nbody quantities are plain numbers, got '1 ps'"),
+    ],
+)
+def test_wrong_times_in_a_file(run, message):
+    with pytest.raises(InputError) as error:
+        loads(FILE.replace("times = [0.1, 0.25]", run))
+    assert message in str(error.value)
