@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import Retimed
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
@@ -50,7 +51,7 @@ class StageEquations(Protocol):
     def extrapolation(self) -> Floats: ...
 
 
-class ImplicitStepper(PythonStepper):
+class ImplicitStepper(Retimed, PythonStepper):
     """Steps of one length. With Z_i = Y_i - y the stages solve Z = dt (a x I) F(Z).
 
     Newton's matrix I - dt a x J is kept from step to step while it converges quickly. The stages are kept for the next
@@ -67,11 +68,6 @@ class ImplicitStepper(PythonStepper):
         self.iteration = options.iteration or ("fixed-point" if isinstance(flow, ParticleFlow) else "newton")
         if self.iteration == "newton":
             check_unknowns(tableau.name, flow, '; iteration="fixed-point" needs none')
-
-    def retimed(self, dt: float) -> Self:
-        """This stepper with steps of another length. Call ``reset`` before the next step."""
-        self.dt = dt
-        return self
 
     def _forget(self) -> None:
         self._start = self.time - self.steps_done * self.dt

@@ -14,7 +14,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.option import JACOBI, KERNEL, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import CompiledSteps, Regular
+from kickdrift.integrators.stepping import CompiledSteps, Regular, Retimed
 from kickdrift.integrators.wisdom_holman_bodies import (
     GM,
     HILL,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
 
 
-class WisdomHolmanStepper(Regular):
+class WisdomHolmanStepper(Retimed, Regular):
     """Integration that stays before the last drift of a step, which is joined to the next step's first.
 
     ``y`` is a copy with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass,
@@ -188,11 +188,6 @@ class WisdomHolmanStepper(Regular):
         for key in ("orbit", "carry", "centre"):
             getattr(own, key)[...] = getattr(there, key)
         own.table[HILL], self._shortest = run._hill, run._shortest
-
-    def retimed(self, dt: float) -> Self:
-        """This stepper with steps of another length. Call ``reset`` before the next step."""
-        self.dt = dt
-        return self
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
