@@ -82,9 +82,15 @@ _ALL: tuple[Any, ...] = (
 FORCES.clear()  # laws register themselves, in the order of their modules
 FORCES.update({force.name: force for force in _ALL})
 __all__ = [force.__name__ for force in _ALL]  # each is also public as kickdrift.NAME
-_OWN = {(force.__module__, force.__qualname__): force for force in _ALL}
+_OWN = {force.__qualname__: force for force in _ALL}
+
+
+def home(module: str) -> str:
+    """Module of a class as run files name it: ``kickdrift`` for all of kickdrift's own classes."""
+    return "kickdrift" if module.partition(".")[0] == "kickdrift" else module
 
 
 def force_class(module: str, name: str) -> Any:
     """Return the class of force with that module and qualified name; None unless it is kickdrift's or registered."""
-    return _OWN.get((module, name)) or registered(module, name)
+    own = _OWN.get(name) if home(module) == "kickdrift" else None
+    return own or registered(module, name)

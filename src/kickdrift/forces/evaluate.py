@@ -8,7 +8,7 @@ from kickdrift.forces.seam import accelerate, accelerate_by
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, load, masked_load, masked_store, store
+from kickdrift.jit.memory import flat, load, masked_load, set_zero
 from kickdrift.jit.vectors import WIDTH
 
 EVALUATIONS = 0  # slot of a loop's cursor: the number of force evaluations
@@ -24,7 +24,7 @@ def fill_accelerations(bound, t, x, v, a, sums, cursor):
 @inlined
 def fill_by(bound, groups, group, t, x, v, a, sums, cursor):
     """a <- the accelerations at x by one group of forces; return a status."""
-    clear(a)
+    set_zero(a)
     status = accelerate_by(bound, groups, group, t, x, v, a, sums)
     cursor[EVALUATIONS] += 1
     if status != OK:
@@ -54,7 +54,7 @@ def fill_last(bound, t, y, dy, cursor):
     if bound.equation != 0:
         return call_equation(bound, t, y, dy, cursor)
     last = y.shape[0] - 1
-    clear(dy[last])
+    set_zero(dy[last])
     cursor[EVALUATIONS] += 1
     return accelerate(bound, t, y[0], y[last], dy[last], None)
 
@@ -70,16 +70,6 @@ def call_equation(bound, t, y, dy, cursor):
         for i in range(dy.shape[2]):
             total += dy[half, 0, i]
     return OK if is_finite(total) else BLOWN_UP
-
-
-@inlined
-def clear(a):
-    """a <- 0."""
-    row, zero = flat(a), splat(0.0)
-    whole = row.size - row.size % WIDTH
-    for i in range(0, whole, WIDTH):
-        store(row, i, zero)
-    masked_store(row, whole, zero, row.size - whole)
 
 
 @inlined

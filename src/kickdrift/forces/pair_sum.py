@@ -37,7 +37,8 @@ from kickdrift.forces.pair_variation import (
 )
 from kickdrift.forces.row_ends import of_row, row_forces, row_of, rows_in_one_loop, store_row_force
 from kickdrift.forces.row_lanes import nothing
-from kickdrift.forces.special_pairs import add_special, is_inside
+from kickdrift.forces.special_pairs import is_inside
+from kickdrift.forces.special_sum import add_special
 from kickdrift.jit.chunks import chunk_task
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.lanes import lane_sum, multiply_add, splat

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from kickdrift.forces.cluster_load import AT_ONCE, add_moves, note_moves, total_move
 from kickdrift.forces.cluster_sums import add_collected, collected_mean, forces_on, no_mean_yet
 from kickdrift.forces.clusters import BUILT, LANES, STRIDE, chunk_clusters, load_vector, store_vector, unsigned
-from kickdrift.forces.evaluate import clear
 from kickdrift.forces.kernel import OK
 from kickdrift.forces.list_code import outlasts
 from kickdrift.forces.pair_rows import copy_to_single
@@ -29,7 +28,7 @@ from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import multiply_add, splat
-from kickdrift.jit.memory import load
+from kickdrift.jit.memory import load, set_zero
 from kickdrift.jit.vectors import WIDTH
 from kickdrift.model.state import Floats
 
@@ -120,7 +119,7 @@ def take_steps(force, plan, x, v, a):
         fresh = fresh and drift == 0.0
     each_chunk(crossing, chunks, "leave_chunk")
     if fresh and evaluated:
-        clear(a)
+        set_zero(a)
         add_collected(force, mean, a)
     note(plan, taken, evaluated, stage, fresh)
     return OK

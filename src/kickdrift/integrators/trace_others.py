@@ -9,13 +9,14 @@ own inverse with the time turned round, as all parts of the map are.
 
 from __future__ import annotations
 
-from kickdrift.forces.evaluate import EVALUATIONS, clear, fill_by
+from kickdrift.forces.evaluate import EVALUATIONS, fill_by
 from kickdrift.forces.kernel import BLOWN_UP, OK
 from kickdrift.forces.seam import accelerate_by
 from kickdrift.integrators.trace_state import HEAVY, NUMBER, PAIRS, PASSAGES
 from kickdrift.integrators.wisdom_holman_bodies import LIVE, OTHERS
 from kickdrift.integrators.wisdom_holman_others import add_accelerations, fill_positions
 from kickdrift.jit.compile import jit
+from kickdrift.jit.memory import set_zero
 
 KICKS, INSIDE = range(2)  # groups of the other forces
 TURNS = 50  # iterations of a kick
@@ -97,7 +98,7 @@ def add_inside(hybrid, others, s, x, a):
     the step's start. Return a status."""
     bodies, meeting, felt = hybrid.bodies, hybrid.meeting, hybrid.bodies.a
     place_all(hybrid, s, x)
-    clear(felt)
+    set_zero(felt)
     status = accelerate_by(others, hybrid.groups, INSIDE, hybrid.span[0] + s, bodies.x[0], bodies.x[1], felt, None)
     if status != OK:
         return status

@@ -10,7 +10,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.jit.compile import as_written
+from kickdrift.jit.compile import as_written, inlined
+from kickdrift.jit.lanes import splat
 from kickdrift.jit.numba_private import cgutils
 from kickdrift.jit.vectors import (
     F64,
@@ -277,3 +278,13 @@ def named_numbers(typingctx, like, table, row):
         return context.make_tuple(builder, sig.return_type, fields)
 
     return result(like, table, types.intp), codegen
+
+
+@inlined
+def set_zero(a: Any) -> None:
+    """a <- 0, all numbers of a contiguous array."""
+    row, zero = flat(a), splat(0.0)
+    whole = row.size - row.size % WIDTH
+    for i in range(0, whole, WIDTH):
+        store(row, i, zero)
+    masked_store(row, whole, zero, row.size - whole)

@@ -12,10 +12,10 @@ from kickdrift.looks.observers import Energies, Sample
 from kickdrift.model.event_checks import checked_crossings
 from kickdrift.model.problem import Problem
 from kickdrift.run.problem_outputs import slopes_of
+from kickdrift.trajectory.points import same
 from kickdrift.trajectory.problems.header import ENERGY
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.record import another_f, changed_functions, differences
-from kickdrift.trajectory.rows import same
 
 if TYPE_CHECKING:
     from kickdrift.model.events import Event

@@ -31,12 +31,12 @@ from kickdrift.text import counted, shown
 from kickdrift.trajectory import opened
 from kickdrift.trajectory.layout import versions
 from kickdrift.trajectory.named import about, method_of, options_of
+from kickdrift.trajectory.points import before, same
 from kickdrift.trajectory.problems.reader import CHANGED as PROBLEM_CHANGED
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.reader import CHANGED, Run
 from kickdrift.trajectory.record import changed_sources, differences, system_of
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.rows import before, same
 
 if TYPE_CHECKING:
     from kickdrift.model.events import Event

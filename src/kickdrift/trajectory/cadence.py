@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from kickdrift.trajectory.checkpoints import Checkpoint, Stored, Table, encoded
-from kickdrift.trajectory.rows import same
+from kickdrift.trajectory.points import same
 
 SHARE = 0.25  # largest share of checkpoints in the bytes written; the first and the last of a run are always taken
 SECONDS = 60.0  # longest time between two checkpoints

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from kickdrift.errors import InputError
 from kickdrift.trajectory.columns import Described, check_columns
 from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.points import behind, same
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.rows import behind, same
 
 
 def check_continued(

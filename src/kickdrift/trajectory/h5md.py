@@ -34,9 +34,10 @@ from kickdrift.trajectory.layout import add_plan, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.order import in_order
+from kickdrift.trajectory.points import behind, same
 from kickdrift.trajectory.record import to_json
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.rows import Rows, behind, same
+from kickdrift.trajectory.rows import Rows
 from kickdrift.trajectory.waiting import EventRow
 
 if TYPE_CHECKING:

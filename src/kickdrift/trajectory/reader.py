@@ -20,8 +20,8 @@ from kickdrift.trajectory.frames import EnergySeries, Frames, as_slice, energies
 from kickdrift.trajectory.header import CLOCK, Committed
 from kickdrift.trajectory.kind import check_kind
 from kickdrift.trajectory.layout import TRAJECTORY, run_hash, system_hash
+from kickdrift.trajectory.points import behind
 from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.rows import behind
 from kickdrift.trajectory.shown import ShownRun
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces import home
 from kickdrift.forces.external_code import path_of
 from kickdrift.integrators.option import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
@@ -86,7 +87,7 @@ def run_record(run: RunDefaults) -> dict[str, Any]:
 
 
 def _described(thing: Any) -> dict[str, Any]:
-    found = {"type": type(thing).__qualname__, "module": type(thing).__module__, "parameters": thing}
+    found = {"type": type(thing).__qualname__, "module": home(type(thing).__module__), "parameters": thing}
     return found | ({"source": source} if (source := _source_hash(thing)) else {})
 
 
@@ -171,8 +172,10 @@ def _changed(event: Mapping[str, Any]) -> bool:
 
 
 def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
-    """Parts of a force's record that must be equal in two runs. Files of version 0.1.0 have no qualified names."""
-    return {"type": force["type"].rpartition(".")[2], **{key: force.get(key) for key in ("module", "parameters")}}
+    """Parts of a force's record that must be equal in two runs. Files of version 0.1.0 have no qualified names, and
+    files of version 0.2.0 name kickdrift's own modules."""
+    type_name, module = force["type"].rpartition(".")[2], home(str(force.get("module")))
+    return {"type": type_name, "module": module, "parameters": force.get("parameters")}
 
 
 def differences(system: System, run: RunRecord) -> list[str]:
