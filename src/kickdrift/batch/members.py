@@ -15,11 +15,12 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.integrators.batch_stepping import Members, to_lanes
 from kickdrift.integrators.method import Method, checked_dt
-from kickdrift.integrators.option import KERNEL, MIXED, STANDARD
+from kickdrift.integrators.option import DT, KERNEL, MIXED, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.unit_systems import UnitSystem
 
 MOST_BODIES = (
     32  # most bodies; side by side is 16 times as fast at 3, 4 at 16 and 2 at 32, where one system fills the lanes
@@ -67,19 +68,20 @@ def common(
     if len(steps) != len(systems):
         raise InputError(f"dt: expected one number or {len(systems)}, one for each system, got {len(steps)}")
     shared: tuple[Any, ...] | None = None
-    known: dict[tuple[str, RunDefaults], Options] = {}
+    known: dict[tuple[str, RunDefaults, UnitSystem], Options] = {}
     found = np.empty(len(systems))
     for k, (system, step) in enumerate(zip(systems, steps, strict=True)):
         if not isinstance(system, System):
             raise InputError(f"system {k}: expected a System of particles, got {type(system).__name__}")
         name = integrator or system.run.integrator or "velocity-verlet"
         method = method_named(name)
-        if (name, system.run) not in known:  # the same for most members
-            known[name, system.run] = settled(method, options, system.run)
-        own = known[name, system.run]
+        kind = name, system.run, system.units
+        if kind not in known:  # the same for most members
+            known[kind] = settled(method, options, system.run, system.units)
+        own = known[kind]
         if (why := refusal(system, method, own)) is not None:
             raise InputError(f"system {k}: {why}")
-        own_dt = checked_dt(system.run.dt if step is None else step)
+        own_dt = checked_dt(system.run.dt if step is None else DT.in_units(step, system.units))
         if own_dt is None:
             raise InputError(f"dt is needed: system {system.name!r} has none in [run]")
         found[k] = own_dt

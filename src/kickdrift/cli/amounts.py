@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import typer
 
 from kickdrift.model.limits import whole_text
@@ -43,6 +44,18 @@ def amount(expected: str) -> Callable[[str], Any]:
             return text
 
     return read
+
+
+def row(text: str) -> list[Any]:
+    """Read times with commas between them, or START:STOP:COUNT for evenly spaced times."""
+    start, *rest = text.split(":")
+    if not rest:
+        return [length(part.strip()) for part in text.split(",")]
+    try:
+        stop, count = rest
+        return [float(value) for value in np.linspace(float(start), float(stop), whole(1)(count))]
+    except (ValueError, OverflowError, MemoryError, typer.BadParameter):
+        raise typer.BadParameter(f"{shown(text)} is neither times such as 1,2.5,4 nor START:STOP:COUNT.") from None
 
 
 length = amount("a time such as 10, or '10 fs'")  # a text with a unit is for ``in_units``

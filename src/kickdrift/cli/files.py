@@ -295,6 +295,6 @@ def check_run(system: System | Problem) -> None:
 
     if system.run.integrator is not None:
         try:
-            settled(integrator(system.run.integrator), {}, system.run)
+            settled(integrator(system.run.integrator), {}, system.run, getattr(system, "units", None))
         except InputError as error:
             raise InputError(f"run: {error}") from None

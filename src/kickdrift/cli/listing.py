@@ -59,7 +59,7 @@ def frame_text(path: str, number: int | None) -> str:
         k = len(run) - 1 if number is None else number
         if not 0 <= k < len(run):
             raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
-        found = run[k].system()
+        found = run[k].system
         return found.at(found.state.phase, 0.0).to_toml()
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import in_units, length, whole
+from kickdrift.cli.amounts import in_units, length, row, whole
 from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.equilibrating import with_keys
 from kickdrift.cli.interruption import Interruption
@@ -34,6 +34,17 @@ if TYPE_CHECKING:
     from kickdrift.run.report import Report
     from kickdrift.run.simulation import Simulation
     from kickdrift.trajectory.options import FileOptions
+
+
+TimesOption = Annotated[
+    Any,
+    typer.Option(
+        metavar="T,…",
+        parser=row,
+        help="Samples and frames at exactly these times, which rise: 1,2.5,4 or START:STOP:COUNT. The run ends at the "
+        "last one.",
+    ),
+]
 
 
 @with_options(
@@ -72,6 +83,7 @@ def run(
         Any,
         typer.Option(metavar="T", parser=length, help="Time between samples and frames, for adaptive methods."),
     ] = None,
+    times: TimesOption = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
     ] = None,
@@ -116,8 +128,9 @@ def run(
     from kickdrift.systemfile.python_file import load_or_run
 
     engine_named(engine)
-    if steps is not None and time is not None:
-        raise InputError("give --steps or --time, not both")
+    _refuse_both(steps=steps, time=time)
+    for key, value in {"steps": steps, "time": time, "every": every, "interval": interval, "exact": exact}.items():
+        _refuse_both(**{"times": times, key: value})
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system])
     if old_store is not None:
         if store is not None:
@@ -128,9 +141,10 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = with_keys(load_or_run(system, seed), equilibrate or [])
 
-    from kickdrift.run.lengths import SHORTEN, length_of
+    from kickdrift.run.lengths import SHORTEN
     from kickdrift.run.problem_outputs import check_suffix
     from kickdrift.run.simulation import Simulation
+    from kickdrift.run.times import length_of
 
     choices: dict[str, Any] = {"true": True, "false": False, SHORTEN: SHORTEN}
     if exact is not None and exact not in choices:
@@ -142,7 +156,7 @@ def run(
 
     check_watching(chosen, live, imd, imd_wait, quiet)
     sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
-    wanted_length = partial(length_of, sim, system, steps, time, ending)
+    wanted_length = partial(length_of, sim, system, steps, time, ending, times)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
     stopped = Interruption(output, isinstance(chosen, System))
@@ -150,12 +164,20 @@ def run(
         if isinstance(chosen, System) and chosen.equilibration:
             sim.equilibrate(**chosen.equilibration.said(), progress=bar("equilibrating"))
         ahead = wanted_length()
-        stopped.begins(sim, ahead.get("steps"), ahead.get("until"))
+        last = in_units((ahead.get("times") or [ahead.get("until")])[-1], chosen, "--times")
+        stopped.begins(sim, ahead.get("steps"), last)
         report = sim.run(
             **ahead, every=every, interval=interval, output=output, overwrite=overwrite, file=file,
             progress=bar("running"), imd=imd, imd_wait=imd_wait,
         )  # fmt: skip
     show(report, sim, output, json_file, quiet, overwrite)
+
+
+def _refuse_both(**given: Any) -> None:
+    """Refuse two options that say the same."""
+    if all(value is not None for value in given.values()):
+        one, other = given
+        raise InputError(f"give --{one} or --{other}, not both")
 
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
@@ -180,6 +202,7 @@ def resume(
             metavar="T", parser=length, help="Continue to this time since the run's start, instead of --steps."
         ),
     ] = None,
+    times: TimesOption = None,
     threads: Annotated[
         int | None,
         typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
@@ -194,8 +217,9 @@ def resume(
     quiet: QuietOption = False,
 ) -> None:
     """Finish an interrupted run or extend a finished one, with the same bits as an uninterrupted run."""
-    if steps is not None and time is not None:
-        raise InputError("give --steps or --time, not both")
+    _refuse_both(steps=steps, time=time)
+    _refuse_both(times=times, steps=steps)
+    _refuse_both(times=times, time=time)
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
     from kickdrift.run.resuming import resume as taken_up
@@ -210,9 +234,10 @@ def resume(
             options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
         if sim.plan is None:
             raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
-        sim.plan = continued(sim, steps, in_units(time, sim.system, "--time"))
+        sim.plan = continued(sim, steps, in_units(time, sim.system, "--time"), times)
         if sim.plan.over(sim) and closed:
-            say(f"{file}: the run is finished at step {sim.steps_done}; --steps or --time extend it", quiet)
+            more = "--times" if sim.plan.times else "--steps or --time"
+            say(f"{file}: the run is finished at step {sim.steps_done}; {more} extend it", quiet)
             report = sim.report()
         else:
             with watched(sim, live, imd, imd_wait, quiet), progress_bar(quiet) as bar:

@@ -8,6 +8,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model.limits import whole_text
+from kickdrift.model.run_defaults import REPLACED
 from kickdrift.systemfile.schema_run import is_run_key
 from kickdrift.text import shown, suggestion
 
@@ -43,9 +44,10 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
             raise InputError(f"vary: {key}: is a {'table' if isinstance(there, dict) else 'list'}, not one value")
         place[index] = value
     said = [path_of(key) for key in values]
-    for one, other in (("steps", "time"), ("time", "steps")):
-        if ("run", one) in said and ("run", other) not in said:
-            run.pop(other, None)
+    for one, *others in REPLACED:
+        for other in others:
+            if ("run", one) in said and ("run", other) not in said:
+                run.pop(other, None)
     return changed
 
 

@@ -68,7 +68,7 @@ def _kind(recipe: Recipe, member: Member, system: System | Problem) -> Kind | No
         chaos = recipe.measure == MEGNO
         name = carrier(system, recipe.carrier(member)) if chaos else system.run.integrator or "velocity-verlet"
         method = integrator(name)
-        options = settled(method, {}, system.run)
+        options = settled(method, {}, system.run, system.units)
         steps = _megno_steps(system) if chaos else _steps(system)
     except KickdriftError:
         return None

@@ -102,8 +102,8 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
-    from kickdrift.run.lengths import length_of
     from kickdrift.run.simulation import Simulation
+    from kickdrift.run.times import length_of
 
     sim = Simulation(system)
     length_of(sim, system.name)  # or its error, before anything runs

@@ -11,11 +11,11 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, TEXTS, Option, merged
+from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, merged
 from kickdrift.integrators.options import Options
 from kickdrift.model.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.units import UnitSystem, time_in
+from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import VALUE, clean, shown
 
 FEW = 4  # most methods that a message names
@@ -36,7 +36,7 @@ class Integrator:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "options", dict(self.options))
-        settled(self.method, self.options, RunDefaults())
+        settled(self.method, self.options, RunDefaults(), UNIT_SYSTEMS["si"])  # any units tell whether a text fits
 
     def __hash__(self) -> int:
         return hash((self.name, Options(**self.options)))
@@ -163,21 +163,22 @@ def refuse_unknown(names: Iterable[str], method: Method | None = None) -> None:
 
 
 def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSystem | None) -> dict[str, Any]:
-    """The options asked for, with times and pressures in ``units`` where they are text such as "2 fs" or "1 bar"; a
-    Problem has no units."""
-    texts = {each.name: each.dimension for each in options if each.dimension in TEXTS}
-    return {key: time_in(value, units, key, texts[key]) if key in texts else value for key, value in asked.items()}
+    """The options asked for, with texts such as "2 fs" or "300 K" as numbers in ``units``; a Problem has no units."""
+    known = {each.name: each for each in options}
+    return {key: known[key].in_units(value, units) if key in known else value for key, value in asked.items()}
 
 
-def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults) -> Options:
-    """Options of a run: values ``asked`` for in arguments, then values of the system, then defaults.
+def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults, units: UnitSystem | None = None) -> Options:
+    """Options of a run: values ``asked`` for in arguments, then values of the system, then defaults. Texts with a unit
+    become numbers in ``units``.
 
     Raises InputError for an option that no method takes, for an argument that this method does not take, and for a
     value that an option cannot have."""
-    said = {key: value for key, value in asked.items() if value is not None}
     refuse_unknown([*asked, *run.options], method)
+    said = in_units({key: value for key, value in asked.items() if value is not None}, method.options, units)
     refuse_other_baths(method, said)
-    return method.checked(Options(**{"dt": run.dt, **run.options, **said}), Options(**said))
+    given = in_units({"dt": run.dt, **run.options}, method.options, units)
+    return method.checked(Options(**given | said), Options(**said))
 
 
 def refuse_other_baths(method: Method, given: Iterable[str], prefix: str = "") -> None:

@@ -36,12 +36,16 @@ class Overdamped(Splitting):
         """Options without those of a barostat, which needs the momenta."""
         return tuple(option for option in super().declared if option not in OF_PRESSURE)
 
+    def timed(self, options: Options) -> Any:
+        """The rows for steps of ``options.dt``."""
+        assert options.dt is not None
+        stretch = sqrt(2.0 / (options.friction * options.dt)) if options.get("friction") else 1.0  # else bind refuses
+        return Stretched(self, stretch)
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper
 
-        assert options.dt is not None
-        stretch = sqrt(2.0 / (options.friction * options.dt)) if options.get("friction") else 1.0  # else bind refuses
-        made = SplittingStepper(flow, Stretched(self, stretch), options)
+        made = SplittingStepper(flow, self.timed(options), options)
         made.warnings = []  # a large friction is meant
         return made
 

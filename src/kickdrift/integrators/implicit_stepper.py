@@ -12,6 +12,7 @@ from kickdrift.forces.kernel import OK
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.particle_flow import ParticleFlow
 from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepping import Retimed
 from kickdrift.integrators.stepwise import PythonStepper, check_unknowns, factored
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
@@ -50,7 +51,7 @@ class StageEquations(Protocol):
     def extrapolation(self) -> Floats: ...
 
 
-class ImplicitStepper(PythonStepper):
+class ImplicitStepper(Retimed, PythonStepper):
     """Steps of one length. With Z_i = Y_i - y the stages solve Z = dt (a x I) F(Z).
 
     Newton's matrix I - dt a x J is kept from step to step while it converges quickly. The stages are kept for the next

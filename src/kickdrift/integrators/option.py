@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks import number
-from kickdrift.model.units import has_unit
+from kickdrift.model.units import UnitSystem, has_unit, time_in
 from kickdrift.text import shown
 
 DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
@@ -25,7 +25,6 @@ DIMENSIONS = {
     "temperature": "the system's unit of temperature", "pressure": "the system's unit of pressure",
     "compressibility": "one over the system's unit of pressure",
 }  # fmt: skip
-TEXTS = ("time", "pressure", "compressibility")  # dimensions of options that may be text with a unit
 _SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _TAKEN = (
     "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
@@ -115,8 +114,8 @@ class Option:
     def parsed(self, text: str) -> Any:
         """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
 
-        A time or a pressure with a unit stays text: only a System has the units that it is to be converted to."""
-        if self.dimension in TEXTS and has_unit(text):
+        A number with a unit stays text, because only a System has the units for `in_units`."""
+        if self.dimension and has_unit(text):
             return text
         try:
             if self.type is bool:
@@ -128,6 +127,11 @@ class Option:
             many = ", or numbers with commas between them" if self.several else ""
             words = f"one of {self.known}" if self.choices else _WORDS[self.type] + many
             raise InputError(f"{self.name}: expected {words}, got {shown(text)}") from None
+
+    def in_units(self, value: Any, units: UnitSystem | None) -> Any:
+        """Return the value as a number in ``units`` if it is text with a unit, such as "300 K"; other values as they
+        are. A Problem has no units. Raises InputError for a unit of another dimension, and in reduced units."""
+        return time_in(value, units, self.name, self.dimension) if self.dimension else value
 
     def filled(self, value: Any) -> Any:
         """Return the value, checked. For None, return the default if files record it."""

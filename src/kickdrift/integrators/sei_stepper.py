@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class SeiStepper(FixedStepper):
             kept=True,
         )
 
-    def retimed(self, dt: float) -> SeiStepper:
+    def retimed(self, dt: float) -> Self:
         """This stepper with steps of another length. Call ``reset`` before the next step."""
         self.dt, self._stages = dt, _epicycles(self._hill, dt)
         return self

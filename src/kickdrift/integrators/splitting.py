@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, zip_longest
 from math import fsum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,6 +174,10 @@ class Splitting(Method):
     @cached_property
     def _rows(self) -> Floats:
         return rows_of(self.letters, self.weights, self.further)
+
+    def timed(self, options: Options) -> Any:
+        """The rows for steps of ``options.dt``: these, where the parts of a step do not depend on its length."""
+        return self
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting_stepper import SplittingStepper

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,8 @@ class Composition(Lettered, Protocol):
     @property
     def name(self) -> str: ...
 
+    def timed(self, options: Options) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -128,6 +130,19 @@ class SplittingStepper(FixedStepper):
         if alone:
             flow.forces.keep_sorted()
         return Word(stages, further, groups, sweeps(len(flow.subject), flow.forces.threads), plan, pressed)
+
+    def retimed(self, dt: float) -> Self:
+        """See FixedStepper. Heat baths are bound anew, because their strength depends on the step."""
+        if self._bound or self.barostat:
+            options = self._options.changed(dt=dt)
+            self._method = self._method.timed(options)
+            self._stages = self._word(self._flow, options)
+        return super().retimed(dt)
+
+    def begin_from(self, run: SplittingStepper) -> None:
+        """Start anew at the step point of another stepper of the same method, with the memory of its heat baths."""
+        self.reset(run.y.copy(), run.time, run.steps_done)
+        self.baths = by_value(run.baths)
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +156,18 @@ def with_lists(loop: Any, looking: Looking, forces: BoundForces) -> Callable[...
     return lambda bound, *args: int(loop(bound, looking.forces.table, *args))
 
 
-class FixedStepper(Regular):
+class Retimed:
+    """Stepper of fixed steps whose length can change, because nothing else is made for that length."""
+
+    dt: float
+
+    def retimed(self, dt: float) -> Self:
+        """This stepper with steps of another length. Call ``reset`` before the next step."""
+        self.dt = dt
+        return self
+
+
+class FixedStepper(Retimed, Regular):
     """Fixed steps by a compiled loop (see ``loops``) with a workspace of ``room`` arrays of y's ``shape``.
 
     With ``kept``, the workspace is carried from step to step, and a checkpoint holds it. A checkpoint always holds the

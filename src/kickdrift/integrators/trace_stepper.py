@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,10 @@ class TraceStepper(WisdomHolmanStepper):
         """Find the bodies whose hand-over radius covers their whole orbit."""
         far = np.sqrt(self._reach)
         self._wide = [int(self._bodies.order[slot]) for slot in np.flatnonzero(far >= 1.0)]
+
+    def begin_from(self, run: Self) -> None:
+        """Start anew at the step point of another stepper of the same method."""
+        self.reset(run.y, run.time, run.steps_done)
 
     @property
     def flags(self) -> tuple[int, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.integrators.option import JACOBI, KERNEL, STANDARD
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stepping import CompiledSteps, Regular
+from kickdrift.integrators.stepping import CompiledSteps, Regular, Retimed
 from kickdrift.integrators.wisdom_holman_bodies import (
     GM,
     HILL,
@@ -38,6 +38,7 @@ from kickdrift.integrators.wisdom_holman_places import leave, listed_masses, sho
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.memory import aligned
 from kickdrift.jit.vectors import WIDTH
+from kickdrift.model.memory import Memory
 from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
 from kickdrift.model.state import Floats
 
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
 
 
-class WisdomHolmanStepper(Regular):
+class WisdomHolmanStepper(Retimed, Regular):
     """Integration that stays before the last drift of a step, which is joined to the next step's first.
 
     ``y`` is a copy with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass,
@@ -57,6 +58,8 @@ class WisdomHolmanStepper(Regular):
 
     trouble = ""
     _loop_at: int | None = None  # the address of the loop's machine code, once known
+    _shows: bool = False  # whether ``_shown`` is at the step point
+    _shortest: tuple[float, int] | None = None  # steps of the shortest pericentre passage, and its body
     saved: ClassVar[tuple[str, ...]] = (
         "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
         "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
@@ -163,15 +166,33 @@ class WisdomHolmanStepper(Regular):
     # --- steps ---
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
+        self._begin_at(y, time, steps)
+        self._enter(y)
+        self._look_at_start()
+
+    def _begin_at(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y, steps
         self._start = time - steps * self.dt
         self._cursor = np.zeros(SLOTS, np.int64)
-        self._under_way = False
+        self._under_way = self._shows = False
         self._corrected = not self._correct.size
         self._others.forget()
         self._bodies.first[:] = np.nan
-        self._enter(y)
-        self._look_at_start()
+
+    def begin_from(self, run: Self) -> None:
+        """Start anew at the step point of another stepper of the same method, without a change of coordinates."""
+        if run._under_way and not run._shows:
+            run._synchronise()
+        own, there = self._bodies, run._shown if run._under_way else run._bodies
+        self._begin_at(run.y.copy(), run.time, run.steps_done)
+        for key in ("orbit", "carry", "centre"):
+            getattr(own, key)[...] = getattr(there, key)
+        own.table[HILL], self._shortest = run._hill, run._shortest
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        super().recall(memory)
+        self._shows = False
 
     @property
     def _lists(self) -> BoundForces:
@@ -237,7 +258,7 @@ class WisdomHolmanStepper(Regular):
                 self._aside[:] = 0
                 if status := self._call(shown, row, 1, self._aside, self._looks):
                     return status
-        self.y = self._leave(shown)
+        self.y, self._shows = self._leave(shown), True
         return 0
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
@@ -249,7 +270,7 @@ class WisdomHolmanStepper(Regular):
     def _look_at_start(self) -> None:
         """Find Hill radii, and the body whose pericentre passage takes fewest steps."""
         bodies, real = self._bodies, np.flatnonzero(self._real)
-        self._shortest: tuple[float, int] | None = None
+        self._shortest = None
         bodies.table[HILL] = 0.0
         if not len(real):
             return

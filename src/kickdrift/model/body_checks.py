@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.checks import listed, per_particle
 from kickdrift.model.state import Floats
+from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.text import shown
 
 MOST_LETTERS = 255  # of a name
@@ -64,13 +65,14 @@ def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:
     return given
 
 
-def forces_of(forces: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the forces as a tuple, checked: each has ``check``, as ``kd.Gravity()`` does."""
+def forces_of(forces: Iterable[Any], units: UnitSystem | None = None) -> tuple[Any, ...]:
+    """Return the forces as a tuple, checked: each has ``check``, as ``kd.Gravity()`` does. A force whose parameters are
+    text with units is made in ``units``."""
     found = listed("forces", forces, "a list of forces, such as [kd.LennardJones(cutoff=2.5)]")
     for k, force in enumerate(found):
         if isinstance(force, type) or not callable(getattr(force, "check", None)):
             raise InputError(f"forces[{k}]: expected a force, such as kd.LennardJones(cutoff=2.5), {_instead(force)}")
-    return tuple(found)
+    return tuple(force.in_units(units) if units and hasattr(force, "in_units") else force for force in found)
 
 
 def _instead(force: Any) -> str:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.display.showing import Lines, Shown, above
-from kickdrift.text import choices, counted
+from kickdrift.text import choices, counted, measured
 
 
 class ShownSystem(Shown):
     """A System that prints what it holds."""
 
     def __repr__(self: Any) -> str:
-        return f"<System {self.name}: {counted(len(self), 'particle')}>"
+        return f"<System {self.name}: {counted(len(self), 'particle')} at time {self.state.time:g}>"
 
     def view(self, *, colour: str | None = None, size: float = 1.0, height: int | None = None) -> Any:
         """Show the particles in a picture that turns: a widget in a notebook, else an object with ``save(path)``.
@@ -27,6 +27,7 @@ class ShownSystem(Shown):
             ("particles", f"{len(self):,} ({choices(self.species)})"),
             ("box", self.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if self.dimensions == 2 else []),
+            ("time", measured(f"{self.state.time:g}", units.symbol("time"))),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *([("topology", str(self.topology))] if self.topology is not None else []),
             *(("force", _force(force)) for force in self.forces),
@@ -78,5 +79,8 @@ class ShownProblem(Shown):
 
 def _run_line(subject: Any) -> Lines:
     """The defaults of a run, if there are any."""
-    said = ", ".join(f"{key} = {value}" for key, value in subject.run.said().items())
+    given = subject.run.said()
+    if times := given.get("times"):
+        given["times"] = f"{times[0]:g} to {times[-1]:g} ({len(times):,})"
+    said = ", ".join(f"{key} = {value}" for key, value in given.items())
     return [("run", said)] if said else []

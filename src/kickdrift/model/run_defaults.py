@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
+
+from kickdrift.model.units import UnitSystem, time_in
+
+# A key of ``[run]``, and the keys that it replaces.
+REPLACED = (
+    ("steps", "time", "times"), ("time", "steps", "times"), ("every", "interval", "times"),
+    ("interval", "every", "times"), ("times", "steps", "time", "every", "interval"),
+)  # fmt: skip
 
 
 @runtime_checkable
@@ -24,7 +32,7 @@ class RunDefaults:
 
     Attributes
     ----------
-    integrator, dt, steps, time, every, interval : as in ``[run]``; None for a missing key
+    integrator, dt, steps, time, times, every, interval : as in ``[run]``; None for a missing key
     options : the integrator's options in ``[run]``, by name
     """
 
@@ -34,6 +42,7 @@ class RunDefaults:
     time: float | None = None
     every: int | None = None
     interval: float | None = None
+    times: tuple[float, ...] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __init__(
@@ -44,10 +53,12 @@ class RunDefaults:
         time: float | None = None,
         every: int | None = None,
         interval: float | None = None,
+        times: Iterable[float] | None = None,
         **options: Any,
     ) -> None:
         own = {
             "integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every, "interval": interval,
+            "times": None if times is None else tuple(times),
         }  # fmt: skip
         given = {key: value for key, value in options.items() if value is not None}
         for key, value in (own | {"options": given}).items():
@@ -55,8 +66,23 @@ class RunDefaults:
 
     def __hash__(self) -> int:
         return hash(
-            (self.integrator, self.dt, self.steps, self.time, self.every, self.interval, frozenset(self.options))
+            (
+                self.integrator,
+                self.dt,
+                self.steps,
+                self.time,
+                self.every,
+                self.interval,
+                self.times,
+                frozenset(self.options),
+            )
         )
+
+    def in_units(self, units: UnitSystem) -> RunDefaults:
+        """Return the defaults with times that are text, such as dt = "2 fs", as numbers in ``units``."""
+        alone = {key: time_in(getattr(self, key), units, key) for key in ("dt", "time", "interval")}
+        row = self.times and tuple(time_in(value, units, f"times[{k}]") for k, value in enumerate(self.times))
+        return RunDefaults(**self.said() | alone | {"times": row})
 
     def said(self) -> dict[str, Any]:
         """Values by key, including the options. As arguments they make an equal RunDefaults."""
@@ -64,14 +90,15 @@ class RunDefaults:
         return own | dict(self.options)
 
     def changed(self, **defaults: Any) -> RunDefaults:
-        """Return a copy with these values. Steps and time replace each other, and so do every and interval.
+        """Return a copy with these values. Steps, time and times replace each other, and so do every and interval, and
+        times replace these too.
 
         An integrator with options as one value gives its name and its options; an option beside the value replaces the
         value's own.
         """
-        for one, other in (("steps", "time"), ("time", "steps"), ("every", "interval"), ("interval", "every")):
+        for one, *others in REPLACED:
             if one in defaults:
-                defaults.setdefault(other, None)
+                defaults = dict.fromkeys(others) | defaults
         which = defaults.get("integrator")
         if isinstance(which, NamedWithOptions):
             given = {key: value for key, value in defaults.items() if value is not None}

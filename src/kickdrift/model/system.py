@@ -123,15 +123,15 @@ class System(Bridged, ShownSystem):
         put(self, "dimensions", dimensions)
         if dimensions == 2:
             check_plane(self.state.phase)
-        put(self, "forces", forces_of(forces))
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
+        put(self, "forces", forces_of(forces, self.units))
         put(self, "species", kinds)
         put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
         check_kinds(name=(name, str), run=(run, RunDefaults), source=(source, str))
         check_kinds(equilibration=(equilibration, Equilibration), invariants=(invariants, Mapping))
         put(self, "name", name)
-        put(self, "run", run or RunDefaults())
+        put(self, "run", (run or RunDefaults()).in_units(self.units))
         put(self, "equilibration", equilibration)
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
@@ -175,10 +175,18 @@ class System(Bridged, ShownSystem):
         object.__setattr__(other, "state", state)
         return other
 
+    def anew(self, state: State) -> System:
+        """Return the system with its bodies in this state, for a new run that begins there: with no steps done, and
+        without ``equilibration``, ``invariants`` and the text of a file, which are of the start."""
+        made = self.at(state.phase, state.time, ids=state.ids, box=state.box)
+        for key, value in (("equilibration", None), ("invariants", {}), ("source", "")):
+            object.__setattr__(made, key, value)
+        return made
+
     def under(self, forces: Iterable[Any]) -> System:
         """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)
-        object.__setattr__(other, "forces", forces_of(forces))
+        object.__setattr__(other, "forces", forces_of(forces, self.units))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
@@ -191,7 +199,7 @@ class System(Bridged, ShownSystem):
         """Return the system with changed `RunDefaults`, such as ``dt`` and ``integrator``, which may be a value of
         ``kickdrift.integrator``. Steps replace a time, and a time replaces steps."""
         made = copy(self)
-        object.__setattr__(made, "run", self.run.changed(**defaults))
+        object.__setattr__(made, "run", self.run.changed(**defaults).in_units(self.units))
         return made
 
     # --- new systems from old ones ---

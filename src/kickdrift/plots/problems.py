@@ -16,8 +16,9 @@ from kickdrift.integrators.option import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.plots.runs import COLOURS, GRID, INK, _thin, checked_target, new_axes, new_figure, save_figure
-from kickdrift.run.lengths import length_of, steps_to
+from kickdrift.run.lengths import steps_to
 from kickdrift.run.simulation import Simulation
+from kickdrift.run.times import length_of
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import opened
 

@@ -32,7 +32,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import Safe, failure, go_back
 from kickdrift.run.purpose import purpose_of
-from kickdrift.run.shortened import shortened_step
+from kickdrift.run.shortened import Shortened
 from kickdrift.run.stepping import stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
@@ -98,13 +98,14 @@ class Integration:
         self.pressed: Callable[[], bool] = bool
         self._from_start = False  # whether the first step begins at the System's own positions
         self.at: float | None = None
-        self._present: tuple[float, Floats] | None = None  # a time inside a step, and y at that time
+        self._present: tuple[float, Floats, float | None] | None = None  # time inside a step, y and heat at that time
         self._compiled = False
 
     def stepper_for(self, system: Any) -> Stepper:
         """Make ``system`` the integration's bodies, and return the method's stepper for them."""
         self.system: System | Problem = system
         self.flow: RunFlow
+        self._shortened = Shortened(self)
         self.flow, stepper = self._made(system, self.options)
         return stepper
 
@@ -135,7 +136,11 @@ class Integration:
     @property
     def heat(self) -> float | None:
         """Energy that a heat bath has given; None without a bath and where the engine does not tell it."""
-        return self.stepper.heat if self.method.bath else None  # type: ignore[union-attr]
+        if not self.method.bath:
+            return None
+        if self.at is None:
+            return self.stepper.heat  # type: ignore[union-attr]
+        return self._inside[2]
 
     @property
     def box_varies(self) -> bool:
@@ -162,6 +167,7 @@ class Integration:
         old: Any = self.stepper
         with compiling_for(self.purpose):
             flow, self.stepper = self.stepper_in(backward, self.options)
+            self._shortened = Shortened(self)
         self.flow = self.flow if backward else flow
         self._reset(y, time, steps)
         if hasattr(old, "method_state"):
@@ -208,15 +214,19 @@ class Integration:
     @property
     def y(self) -> Floats:
         """y at the current time. Only the stepper may write into it."""
-        if self.at is None:
-            return self.stepper.y
+        return self.stepper.y if self.at is None else self._inside[1]
+
+    @property
+    def _inside(self) -> tuple[float, Floats, float | None]:
+        """The current time inside a step, and y and the heat there."""
+        assert self.at is not None
         if self._present is None or self._present[0] != self.at:
             if self._beyond(self.at):
                 self.look_ahead(self.at)
             else:
-                self._present = self.at, self.stepper.at(self.at)
+                self._present = self.at, self.stepper.at(self.at), None
         assert self._present is not None
-        return self._present[1]
+        return self._present
 
     @property
     def state(self) -> Any:
@@ -357,7 +367,7 @@ class Integration:
         With fixed steps, a shortened step of another stepper gives y at that time."""
         stepper: Any = self.stepper
         self.moving.forget_errors()
-        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else shortened_step(self, time)
+        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened.step(time)
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
@@ -365,7 +375,7 @@ class Integration:
             self.record.steps += 1
         if counted:
             self.record.count(cost)
-        self.at, self._present = time, (time, y)
+        self.at, self._present = time, (time, y, self._shortened.heat)
 
     def fail(self, inside_step: bool, stopped: bool = False) -> NoReturn:
         """Go back to the last good state, and raise an error that says what blew up.

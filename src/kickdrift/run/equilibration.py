@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import TEMPERATURE
+from kickdrift.integrators.option import DT, TEMPERATURE
 from kickdrift.jit.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks import positive, unwarned, whole_number
@@ -99,8 +99,8 @@ def _checked(sim: Heated, asked: Equilibration) -> Ramp:
     an adaptive method."""
     if not isinstance(sim.system, System):
         raise InputError("equilibrate: a Problem has no temperature")
-    start = positive("equilibrate: temperature", asked.temperature, "positive")
-    end = start if asked.to is None else positive("equilibrate: to", asked.to, "positive")
+    start = _temperature(sim, "equilibrate: temperature", asked.temperature)
+    end = start if asked.to is None else _temperature(sim, "equilibrate: to", asked.to)
     whole_number("equilibrate: interval", asked.interval, 1)
     if (asked.time is None) == (asked.steps is None):
         raise InputError(f"equilibrate: give time or steps{', not both' if asked.steps is not None else ''}")
@@ -110,13 +110,18 @@ def _checked(sim: Heated, asked: Equilibration) -> Ramp:
     else:
         time = time_in(asked.time, sim.system.units, "equilibrate: time")
         positive("equilibrate: time", time, "positive")
-        dt = asked.options.get("dt") or sim.dt
+        dt = DT.in_units(asked.options.get("dt"), sim.system.units) or sim.dt
         count = max(1, round(steps_in("equilibrate: time", time, dt))) if isinstance(dt, float) else count
     if freedom_of(sim.system) == 0:
         raise InputError("equilibrate: a system of one particle has no temperature")
     if sim.running:
         raise InputError("equilibrate: the Simulation is already running")
     return Ramp(start, end, count)
+
+
+def _temperature(sim: Heated, key: str, value: Any) -> float:
+    """A positive temperature in the system's unit, from a number or a text with a unit."""
+    return positive(key, time_in(value, sim.system.units, key, TEMPERATURE.dimension), "positive")
 
 
 def _check_bath(sim: Heated, ramp: Ramp, by: str) -> None:

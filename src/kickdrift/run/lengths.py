@@ -129,9 +129,7 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     dt, run = sim.dt, sim.integration
     backward = until < sim.time - CLOSE * dt
     sign = -1 if backward else 1
-    begin, begun = (
-        (run.stepper.time, run.stepper.steps_done) if backward == run.backward else (sim.time, sim.steps_done)
-    )
+    begin, begun = grid_from(sim, backward)
     steps = steps_in("run: time", abs(until - begin), dt)
     nearest = round(steps)
     off = abs(steps - nearest) > CLOSE
@@ -145,6 +143,12 @@ def whole_steps(sim: Planned, until: float, exact: Exact = False) -> Whole:
     passed = int(np.floor(steps)) + 1 if shortened else nearest
     end = until if shortened else begin + sign * passed * dt
     return Whole(max(0, begun + passed - sim.steps_done), backward, end, off, shortened)
+
+
+def grid_from(sim: Planned, backward: bool) -> tuple[float, int]:
+    """Time and number of the whole step from which a run in this direction counts its steps."""
+    run = sim.integration
+    return (run.stepper.time, run.stepper.steps_done) if backward == run.backward else (sim.time, sim.steps_done)
 
 
 def time_of(sim: Planned, value: float | str | None, key: str) -> float | None:
@@ -193,26 +197,3 @@ def steps_to(sim: Planned, steps: int | None, until: float | None, exact: Exact 
     if until is None:
         return whole_number("steps", steps, 0)
     return whole_steps(sim, until, exact).steps
-
-
-def length_of(
-    sim: Planned, name: str, steps: int | None = None, time: float | None = None, exact: Exact = False
-) -> dict[str, Any]:
-    """Return the arguments ``steps``, or ``until`` and ``exact``, of ``Simulation.run``.
-
-    Without ``steps`` and ``time``, the system's own ``[run]`` decides. Errors name the system by ``name``."""
-    given = sim.system.run
-    if steps is None and time is None:
-        steps, time = given.steps, given.time
-        if sim.method.chooses_steps and given.steps is not None and given.dt is not None:
-            steps, time = None, given.steps * given.dt  # as long as the fixed steps of the file
-    if steps is None and time is None:
-        raise InputError(f"{name}: [run] names neither steps nor time; give --steps or --time")
-    if time is None:
-        return {"steps": steps_to(sim, steps, None)}
-    if not np.isfinite(number(time)):
-        raise InputError(f"time must be a finite time, got {shown(time)}")
-    until = sim.time + time
-    if not sim.method.chooses_steps:
-        steps_to(sim, steps, until, exact)  # or its error
-    return {"until": until, "exact": exact}

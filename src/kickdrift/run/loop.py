@@ -18,6 +18,7 @@ from kickdrift.run.lengths import CLOSE
 from kickdrift.run.looks import Sampler
 from kickdrift.run.plan import Plan
 from kickdrift.run.report import Report, seconds_of
+from kickdrift.run.times import go_to_next
 from kickdrift.run.watch.file import File
 from kickdrift.run.watch.watcher import Watcher
 from kickdrift.text import shown
@@ -82,13 +83,26 @@ def _go(
         for watcher in watchers:
             _timed(run, watcher, watcher.look)
 
+    def look_or_pause(looked: bool) -> None:
+        if looked:
+            look()
+        else:
+            for watcher in watchers:
+                _timed(run, watcher, watcher.pause)
+
     look(again=False)
     file = next((watcher for watcher in watchers[1:2] if isinstance(watcher, File) and watcher.takes_series), None)
     file = file if len(watchers) == 2 else None
     began, spent_before = perf_counter(), run.record.wall_seconds
     looked = True
     while not (plan.over(run) or interrupted() or run.ended or (run.events and run.events.stopped)):
-        if plan.only_shortened(run):
+        if plan.times:
+            stepped = perf_counter()
+            looked = go_to_next(run, plan)
+            run.record.spend(STEPPING, perf_counter() - stepped)
+            run.record.wall_seconds = spent_before + perf_counter() - began
+            look_or_pause(looked)
+        elif plan.only_shortened(run):
             run.look_ahead(plan.end_time, counted=True)
             look()
             looked = True
@@ -113,11 +127,7 @@ def _go(
             run.record.wall_seconds = spent_before + perf_counter() - began
             at_stop = run.steps_done == stop and not (plan.only_shortened(run) and run.steps_done % plan.every)
             looked = held or at_stop or plan.reached(run.stepper.time, stop_time)
-            if looked:
-                look()
-            else:
-                for watcher in watchers:
-                    _timed(run, watcher, watcher.pause)
+            look_or_pause(looked)
         if progress:
             progress(*plan.progress(run))
     if not looked:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from operator import neg
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -15,7 +17,7 @@ from kickdrift.model.checks import number
 from kickdrift.model.limits import NEVER, steps_in
 from kickdrift.model.limits import whole_number as whole_number
 from kickdrift.run.backward import check_backward
-from kickdrift.run.lengths import SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
+from kickdrift.run.lengths import CLOSE, SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -41,7 +43,9 @@ class Cadence(Protocol):
 
 
 class Clock(Protocol):
-    """Step and time of a run."""
+    """Step and time of a run, and the length of fixed steps."""
+
+    dt: float | None
 
     @property
     def steps_done(self) -> int: ...
@@ -56,7 +60,8 @@ class Plan:
 
     The run looks after every ``every`` steps or every ``interval`` of time. With ``exact``, looks are at exactly these
     times; otherwise each look is at the next step point. An end before the beginning is a run backwards; with fixed
-    steps it is at minus infinity. Fixed steps to ``end_step`` and a finite ``end_time`` end with a shortened step.
+    steps it is at minus infinity. Fixed steps to ``end_step`` and a finite ``end_time`` end with a shortened step. With
+    ``times``, the looks are at these times alone, and the last one is the end.
     """
 
     begin_step: int
@@ -66,17 +71,19 @@ class Plan:
     every: int = 0
     interval: float = 0.0
     exact: bool = False
+    times: tuple[float, ...] = ()
 
     @property
     def numbers(self) -> list[float]:
         """The Plan as numbers, as a run's file stores it."""
-        return [float(value) for value in astuple(self)]
+        return [float(value) for value in (*astuple(self)[:-1], *self.times)]
 
     @classmethod
     def of(cls, numbers: Sequence[float]) -> Plan:
         """Return the Plan with these ``numbers``."""
-        begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
-        return cls(int(begin_step), begin_time, int(end_step), end_time, int(every), interval, bool(exact))
+        begin_step, begin_time, end_step, end_time, every, interval, exact, *times = numbers
+        steps = int(begin_step), int(end_step), int(every)
+        return cls(steps[0], begin_time, steps[1], end_time, steps[2], interval, bool(exact), tuple(times))
 
     @property
     def backward(self) -> bool:
@@ -89,6 +96,8 @@ class Plan:
 
     def over(self, run: Clock) -> bool:
         """Tell whether the run has reached its end."""
+        if self.times:
+            return self.next_time(run) is None
         return run.steps_done >= self.end_step or self.reached(run.time, self.end_time)
 
     @property
@@ -99,6 +108,16 @@ class Plan:
     def only_shortened(self, run: Clock) -> bool:
         """Whether nothing but a shortened step is left."""
         return self.whole_steps_end <= run.steps_done < self.end_step
+
+    def next_time(self, run: Clock) -> float | None:
+        """The first of the ``times`` that lies ahead of the present; None if there is none. A time within the rounding
+        of fixed steps counts as the present."""
+        margin = 0.0 if self.end_step == NEVER or run.dt is None else CLOSE * run.dt
+        if self.backward:
+            passed = bisect_right(self.times, margin - run.time, key=neg)
+        else:
+            passed = bisect_right(self.times, run.time + margin)
+        return self.times[passed] if passed < len(self.times) else None
 
     def next_stop(self, run: Clock) -> tuple[int, float]:
         """The next step number and time to stop at, whichever comes first."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
+from kickdrift.forces.spins import with_spins
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
+from kickdrift.model.bodies import Body
 from kickdrift.model.orbit_table import OrbitTable, orbit_table
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -26,8 +29,32 @@ class Present(ShownSimulation):
 
     @property
     def system(self) -> Any:
-        """The System or Problem that runs, without bodies that an event removed."""
+        """The System or Problem that runs, as it was at the start, or after the last event that changed its bodies.
+
+        `now` is the System at present."""
         return self.integration.system
+
+    def now(self) -> System:
+        """The System at present: the bodies with their positions and velocities of now, in the box of now.
+
+        A new run may begin there: ``kd.Simulation(nvt.now(), "velocity-verlet")``. The System has the present time, no
+        steps done, and no ``[equilibrate]`` and ``[invariants]``, which are of the start. Raises InputError for a
+        Problem.
+        """
+        system, state = self.system, self.integration.state
+        if not isinstance(system, System):
+            raise InputError("now: a Problem has no bodies; the Simulation's state has y")
+        present = system.anew(state)
+        return present if state.spins is None else with_spins(present, state.spins.T)
+
+    def __getitem__(self, body: str | int) -> Body:
+        """The `Body` of that name or id at present: ``sim["Callisto"].position``. ``sim.system["Callisto"]`` is the
+        body at the start. Raises InputError for an unknown name, with the nearest one, and for a Problem."""
+        return self.now()[body]
+
+    def __iter__(self) -> Iterator[Body]:
+        """The bodies at present."""
+        return iter(self.now())
 
     @property
     def engine(self) -> str:
@@ -80,8 +107,7 @@ class Present(ShownSimulation):
         """
         if not isinstance(self.system, System):
             raise InputError("elements: a Problem has no bodies")
-        now = self.integration.state
-        return orbit_table(self.system.at(now.phase, now.time, ids=now.ids), frame, plane)
+        return orbit_table(self.now(), frame, plane)
 
     def sample(self) -> Sample:
         """Return a sample of the current state."""

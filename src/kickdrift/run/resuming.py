@@ -8,7 +8,7 @@ does not matter.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from kickdrift.run.loop import go_to
 from kickdrift.run.plan import Plan, check_samples, whole_number
 from kickdrift.run.problem_resuming import check_f, other_y, sample_of, subject_of
 from kickdrift.run.simulation import Simulation
+from kickdrift.run.times import plan_at, times_of
 from kickdrift.text import choices, counted, shown
 from kickdrift.trajectory import opened
 from kickdrift.trajectory.layout import versions
@@ -115,10 +116,17 @@ def _end(run: Run | ProblemRun, sim: Simulation) -> float:
     return -np.inf if backward and end == np.inf else end
 
 
-def continued(sim: Simulation, steps: int | None, time: float | None) -> Plan:
-    """Return the plan of a resumed run with another end, ``steps`` or ``time`` counted from step 0."""
+def continued(
+    sim: Simulation, steps: int | None, time: float | None, times: Sequence[float | str] | None = None
+) -> Plan:
+    """Return the plan of a resumed run with another end, ``steps`` or ``time`` counted from step 0, or with other
+    ``times``."""
     plan = sim.plan
     assert plan is not None
+    if times is not None:
+        return plan_at(sim, times_of(sim, times))
+    if plan.times and (steps, time) != (None, None):
+        raise InputError(f"{sim.output}: the run looks at given times; give other --times to extend the run")
     begin = sim.record.samples[0].time if sim.record.samples else sim.time
     if sim.dt is not None and not sim.method.chooses_steps:
         begin = sim.time - sim.steps_done * sim.dt

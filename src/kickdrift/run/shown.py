@@ -106,7 +106,7 @@ class ShownSimulation(Shown):
     def _lines(self: Any) -> Lines:
         units = getattr(self.system, "units", None)
         unit = units.symbol("time") if units else ""
-        lines = [line for line in lines_of(self.system) if line[0] not in ("run", "equilibrate")]
+        lines = [line for line in lines_of(self.system) if line[0] not in ("time", "run", "equilibrate")]
         if self.engine != "native":
             lines.append(("engine", f"{self.engine} {self.engine_version}"))
         step = None if self.method.adaptive else self.dt

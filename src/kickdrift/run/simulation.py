@@ -15,7 +15,7 @@ from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces.bound import check_threads
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import Integrator, in_units, settled, unpacked
+from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.model.capacity import PROCESS_BYTES, check_room
 from kickdrift.model.checks import path_text, whole_number
 from kickdrift.model.event_checks import checked_crossings
@@ -38,6 +38,7 @@ from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
 from kickdrift.run.present import Present
 from kickdrift.run.report import Report, report
+from kickdrift.run.times import plan_at, refuse_beside, times_of
 from kickdrift.run.watch.imd import Imd
 from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
@@ -67,10 +68,14 @@ class Simulation(Present):
     hosts : file that lists machines for the processes, as mpiexec takes it: lines of NAME or NAME:COUNT
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     options : options of the integrator, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
-        explains them. Options given here override those of an integrator's value, which override the system file's.
-        Every integrator takes ``precision`` of the pair forces: "double" (float64, default) or "mixed" (pairs in
-        float32, everything else in float64). With "mixed", the error of forces in a liquid is about 2e-7 of a typical
-        force for each sigma of the box's edge (in open space, of the extent). Reported energies are in float64
+        explains them. A value with a unit may be text: ``temperature="300 K"``. Options given here override those of an
+        integrator's value, which override the system file's. Every integrator takes ``precision`` of the pair forces:
+        "double" (float64, default) or "mixed" (pairs in float32, everything else in float64). With "mixed", the error
+        of forces in a liquid is about 2e-7 of a typical force for each sigma of the box's edge (in open space, of the
+        extent). Reported energies are in float64
+
+    ``now()`` is the System at present, and ``sim["Callisto"]`` a body at present.
+    ``system`` is the System at the start.
 
     Raises
     ------
@@ -99,8 +104,7 @@ class Simulation(Present):
         named = name if name is not None else system.run.integrator
         self.integrator = default if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
-        asked = in_units(asked, self.method.options, getattr(system, "units", None))
-        self.options = settled(self.method, asked, system.run)
+        self.options = settled(self.method, asked, system.run, getattr(system, "units", None))
         self.dt = self.options.dt
         if self.dt is None and self.method.needs_dt:
             raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
@@ -222,6 +226,7 @@ class Simulation(Present):
         *,
         until: float | str | None = None,
         time: float | str | None = None,
+        times: Iterable[float | str] | None = None,
         exact: Exact = False,
         every: int | None = None,
         interval: float | str | None = None,
@@ -235,7 +240,9 @@ class Simulation(Present):
         imd_wait: bool = False,
         live: bool | int = False,
     ) -> Report:
-        """Take ``steps`` steps, run ``until`` a time, or run for a ``time``: a number, or a text such as "5 ps".
+        """Take ``steps`` steps, run ``until`` a time, for a ``time``, or to each of some ``times``.
+
+        Times are numbers, or texts such as "5 ps".
 
         An adaptive method reaches any time. Fixed steps run to the nearest whole step, and the report says so. With
         ``exact=True`` a time between two steps is an InputError. With ``exact="shorten"`` a copy takes a shortened last
@@ -245,10 +252,16 @@ class Simulation(Present):
         The run looks at the start, after every ``every`` steps (counted from step 0) and at the end. Each look samples
         the energies, writes a frame to ``output`` (a new .h5md file, or one that this Simulation began) and calls
         ``observe(sim)``. A Problem writes y and its energy to a .h5 file, or at the end to a table (.csv, .parquet). An
-        adaptive run may look at every ``interval`` of time instead, which does not change its steps. ``file`` sets how
-        the output is written: seconds between flushes, precision, compression, forces and images. The values of
-        ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file takes the
-        same columns as the file.
+        adaptive run may look at every ``interval`` of time instead, which does not change its steps.
+
+        With ``times``, any run looks at its start and at exactly these times, and ends at the last time. Times rise, or
+        fall for a run back in time. The steps and their bits stay as they are without ``times``: a state inside a step
+        is the interpolant of an adaptive method, or the end of a shortened copy of a fixed step. A time within a
+        millionth of a step of a whole step is that step.
+
+        ``file`` sets how the output is written: seconds between flushes, precision, compression, forces and images. The
+        values of ``columns`` go to the file beside the energies, and to ``record.samples``. A run that continues a file
+        takes the same columns as the file.
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
@@ -265,13 +278,14 @@ class Simulation(Present):
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
+        refuse_beside(times, steps=steps, until=until, time=time, every=every, interval=interval, exact=exact or None)
         goal, apart = goal_of(self, steps, until, time), time_of(self, interval, "interval")
         columns = with_body_columns(columns, self.integration)
         own = work_columns(self.system)
         asked = checked_columns(columns, getattr(self.system, "units", None), own)
         written = ColumnWatcher(asked, self.integration, self)
         output = self._outputs.chosen(None if output is None else path_text("run: output", output), overwrite)
-        plan = self.plan
+        plan = self.plan if times is None else plan_at(self, times_of(self, times))
         if plan is None or (steps, goal, every, apart) != (None,) * 4:
             seen = isinstance(self.system, System) or bool(self.system.energy or observe or written.columns or output)
             plan = plan_of(self, steps, goal, every, apart, self._outputs.own(output), seen, exact)
@@ -320,18 +334,19 @@ class Simulation(Present):
 
     def equilibrate(
         self,
-        temperature: float,
+        temperature: float | str,
         time: float | str | None = None,
         interval: int = 10,
         progress: bool | Callable[[int, int], Any] | None = None,
         *,
-        to: float | None = None,
+        to: float | str | None = None,
         steps: int | None = None,
         integrator: str | None = None,
         **options: Any,
     ) -> None:
         """Bring the system to ``temperature`` in ``time`` or ``steps``, then count steps, time and conservation from
-        zero. With ``to``, the temperature goes from ``temperature`` to ``to``, linearly in time.
+        zero. With ``to``, the temperature goes from ``temperature`` to ``to``, linearly in time. Each may be text with
+        a unit, such as "94.4 K" or "5 ps".
 
         Velocities are rescaled to the temperature every ``interval`` steps (Woodcock 1971,
         doi:10.1016/0009-2614(71)80281-6). A last rescaling sets the total energy to the mean over the second half,

@@ -78,6 +78,7 @@ _HELP: dict[tuple[str, str], str] = {
     ("run", "time"): "Length of the run; or give steps.",
     ("run", "every"): "Steps between samples; or give interval.",
     ("run", "interval"): "Time between samples; or give every.",
+    ("run", "times"): "Times of samples and frames, which rise; the run ends at the last one.",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from itertools import pairwise
 from math import isfinite
 from typing import Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ from kickdrift.model.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import In, Table, Temperature, Time
 
+AnyTime = Annotated[float, BeforeValidator(In("time", "non-negative"))]
 Steps = Annotated[int, Field(gt=0, le=MOST_STEPS)]
 
 
@@ -32,6 +34,7 @@ class RunTable(Table):
     time: Time | None = None
     every: Steps | None = None
     interval: Time | None = None
+    times: Annotated[list[AnyTime], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _steps_or_time(self) -> RunTable:
@@ -39,6 +42,12 @@ class RunTable(Table):
             raise InputError("expected steps or time, got both")
         if self.every is not None and self.interval is not None:
             raise InputError("expected every or interval, got both")
+        for key in ("steps", "time", "every", "interval"):
+            if self.times is not None and getattr(self, key) is not None:
+                raise InputError(f"expected times or {key}, got both")
+        for before, after in pairwise(self.times or ()):
+            if not before < after:
+                raise InputError(f"times must rise, got {before:.12g} before {after:.12g}")
         return self
 
     @classmethod
@@ -56,6 +65,7 @@ class OdeRunTable(RunTable):
     dt: PositiveFloat | None = None
     time: PositiveFloat | None = None
     interval: PositiveFloat | None = None
+    times: Annotated[list[Annotated[float, Field(ge=0.0, allow_inf_nan=False)]], Field(min_length=1)] | None = None
 
 
 class EquilibrateTable(Table):

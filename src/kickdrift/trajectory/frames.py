@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +16,9 @@ from kickdrift.forces.spins import SPINS, spinning, with_spins
 from kickdrift.looks.observers import Energies
 from kickdrift.model.box import Box
 from kickdrift.model.state import Floats, State
+from kickdrift.model.system import System
 
 if TYPE_CHECKING:
-    from kickdrift.model.system import System
     from kickdrift.trajectory.run_parts import RunHeader, RunNumbers
 
 _ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
@@ -29,6 +31,22 @@ class EnergySeries(NamedTuple):
     kinetic: Floats
     potential: Floats
     total: Floats
+
+
+class FrameSystem(System):
+    """System of a frame, which may be called as in version 0.2, where ``system`` was a method."""
+
+    @classmethod
+    def of(cls, system: System) -> FrameSystem:
+        """The same System as one that may be called."""
+        made = copy(system)
+        object.__setattr__(made, "__class__", cls)
+        return made  # type: ignore[return-value]
+
+    def __call__(self) -> System:
+        """Return the System itself; removed in 0.4."""
+        warn("frame.system() is deprecated since 0.3; use frame.system", DeprecationWarning, stacklevel=2)
+        return self
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,6 +111,7 @@ class Frame:
         found = self._run.framed(slice(self.index, self.index + 1)).get(SPINS)
         return found[0] if found is not None and found.shape[1:] == (len(self._run.ids), 3) else None
 
+    @property
     def system(self) -> System:
         """System for a new run from this frame's positions, velocities and time, with no steps done.
 
@@ -103,7 +122,7 @@ class Frame:
 
         self._run.refuse_changed()
         system, spins = system_of(self._run, self.index), self._spins
-        return system if spins is None or spinning(system) is None else with_spins(system, spins)
+        return FrameSystem.of(system if spins is None or spinning(system) is None else with_spins(system, spins))
 
     @property
     def _alone(self) -> Frames:

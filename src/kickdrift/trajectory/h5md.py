@@ -30,7 +30,7 @@ from kickdrift.trajectory.columns import Described, units_of
 from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.continued import check_continued
 from kickdrift.trajectory.header import Committed, Outline, outline_of
-from kickdrift.trajectory.layout import header_image
+from kickdrift.trajectory.layout import add_plan, header_image
 from kickdrift.trajectory.openfile import OpenFile, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.order import in_order
@@ -148,9 +148,16 @@ class Writer:
         writer._open(path, flush_bytes, (options or FileOptions()).flush, checkpoint, run_id, keep)
         writer._rows.columns = cls.units | units_of(columns)
         if plan:
-            writer._out.h5["kickdrift/plan"][...] = plan
-            writer._out.commit()
+            writer._put_plan(plan)
         return writer
+
+    def _put_plan(self, plan: Sequence[float]) -> None:
+        """Store another plan. One with another number of times needs another place in the file."""
+        if self._out.h5["kickdrift/plan"].shape == (len(plan),):
+            self._out.h5["kickdrift/plan"][...] = plan
+            self._out.commit()
+        else:
+            self.extend(lambda file: add_plan(file["kickdrift"], plan))
 
     def _open(
         self,

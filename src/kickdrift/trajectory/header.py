@@ -316,15 +316,20 @@ def plan_numbers(contents: Contents) -> list[float]:
     name = "kickdrift/plan"
     if not contents.has(name):
         return []
-    numbers: list[float] = contents.array(name, "f8", (PLAN_NUMBERS,)).tolist()
+    stored = contents.array(name, "f8", (None,))
+    if len(stored) < PLAN_NUMBERS:
+        raise contents.damaged(f"{name} has {len(stored)} numbers; expected {PLAN_NUMBERS} or more")
+    numbers: list[float] = stored.tolist()
     if np.isnan(numbers[0]):
         return []
-    begin_step, begin_time, end_step, end_time, every, interval, exact = numbers
+    begin_step, begin_time, end_step, end_time, every, interval, exact, *times = numbers
     whole = all(0 <= number < 2**63 and number == round(number) for number in (begin_step, end_step, every))
     whole = whole and begin_step <= end_step
     timely = np.isfinite(begin_time) and not np.isnan(end_time)
     ends = [abs(time) for time in (begin_time, end_time) if np.isfinite(time)]
     even = interval == 0.0 or (np.isfinite(interval) and interval > 1e-15 * max(ends))
-    if not (whole and timely and even and exact in (0.0, 1.0)):
-        raise contents.damaged(f"{name}: {numbers} is not the plan of a run")
+    apart = np.diff(times) if end_time >= begin_time else -np.diff(times)
+    rising = bool(np.isfinite(times).all()) and bool((apart > 0).all()) and times[-1:] in ([], [end_time])
+    if not (whole and timely and even and rising and exact in (0.0, 1.0)):
+        raise contents.damaged(f"{name}: {numbers[:PLAN_NUMBERS]} is not the plan of a run")
     return numbers

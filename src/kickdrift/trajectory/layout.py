@@ -34,7 +34,7 @@ SAMPLES = "kickdrift/samples"
 EVENTS = "kickdrift/events"
 KIND_BYTES, DONE_BYTES = 64, 160  # fixed lengths of an event's texts, so that rows survive a kill; longer texts are cut
 NEW_NAMES = "new_names"  # dataset of the names of bodies that collisions have added
-PLAN_NUMBERS = 7  # fields of `run.plan.Plan`
+PLAN_NUMBERS = 7  # of a `run.plan.Plan`, before its times
 EVENT_WIDTH = 6 + (KIND_BYTES + DONE_BYTES) // 8  # length of an event's row, in numbers of 8 bytes
 CHUNK_BYTES = 128 * 1024  # size of a chunk of positions or velocities: a few dozen frames of some of the particles
 SERIES_CHUNK = 512  # rows in a chunk of a series with one row for each frame or sample
@@ -171,8 +171,15 @@ def new_run(
     own.attrs["compress"] = compress
     own["committed"] = committed
     own.create_dataset("closed", data=np.zeros(1, dtype="i1"), track_times=False)
-    own.create_dataset("plan", data=np.array(plan or [np.nan] * PLAN_NUMBERS), track_times=False)
+    add_plan(own, plan or [np.nan] * PLAN_NUMBERS)
     return own
+
+
+def add_plan(own: h5py.Group, plan: Sequence[float]) -> None:
+    """Write the plan of the last call of ``run``, in place of another one."""
+    if "plan" in own:
+        del own["plan"]
+    own.create_dataset("plan", data=np.array(plan), track_times=False)
 
 
 def add_method(own: h5py.Group, method: dict[str, Any]) -> None:

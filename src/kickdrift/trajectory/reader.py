@@ -222,7 +222,7 @@ class Run(Recorded, Frames, ShownRun):
         return dataset(self, self, series, clock)
 
     def system(self) -> System:
-        """The System that the run began with, from the file alone. ``run[k].system()`` is the System at a frame."""
+        """The System that the run began with, from the file alone. ``run[k].system`` is the System at a frame."""
         from kickdrift.trajectory.record import system_of
 
         self.refuse_changed()

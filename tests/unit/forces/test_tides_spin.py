@@ -52,7 +52,7 @@ def test_a_restart_and_a_file_hold_the_spins(tmp_path):
         np.testing.assert_array_equal(run.observables["spins"][-1], whole.state.spins.T)
         np.testing.assert_array_equal(run.observables["spins"][0], SPINS)
         np.testing.assert_array_equal(run[-1].state.spins, whole.state.spins)
-        again = kd.Simulation(run[-1].system(), "gauss-radau15")
+        again = kd.Simulation(run[-1].system, "gauss-radau15")
     np.testing.assert_array_equal(again.state.spins, whole.state.spins)
 
 

@@ -74,7 +74,7 @@ def test_a_run_goes_on_with_the_same_bits_and_boxes(whole, tmp_path):
 def test_a_new_run_begins_in_the_box_of_a_frame(whole, tmp_path):
     path, seen, _ = whole
     with kd.open(path) as run:
-        frame, system = run[5].state, run[5].system()
+        frame, system = run[5].state, run[5].system
     assert system.box == seen[5].box
     assert kd.Simulation(system, "velocity-verlet", dt=0.004).state.box == seen[5].box
     sim = simulation()
@@ -131,5 +131,5 @@ def test_a_minimum_is_found_in_the_box_of_now(whole):
     assert found.converged
     assert found.system.box == sim.state.box == seen[-1].box
     with kd.open(path) as run:
-        wanted = kd.Simulation(run[-1].system(), dt=0.004).minimize(force=1e-3)
+        wanted = kd.Simulation(run[-1].system, dt=0.004).minimize(force=1e-3)
     assert found.energy == pytest.approx(wanted.energy, rel=1e-9)

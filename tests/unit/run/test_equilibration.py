@@ -217,3 +217,24 @@ def test_a_bath_acts_under_gravity_only_where_it_is_told_to():
         kd.Simulation(system, "baoab", **BATH)
     told = kd.Simulation(system, "baoab", allow_gravity=True, **BATH)
     assert told.run(5).heat != 0.0
+
+
+def test_temperatures_may_be_texts_with_units():
+    ends = []
+    for given in (
+        {"temperature": "94.4 K", "time": "0.05 ps", "to": "0.08 kK"},
+        {"temperature": 94.4, "time": 0.05, "to": 80.0},
+    ):
+        sim = kd.Simulation(kd.load("argon-864"), dt="10 fs")
+        sim.equilibrate(**given)
+        ends.append(sim.state.phase)
+    np.testing.assert_array_equal(*ends)
+    for given, message in (
+        ({"temperature": "1 ps"}, 'equilibrate: temperature: expected a temperature such as "94.4 K", got'),
+        ({"temperature": "-5 K"}, "equilibrate: temperature must be positive, got"),
+        ({"temperature": 80, "to": "1 m"}, 'equilibrate: to: expected a temperature such as "94.4 K", got'),
+    ):
+        with pytest.raises(InputError, match=message):
+            sim.equilibrate(time=0.05, **given)
+    with pytest.raises(InputError, match="equilibrate: temperature: lj quantities are plain numbers, got"):
+        kd.Simulation(melt()).equilibrate("94.4 K", steps=1)

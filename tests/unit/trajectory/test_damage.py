@@ -206,7 +206,7 @@ def test_what_the_run_was_given_is_covered_by_a_hash(path, change):
         CHANGES[change](file)
     with kd.open(path) as run:
         assert not run.unchanged
-        for read in (lambda: run.positions, lambda: run[2].velocities, run.system, run[0].system):
+        for read in (lambda: run.positions, lambda: run[2].velocities, run.system, lambda: run[0].system):
             with pytest.raises(InputError, match=r"run\.h5md: damaged: its system was changed after the run began"):
                 read()
     assert "was changed after the run began" in describe(info(path))

@@ -187,7 +187,7 @@ def test_a_run_in_two_dimensions_is_kept_and_resumed(tmp_path):
     with kd.open(whole) as one, kd.open(half) as other:
         assert one.positions.tobytes() == other.positions.tobytes()
         assert one.box == one[1].box == box
-        assert one.system().dimensions == one[2].system().dimensions == 2
+        assert one.system().dimensions == one[2].system.dimensions == 2
     kd.export(whole, tmp_path / "run.extxyz", unwrapped=True)
     last = ase.io.read(tmp_path / "run.extxyz", index=-1)
     back = kd.System.from_ase(last, [], "lj")

@@ -163,7 +163,7 @@ def test_a_closed_run_says_so(file):
     with kd.open(file[0]) as run:
         frame, part = run[2], run[::3]
     for read in (
-        lambda: frame.positions, lambda: frame.energies, lambda: frame.system(), lambda: part.velocities,
+        lambda: frame.positions, lambda: frame.energies, lambda: frame.system, lambda: part.velocities,
         lambda: part.observables, lambda: run.positions, lambda: run.energies, lambda: run.events,
         lambda: run.path_of(0), lambda: run.to_pandas(), lambda: run.to_xarray(), lambda: run.system(),
     ):  # fmt: skip
@@ -246,8 +246,8 @@ def test_any_frame_starts_a_new_run(tmp_path, make):
     given = write(tmp_path / "run.h5md", make())
     with kd.open(tmp_path / "run.h5md") as run:
         frame = run[5]
-        system = frame.system()
-        np.testing.assert_array_equal(run[:6][-1].system().state.phase, system.state.phase)
+        system = frame.system
+        np.testing.assert_array_equal(run[:6][-1].system.state.phase, system.state.phase)
         np.testing.assert_array_equal(run.system().state.phase, given.state.phase)
         assert run.system().state.time == 0.0
     assert (system.forces, system.events) == (given.forces, given.events)
@@ -267,7 +267,7 @@ def test_a_frames_state_is_taken_by_a_simulation(tmp_path):
     first = kd.Simulation(system, "leapfrog", dt=0.01)
     first.run(40, output=tmp_path / "run.h5md", every=10)
     with kd.open(tmp_path / "run.h5md") as run:
-        second, third = kd.Simulation(system, "leapfrog", dt=0.01), kd.Simulation(run[2].system(), "leapfrog", dt=0.01)
+        second, third = kd.Simulation(system, "leapfrog", dt=0.01), kd.Simulation(run[2].system, "leapfrog", dt=0.01)
         second.state = run[2].state
         assert second.steps_done == 20
     for sim in (second, third):

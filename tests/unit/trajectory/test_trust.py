@@ -137,7 +137,7 @@ def test_a_file_names_no_callable(tmp_path, whole, called, monkeypatch, capfd, k
     before = path.read_bytes()
     with kd.open(path) as run:  # the run is data and can be read
         assert len(run) == 5
-        for ask in (run.system, run[1].system, lambda: kd.resume(path), lambda: kd.resume(path, step=1)):
+        for ask in (run.system, lambda: run[1].system, lambda: kd.resume(path), lambda: kd.resume(path, step=1)):
             with pytest.raises(
                 InputError, match=r"belongs to module .*, which is not loaded or does not register this force"
             ):

@@ -53,7 +53,7 @@ def test_every_frame_has_its_box(tmp_path, shape, units, images):
             np.testing.assert_allclose(frame.box.matrix, state.box.matrix, rtol=1e-15)
             np.testing.assert_allclose(frame.positions, state.positions, rtol=1e-14, atol=1e-14 / size * 100)
             np.testing.assert_allclose(frame.wrapped(), state.wrapped(), rtol=1e-12, atol=1e-12 / size * 20)
-            made = frame.system()
+            made = frame.system
             assert made.box == frame.box == frame.state.box
             (tmp_path / "frame.toml").write_text(made.at(made.state.phase, 0.0).to_toml())
             assert kd.load(tmp_path / "frame.toml").box == frame.box

@@ -14,6 +14,7 @@ from kickdrift.integrators.stepper import Counts, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
+from kickdrift.run.shortened import of_length
 
 
 class Watched(Protocol):
@@ -51,18 +52,14 @@ class Trials:
 
     def step(self, y: Floats, begin: float, end: float) -> tuple[int, Floats, Counts]:
         """Take one step from y at ``begin`` to ``end``. Return the status, y at the end, and the counts."""
-        stepper = self._stepper(end - begin)
+        self._last = stepper = of_length(end - begin, self._last, self._made)
         stepper.reset(y.copy(), begin, 0)
         before = stepper.counts
         status = stepper.advance(1, float("inf"))
         return status, stepper.y, stepper.counts - before
 
-    def _stepper(self, dt: float) -> Stepper:
-        """A stepper for steps of this length: the last one, where it can change their length."""
-        if hasattr(self._last, "retimed"):
-            return self._last.retimed(dt)
-        self._last = self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
-        return self._last
+    def _made(self, dt: float) -> Stepper:
+        return self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
 
     def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:
         """y at a time inside the run's ``step``, which began at y."""
