@@ -44,7 +44,7 @@ LOCAL = {  # Dask's settings for a cluster on this machine
     "distributed.scheduler.active-memory-manager.start": False,
 }
 REFRESH = 1.0  # seconds between counts of the workers
-_STARTING = RLock()  # starting processes changes settings of this whole process, so threads wait for one another
+_one_cluster = RLock()  # processes of its own need settings of this whole process, so threads wait for one another
 
 
 @contextmanager
@@ -68,7 +68,7 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
             with client:
                 yield client
         return
-    with _STARTING:
+    with _one_cluster:
         quiet_tracker()  # its start would unblock Ctrl-C in this thread
         with (
             _nobody_imports_main(),
