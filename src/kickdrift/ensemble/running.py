@@ -17,6 +17,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import count
 from multiprocessing import active_children, resource_tracker
+from threading import RLock
 from time import monotonic
 from typing import Any
 
@@ -43,6 +44,7 @@ LOCAL = {  # Dask's settings for a cluster on this machine
     "distributed.scheduler.active-memory-manager.start": False,
 }
 REFRESH = 1.0  # seconds between counts of the workers
+_one_cluster = RLock()  # processes of its own need settings of this whole process, so threads wait for one another
 
 
 @contextmanager
@@ -66,22 +68,23 @@ def workers(number: int | None = None, scheduler: str | None = None) -> Iterator
             with client:
                 yield client
         return
-    quiet_tracker()  # its start would unblock Ctrl-C in this thread
-    with (
-        _nobody_imports_main(),
-        dask.config.set(LOCAL),
-        silent("distributed"),
-        silent("distributed.client"),
-        ExitStack() as stack,
-    ):
-        try:
-            with whole():
-                cluster = stack.enter_context(_cluster(number))
-                client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
-            yield client
-        finally:
-            with whole():
-                stack.close()
+    with _one_cluster:
+        quiet_tracker()  # its start would unblock Ctrl-C in this thread
+        with (
+            _nobody_imports_main(),
+            dask.config.set(LOCAL),
+            silent("distributed"),
+            silent("distributed.client"),
+            ExitStack() as stack,
+        ):
+            try:
+                with whole():
+                    cluster = stack.enter_context(_cluster(number))
+                    client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
+                yield client
+            finally:
+                with whole():
+                    stack.close()
 
 
 def _cluster(number: int | None) -> Any:

@@ -222,37 +222,20 @@ class PairForce(ListedForce, Grouped):
         """Energy and virial from beyond the cutoff, by quadrature of the law for a uniform fluid."""
         if not self.tail:
             return 0.0, 0.0
-        import warnings
-
-        from scipy.integrate import IntegrationWarning, quad
-
         assert self.cutoff is not None
         counts = np.bincount(system.species_index, minlength=len(system.species))
         circle, p_u, p_w = (2 * math.pi, 4, 6) if system.dimensions == 3 else (math.pi, 3, 5)
         energy = virial = 0.0
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", IntegrationWarning)
-            for a, n_a in zip(system.species, counts, strict=True):
-                for b, n_b in zip(system.species, counts, strict=True):
-                    p = self.pair_law(a, b)
-                    density = circle * n_a * n_b / system.volume
-                    try:  # integral over u = 1 / r, from 0 to 1 / r_c
-                        u_part = quad(
-                            lambda u, p=p: p.law(u**-2)[0] / u**p_u, 0, 1 / self.cutoff, epsabs=0, epsrel=1e-12
-                        )[0]
-                        w_part = quad(
-                            lambda u, p=p: p.law(u**-2)[1] / u**p_w,
-                            0,
-                            1 / self.cutoff,
-                            epsabs=0,
-                            epsrel=1e-12,
-                        )[0]
-                    except (IntegrationWarning, ZeroDivisionError, OverflowError):
-                        raise InputError(
-                            f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}"
-                        ) from None
-                    energy += density * u_part
-                    virial += density * w_part
+        for a, n_a in zip(system.species, counts, strict=True):
+            for b, n_b in zip(system.species, counts, strict=True):
+                p = self.pair_law(a, b)
+                density = circle * n_a * n_b / system.volume
+                try:
+                    u_part, w_part = (_over_tail(p, k, power, self.cutoff) for k, power in ((0, p_u), (1, p_w)))
+                except ArithmeticError:
+                    raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
+                energy += density * u_part
+                virial += density * w_part
         return energy, virial
 
     def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
@@ -260,6 +243,17 @@ class PairForce(ListedForce, Grouped):
         from kickdrift.forces.pair_binding import bind
 
         return bind(self, system, threads, mixed)
+
+
+def _over_tail(law: Any, part: int, power: int, cutoff: float) -> float:
+    """Integral of an energy (part 0) or a force over r (part 1) over u = 1 / r, from 0 to 1 / cutoff; ArithmeticError
+    if the integral does not converge. With ``full_output``, SciPy returns its doubts and changes no warnings."""
+    from scipy.integrate import quad
+
+    found = quad(lambda u: law.law(u**-2)[part] / u**power, 0, 1 / cutoff, epsabs=0, epsrel=1e-12, full_output=1)
+    if len(found) > 3:
+        raise ArithmeticError(found[3])
+    return float(found[0])
 
 
 def _example(name: Any) -> str:

@@ -26,7 +26,7 @@ from kickdrift.integrators.option import (
     coupling_of,
 )
 from kickdrift.integrators.piston import TOO_SHORT, Piston
-from kickdrift.integrators.pressing import ACTED, Pressed
+from kickdrift.integrators.pressing import ACTED, SUMMED, Pressed
 from kickdrift.integrators.subflow_code import BoundSubflow
 from kickdrift.integrators.words import rows_of
 from kickdrift.model.memory import Memory, by_value
@@ -44,6 +44,7 @@ TAKES = {  # options that each needs, and others
 }
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
 FEWEST_ACTIONS = 5  # in a time constant
+ALONG = "along"  # name of the virials along the axes in a memory
 NEVER = np.iinfo(np.int64).min
 
 
@@ -214,6 +215,7 @@ class Barostat:
     def _arrays(self) -> dict[str, Any]:
         own = {"lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums}
         own |= {"work": self.piston.work, "state": self.piston.state}
+        own |= {} if self.piston.along is None else {ALONG: self.piston.along}
         chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
         return own | {f"chain {letter}": chain.state for letter, chain in chains if chain}
 
@@ -230,8 +232,13 @@ class Barostat:
         return {name: by_value(array) for name, array in self._arrays.items()}
 
     def recall(self, memory: Memory) -> None:
-        """Restore this from a memory, which may come from a file."""
+        """Restore this from a memory, which may come from a file.
+
+        Memories of version 0.2.0 lack the virials along the axes. The next action then evaluates all forces again."""
         for name, array in self._arrays.items():
+            if name == ALONG and name not in memory:
+                self.pressed.place[SUMMED] = 0
+                continue
             given = np.asarray(memory[name])
             if given.shape != array.shape or not np.all(np.isfinite(given)):
                 raise InputError(f"checkpoint: {name} of its barostat does not fit a run of this system")

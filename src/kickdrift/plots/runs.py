@@ -296,7 +296,7 @@ def own_matplotlib_folder() -> Iterator[None]:
     try:
         yield
     finally:
-        del os.environ["MPLCONFIGDIR"]  # matplotlib has read it by now, and child processes should not inherit it
+        os.environ.pop("MPLCONFIGDIR", None)  # matplotlib has read it by now, and child processes should not inherit it
 
 
 def new_figure(width: float, height: float) -> Figure:

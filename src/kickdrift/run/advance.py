@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from threading import RLock
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -70,6 +71,8 @@ class Integration:
         Number of steps that compiled code takes in about a tenth of a second.
     running : bool
         Whether steps are being taken. Meanwhile the state cannot be replaced.
+    lock : RLock
+        Held by the thread that uses the Simulation; see `run.present.alone`.
     pressed, ended : callable, str
         Whether Ctrl-C was pressed in this run; who else ended the run, "" if nobody did.
     replaced : bool
@@ -93,7 +96,7 @@ class Integration:
         self.watched = tuple(events)
         if events:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
-        self.chunk, self.changes = 1, 0
+        self.chunk, self.changes, self.lock = 1, 0, RLock()
         self.running, self.replaced, self.ended = False, True, ""
         self.pressed: Callable[[], bool] = bool
         self._from_start = False  # whether the first step begins at the System's own positions

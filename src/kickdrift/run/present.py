@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from kickdrift.errors import InputError
 from kickdrift.forces.spins import with_spins
@@ -19,6 +20,27 @@ from kickdrift.run.shown import ShownSimulation
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
+
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+
+
+def alone(method: Callable[Concatenate[Any, Given], Answer]) -> Callable[Concatenate[Any, Given], Answer]:
+    """Make a method of a Simulation raise InputError while another thread is inside such a method.
+
+    Compiled code runs beside other threads and trusts that nobody else writes into its memory."""
+
+    @wraps(method)
+    def by_one_thread(self: Any, /, *args: Given.args, **kwargs: Given.kwargs) -> Answer:
+        lock = self.integration.lock
+        if not lock.acquire(blocking=False):
+            raise InputError(f"{method.__name__}: the Simulation is busy in another thread; give each thread its own")
+        try:
+            return method(self, *args, **kwargs)
+        finally:
+            lock.release()
+
+    return by_one_thread
 
 
 class Present(ShownSimulation):
@@ -86,18 +108,22 @@ class Present(ShownSimulation):
         """Number of steps since the start. If the current time lies inside a step, that step counts."""
         return self.integration.steps_done
 
+    @alone
     def energy(self) -> Energies:
         """Kinetic, potential and total energy now, in the system's units."""
         return self.sample().energies
 
+    @alone
     def accelerations(self) -> Floats:
         """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
         return accelerations_at(self.integration)
 
+    @alone
     def forces(self) -> Floats:
         """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
         return forces_at(self.integration)
 
+    @alone
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
         """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
@@ -109,6 +135,7 @@ class Present(ShownSimulation):
             raise InputError("elements: a Problem has no bodies")
         return orbit_table(self.now(), frame, plane)
 
+    @alone
     def sample(self) -> Sample:
         """Return a sample of the current state."""
         return self.integration.sample()

@@ -36,7 +36,7 @@ from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
 from kickdrift.run.outputs import Outputs
 from kickdrift.run.plan import Plan, plan_of
-from kickdrift.run.present import Present
+from kickdrift.run.present import Present, alone
 from kickdrift.run.report import Report, report
 from kickdrift.run.times import plan_at, refuse_beside, times_of
 from kickdrift.run.watch.imd import Imd
@@ -135,6 +135,7 @@ class Simulation(Present):
     # --- state ---
 
     @property
+    @alone
     def state(self) -> Any:
         """The current State (positions, velocities, time) or ProblemState (y, time); a copy.
 
@@ -146,6 +147,7 @@ class Simulation(Present):
         return self.integration.state
 
     @state.setter
+    @alone
     def state(self, state: Any) -> None:
         if self.running:
             raise InputError("state: is read-only while the Simulation runs")
@@ -158,6 +160,7 @@ class Simulation(Present):
         return self.integration.box_varies
 
     @property
+    @alone
     def method_state(self) -> Any:
         """State of a method that moves more than positions and velocities. Other methods raise InputError.
 
@@ -167,6 +170,7 @@ class Simulation(Present):
         return self.integration.stepper_with_state.method_state
 
     @method_state.setter
+    @alone
     def method_state(self, value: Any) -> None:
         if self.running:
             raise InputError("method_state: is read-only while the Simulation runs")
@@ -183,6 +187,7 @@ class Simulation(Present):
         _warn_of_lattice()
         self.method_state = value
 
+    @alone
     def checkpoint(self) -> Memory:
         """Return everything that determines the rest of the run, by value.
 
@@ -195,6 +200,7 @@ class Simulation(Present):
         at any look."""
         return checkpoint_of(self.integration)
 
+    @alone
     def restore(self, checkpoint: Memory) -> None:
         """Continue from a ``checkpoint`` of a Simulation of the same system, method, options and events.
 
@@ -207,6 +213,7 @@ class Simulation(Present):
         restore(self.integration, checkpoint)
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
+    @alone
     def report(self) -> Report:
         """Return the report so far: conservation of energy and momentum, and cost."""
         if not self.record.looks:
@@ -220,6 +227,7 @@ class Simulation(Present):
 
     # --- running ---
 
+    @alone
     def run(
         self,
         steps: int | None = None,
@@ -310,6 +318,7 @@ class Simulation(Present):
             found = run_through(run, self._sampler, plan, watchers, alone, self.report, told)
         return found.written_to(output)
 
+    @alone
     def advance(self, steps: int, *, every: int | None = None, visit: Observer | None = None) -> None:
         """Take ``steps`` steps without a look: nothing is sampled, written or observed.
 
@@ -332,6 +341,7 @@ class Simulation(Present):
         self.integration.replaced = False
         self._outputs.continue_in(path, run_id, every, plan)
 
+    @alone
     def equilibrate(
         self,
         temperature: float | str,
@@ -369,6 +379,7 @@ class Simulation(Present):
                 lambda name, given: Simulation(self.system, name, threads=self.threads, **more, **given),
             )  # fmt: skip
 
+    @alone
     def minimize(
         self,
         force: float | str = FORCE,

@@ -31,7 +31,7 @@ from kickdrift.trajectory.contents import Contents
 from kickdrift.trajectory.continued import check_continued
 from kickdrift.trajectory.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout import add_plan, header_image
-from kickdrift.trajectory.openfile import OpenFile, refuse_second
+from kickdrift.trajectory.openfile import OpenFile, opening, refuse_second
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.order import in_order
 from kickdrift.trajectory.points import behind, same
@@ -95,20 +95,21 @@ class Writer:
         plan: Sequence[float] = (),
         columns: Mapping[str, Described] | None = None,
     ) -> None:
-        options = options or FileOptions()
+        options, run_id = options or FileOptions(), uuid.uuid4().hex
         image = header_image(
             system,
             method=dict(method),
             every=every,
-            run_id=uuid.uuid4().hex,
+            run_id=run_id,
             author=author,
             flush_frames=max(1, flush_bytes // (48 * len(system))),
             options=options,
             plan=plan,
             start=Cadence(checkpoint).take(),
         )
-        made = creation.create(Path(path), image, overwrite=overwrite), outline_of(system, options)
-        self._open(Path(path), flush_bytes, options.flush, checkpoint, made=made)
+        with opening:
+            made = creation.create(Path(path), image, overwrite=overwrite), outline_of(system, options)
+            self._open(Path(path), flush_bytes, options.flush, checkpoint, run_id, made=made)
         self._rows.columns = self.units | units_of(columns)
 
     @staticmethod

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from threading import RLock
 
 import h5py
 
 from kickdrift.disk.parts import private_place
-from kickdrift.errors import RunError
+from kickdrift.errors import KickdriftError, RunError
 from kickdrift.trajectory.storage import PagedFile, in_use, open_to_write, write_error
 
+opening = RLock()  # held by the thread that makes or opens a file
 _writing: set[tuple[int, int]] = set()  # device and inode; some systems' locks do not hold within one process
 
 
@@ -35,12 +37,13 @@ class OpenFile:
         self._connect(own)
 
     def _connect(self, own: tuple[int, int] | None) -> None:
-        refuse_second(self.path)
-        self._storage: PagedFile
-        self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes, own=own)
-        self._datasets: dict[str, h5py.Dataset] = {}
-        self.key = self._storage.key
-        _writing.add(self.key)
+        with opening:
+            refuse_second(self.path)
+            self._storage: PagedFile
+            self._storage, self.h5 = open_to_write(self.path, cache_bytes=self._cache_bytes, own=own)
+            self._datasets: dict[str, h5py.Dataset] = {}
+            self.key = self._storage.key
+            _writing.add(self.key)
 
     def dataset(self, name: str) -> h5py.Dataset:
         """Dataset with this name. Datasets are kept: finding one takes longer than writing a few rows."""
@@ -64,8 +67,9 @@ class OpenFile:
     def reopen(self) -> None:
         """Close and open the file again, so that HDF5 forgets which places have become free and does not use them
         again."""
-        self.close()
-        self._connect(self.key)
+        with opening:
+            self.close()
+            self._connect(self.key)
 
     def check_there(self) -> None:
         """Raise RunError if the file's name now belongs to another file."""
@@ -83,7 +87,7 @@ class OpenFile:
         try:
             self.check_there()
             write()
-        except RunError:
+        except KickdriftError:
             self.failed = True
             raise
         except OSError as error:
@@ -111,12 +115,13 @@ class OpenFile:
 
     def replace(self, part: Path) -> None:
         """Give the file's name to another file and continue in that file."""
-        self.close()
-        own = identity(part)
-        try:
-            os.replace(part, self.path)
-        finally:
-            self._connect(own)
+        with opening:  # no other thread takes the file between two of these steps
+            self.close()
+            own = identity(part)
+            try:
+                os.replace(part, self.path)
+            finally:
+                self._connect(own)
 
 
 def identity(path: Path) -> tuple[int, int]:

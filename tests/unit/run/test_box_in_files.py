@@ -10,6 +10,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis.sampled_run import sampled_run
 from kickdrift.errors import InputError
+from kickdrift.integrators.method import PRECISIONS
 from kickdrift.trajectory.info import info
 from tests.systems import liquid
 
@@ -69,6 +70,18 @@ def test_a_run_goes_on_with_the_same_bits_and_boxes(whole, tmp_path):
     sim.run(STEPS - 90)
     assert sim.state.box == seen[-1].box
     np.testing.assert_array_equal(sim.state.phase, seen[-1].phase)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_file_that_ends_on_an_action_of_the_barostat_goes_on(precision, tmp_path):
+    """The next action needs the virials along the axes at the file's end."""
+    whole = simulation(coupling="per-axis", pressure_every=10, precision=precision)
+    whole.run(20, every=10, output=tmp_path / "run.h5md")
+    again = kd.resume(tmp_path / "run.h5md")
+    for sim in (whole, again):
+        sim.run(11)
+    assert again.state.box == whole.state.box
+    np.testing.assert_array_equal(again.state.phase, whole.state.phase)
 
 
 def test_a_new_run_begins_in_the_box_of_a_frame(whole, tmp_path):

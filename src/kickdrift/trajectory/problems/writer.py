@@ -17,6 +17,7 @@ from kickdrift.trajectory.cadence import Cadence
 from kickdrift.trajectory.checkpoints import Checkpoint
 from kickdrift.trajectory.columns import Described, units_of
 from kickdrift.trajectory.h5md import FLUSH_BYTES, Writer
+from kickdrift.trajectory.openfile import opening
 from kickdrift.trajectory.options import FileOptions
 from kickdrift.trajectory.problems import header
 from kickdrift.trajectory.problems.header import ENERGY, Y
@@ -56,18 +57,19 @@ class ProblemWriter(Writer):
         plan: Sequence[float] = (),
         columns: Mapping[str, Described] | None = None,
     ) -> None:
+        flush, run_id = (options or FileOptions()).flush, uuid.uuid4().hex
         image = problem_image(
             problem,
             record_of(problem, slopes, events),
             method=dict(method),
             every=every,
-            run_id=uuid.uuid4().hex,
+            run_id=run_id,
             plan=plan,
             start=Cadence(checkpoint).take(),
         )
-        own = creation.create(Path(path), image, overwrite=overwrite, kind=kinds.PROBLEM)
-        flush = (options or FileOptions()).flush
-        self._open(Path(path), flush_bytes, flush, checkpoint, made=(own, header.outline()))
+        with opening:
+            own = creation.create(Path(path), image, overwrite=overwrite, kind=kinds.PROBLEM)
+            self._open(Path(path), flush_bytes, flush, checkpoint, run_id, made=(own, header.outline()))
         self._rows.columns = self.units | units_of(columns)
 
     @staticmethod
