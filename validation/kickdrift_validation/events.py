@@ -7,7 +7,9 @@ numbers of periods, 2 pi; what is found is off by the phase error of the method,
 says, and in the time of one step no interpolation adds to it. The closest point of a hyperbola with v = 1 at infinity
 and impact parameter b is sqrt(1 + b^2) - 1 (Murray & Dermott 1999, Solar System Dynamics, 2.4). Mergers conserve mass,
 momentum and the centre of mass. rebound (Rein & Liu 2012, doi:10.1051/0004-6361/201118085), where it is installed, runs
-the same bodies with its direct collision search, which looks at the ends of steps: times differ by a step.
+the same bodies with its direct collision search, which looks at the ends of steps: times differ by a step. Polynomials
+with random zeros show whether every zero of an event's function is found: y' = 1, and the event is a polynomial of y,
+so that the solution is exact in steps of any length.
 """
 
 from __future__ import annotations
@@ -32,6 +34,10 @@ KEPLER = "whole numbers of periods"
 ORDER = 0.1  # of the slope of the error of a pericentre's time
 MERGERS = 100
 REBOUND_DT, REBOUND_TIME = 1e-3, 1.5
+POLYNOMIALS = 200, 1000  # of the short and of the long set
+STEPPED = {"rk4": "dt", "velocity-verlet": "dt", "dormand-prince45": "max_step", "dop853": "max_step"}
+SOLVED = {**STEPPED, "gauss-radau15": "max_step", "rosenbrock": "max_step", "Radau": "max_step", "LSODA": "max_step"}
+SPAN = 1.1  # zeros lie between -1 and 1
 EPSILON = float(np.finfo(float).eps)
 
 
@@ -197,11 +203,82 @@ def against_rebound() -> list[Claim]:
     return claims
 
 
+def random_zeros(rng: np.random.Generator) -> np.ndarray:
+    """Three to nine zeros between -1 and 1, not nearer than 1e-4."""
+    while True:
+        zeros = np.sort(rng.uniform(-1, 1, int(rng.integers(3, 10))))
+        if np.diff(zeros).min() > 1e-4:
+            return zeros
+
+
+def solved_zeros(zeros: np.ndarray, method: str, longest: float, way: float) -> np.ndarray:
+    """Times at which kd.solve finds the zeros of a polynomial, in the order found."""
+    options = {SOLVED[method]: longest, "separable": method == "velocity-verlet"}
+    slope, start = [way], [-SPAN]
+    if options["separable"]:  # y is the position, and the velocity stays as it is
+        slope, start = [0.0, 0.0], [-SPAN, way]
+    f = _line if options["separable"] else _grown
+    found = kd.solve(
+        f, (-way * SPAN, way * SPAN), start, method, args=(np.array(slope),), **options,
+        events=lambda t, y, slope: float(np.prod(way * y[0] - zeros)),
+    )  # fmt: skip
+    return found.t_events[0]
+
+
+def _grown(t, y, slope):
+    return slope
+
+
+def _line(t, y, slope):
+    return np.array([y[1], 0.0])
+
+
+def watched_zeros(zeros: np.ndarray, method: str, longest: float) -> np.ndarray:
+    """Times at which a `Crossing` finds the zeros of a polynomial of a free body's position."""
+    system = kd.System([[-SPAN, 0, 0]], [[1.0, 0, 0]], forces=[kd.Gravity()], units="nbody")
+    watched = [kd.Crossing(lambda t, x, v: float(np.prod(x[0, 0] - zeros)), "zero")]
+    sim = kd.Simulation(system, method, **{STEPPED[method]: longest}, events=watched)
+    if sim.method.chooses_steps:
+        sim.run(until=2 * SPAN)
+    else:
+        sim.run(math.ceil(2 * SPAN / longest))
+    times = np.array([event["time"] for event in sim.events]) - SPAN
+    return times[times < SPAN]
+
+
+def polynomial_errors(count: int, seed: int) -> tuple[int, float]:
+    """Number of random polynomials of which kickdrift finds another number of zeros; the largest error of a time, as a
+    part of the longest step that is allowed."""
+    rng, missed, worst = np.random.default_rng(seed), 0, 0.0
+    for k in range(count):
+        zeros, longest = random_zeros(rng), min(10 ** rng.uniform(-1.7, 0.5), 2 * SPAN)
+        if k % 3:
+            way = float(rng.choice([-1.0, 1.0]))
+            found = np.sort(solved_zeros(zeros, str(rng.choice(list(SOLVED))), longest, way))
+        else:
+            found = watched_zeros(zeros, str(rng.choice(list(STEPPED))), longest)
+        if len(found) != len(zeros):
+            missed += 1
+        else:
+            worst = max(worst, float(np.abs(found - zeros).max()) / longest)
+    return missed, worst
+
+
+def polynomials(count: int) -> list[Claim]:
+    missed, worst = polynomial_errors(count, 37)
+    text, source = f"of {count} polynomials of degree 3 to 9", "their zeros"
+    return [
+        claim(f"{text}, zeros missed or found twice in", missed, "0", missed == 0, source),
+        claim(f"{text}, largest error of a zero / step", worst, "< 1e-12", worst < 1e-12, source),
+    ]
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
     """All of it, over fewer or more orbits."""
     yield from pericentres(LONG if long else SHORT)
     yield from flybys()
     yield from mergers()
+    yield from polynomials(POLYNOMIALS[long])
     yield from against_rebound()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ from kickdrift.integrators.step_control import (
     step_factor,
     tolerances_of,
 )
-from kickdrift.integrators.stepper import STOPPED
+from kickdrift.integrators.stepper import INNER, STOPPED
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 # Further slots of the clock: the errors of the last two steps, whether the last attempt failed.
 ERROR, ERROR_BEFORE, REJECTED_LAST = range(4, 7)
+SKETCHED = 5  # degree of y' in a rough interpolant
 
 
 @jit
@@ -158,6 +160,16 @@ class EmbeddedPair(Protocol):
         """Take one step from y at t."""
 
 
+def sketched(stages: Floats) -> Floats:
+    """Weights P (stages, powers) of a rough interpolant: y' is the polynomial of degree SKETCHED nearest to all stages,
+    or of a lower degree for few stages."""
+    parts = stages.sum(axis=1)
+    degree = min(SKETCHED, len(np.unique(parts)) - 2)
+    powers = np.arange(degree + 1)
+    found: Floats = np.linalg.pinv(parts[:, None] ** powers).T / (powers + 1)
+    return found
+
+
 class AdaptiveStepper(ChosenSteps):
     """Integration with an embedded pair. A checkpoint holds its clock with the last errors, and the start and the
     stages of the last step."""
@@ -214,6 +226,18 @@ class AdaptiveStepper(ChosenSteps):
     def dense_weights(self) -> Floats | None:
         """Weights P (stages, powers) of the interpolant, see ``Tableau``; None without one."""
         return np.array(self._tableau.dense) if self._tableau.dense else None
+
+    def sketch(self) -> Floats:
+        """See Stepper: by the interpolant of the stages, or by a rough one."""
+        found: Floats = (self._clock[LAST] * self._sketch_rows) @ self._stages.reshape(len(self._stages), -1)
+        found += self._before.reshape(-1)
+        return found.reshape((len(INNER), *self.y.shape))
+
+    @cached_property
+    def _sketch_rows(self) -> Floats:
+        own = None if self._tableau.extra else self.dense_weights
+        weights = sketched(self._tableau.stages) if own is None else own
+        return INNER[:, None] ** np.arange(1, weights.shape[1] + 1) @ weights.T
 
     @property
     def start_of_step(self) -> tuple[Floats, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ from kickdrift.integrators.gauss_radau_series import (
 from kickdrift.integrators.gauss_radau_step import CONVERGED, MOST
 from kickdrift.integrators.gauss_radau_tables import STAGES, tables
 from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepper import INNER
 from kickdrift.integrators.stepping import CompiledSteps
 from kickdrift.jit.memory import aligned
 from kickdrift.model.state import Floats
@@ -32,6 +34,14 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flow import Flow
 
 FIRST = 0.01  # of the time in which the first acceleration moves particles by their distance, or y' the unknowns by y
+
+
+@cache
+def _sketch_rows() -> tuple[Floats, Floats]:
+    """Weights (INNER, STAGES) of a polynomial's terms in positions and in velocities at INNER of a step."""
+    numbers, parts = tables(), INNER[:, None]
+    powers = parts ** np.arange(STAGES)
+    return numbers.positions[-1] * powers * parts**2, numbers.velocities[-1] * powers * parts
 
 
 class GaussRadauStepper(ChosenSteps):
@@ -120,6 +130,17 @@ class GaussRadauStepper(ChosenSteps):
                 break
             residual = largest
         return self._integrated(terms, length, -1)
+
+    def sketch(self) -> Floats:
+        """See Stepper: by the polynomial of the last step, which has order 8."""
+        h, size, (by_position, by_velocity) = self._clock[STEP_LAST], self.y[0].size, _sketch_rows()
+        v, terms = self._work[V_BEFORE, :size], self._work[LAST:GUESS_LAST, :size]
+        found = np.empty((len(INNER), *self.y.shape))
+        found[:, -1] = (v + h * (by_velocity @ terms)).reshape(found[:, -1].shape)
+        if len(self.y) == 2:
+            x = self._work[X_BEFORE, :size] + h * (INNER[:, None] * v + h * (by_position @ terms))
+            found[:, 0] = x.reshape(found[:, 0].shape)
+        return found
 
     def _integrated(self, terms: Floats, length: float, node: int) -> Floats:
         """State at a node of a step of that length from the last one's start."""

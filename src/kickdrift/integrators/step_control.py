@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class Controller:
     least: float = 0.2  # fraction of the last step
     most: float = 10.0
 
-    @property
+    @cached_property
     def numbers(self) -> Floats:
         """The numbers in the form for the compiled loop."""
         return np.array([self.integral, self.proportional, self.derivative, self.safety, self.least, self.most])

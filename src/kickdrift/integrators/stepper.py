@@ -4,6 +4,8 @@ A stepper has ``y`` and ``time``, its last step point; ``last_step``, the length
 adaptive method's first); ``steps_done``, the step points passed since the start; and ``counts``. ``advance`` takes
 steps. ``at`` returns y between the last two step points without changing anything. ``memory`` holds the state that
 determines the next step's bits. ``recall`` puts a new stepper, for example in another process, into that state.
+
+Some steppers have ``sketch``: states (INNER, *y.shape) inside the last step, roughly and without evaluating f.
 """
 
 from __future__ import annotations
@@ -11,9 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
+INNER = np.array([0.11, 0.37, 0.62, 0.93])  # parts of a step, without symmetry: few oscillations look constant there
 STOPPED = 3  # besides the forces' OK, GROW and BLOWN_UP: the method itself cannot continue, for the reason ``trouble``
 
 

@@ -106,8 +106,11 @@ class Between:
 class Crossing:
     """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; of a Problem's g(t, y, *args).
 
-    g is evaluated at the ends of steps. Where its sign has changed, Brent's method (1973) finds the zero on the
-    solution inside the step. Two zeros in one step go unseen, and so does a zero at the very start.
+    g is evaluated at the ends of steps, and inside steps for a quick test of hidden zeros. Where the test cannot
+    exclude them, polynomials in t isolate each zero of the solution inside the step. Brent's method (1973) finds its
+    time. The page on `kickdrift.solve` says what can still be missed, such as two zeros nearer than 1e-7 of the step. A
+    zero at the very start goes unseen. For the test, particles move along cubics that fit their positions and
+    velocities at both ends of the step.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ class Solution:
 
     Attributes
     ----------
-    t : (k,) times: the ends of the steps, or t_eval as far as it was reached
+    t : (k,) times: the ends of the steps, or t_eval as far as it was reached, which may be no time at all
     y : (n, k) solution at these times
     sol : sol(t) is the solution (n,) at any time between, or (n, m) at m times; None without dense_output
     t_events : for each event the times of its zeros; None without events
@@ -99,7 +99,8 @@ def solve(
         and classes of explicit methods mean our steppers of the same tableau; Radau, BDF and LSODA are SciPy's steps
     t_eval : times at which to return the solution; by default the ends of the steps
     dense_output : whether to return ``sol``, the solution at all times
-    events : g(t, y, *args), or several. The attributes ``terminal`` and ``direction`` of each act as in SciPy
+    events : g(t, y, *args), or several. The attributes ``terminal`` and ``direction`` of each act as in SciPy. All
+        zeros in a step are found, apart from those that docs/solve.md names
     vectorized : whether f takes y as columns (n, k)
     args : further arguments of f, jac, energy and events
     rtol, atol : error allowed per step: |error| < atol + rtol |y|. One number, or one for each component. Default 1e-8

@@ -24,6 +24,8 @@ from kickdrift.integrators.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping import AT_ONCE
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
+from kickdrift.run.sketch import sketch
+from kickdrift.run.zeros import Rough
 
 if TYPE_CHECKING:
     from kickdrift.integrators.problem_flow import ProblemFlow
@@ -274,6 +276,15 @@ class OwnSteps:
             return str(stepper.trouble)
         (reached, before), step = stepper.reached(status != OK), stepper.steps_done
         return self._flow.explain(reached, before, self._before, step + (status != OK), stepper.time, step)
+
+    def sketch(self) -> Rough | None:
+        """y at four times inside the last step, roughly and without f; None where only f can tell."""
+        way = self.shape.way
+        if self.t_old is None or self.t_old == self.t or self._shorter:
+            return None
+        ends = (way * self.t_old, self._before), (way * self.t, self._now)
+        found = sketch(self._stepper, *ends, self._points)
+        return found and found._replace(states=self.shape.back(found.states.reshape((len(found.states), -1))))
 
     def dense_output(self) -> DenseOutput:
         """Return the interpolant of the last step."""

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.errors import RunError
+from kickdrift.integrators.stepper import INNER
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import Between, Crossing
 from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
+from kickdrift.run.sketch import sketch
 from kickdrift.run.watch.encounters import crossings
 from kickdrift.run.watch.span import Part, Span, approach, separation
+from kickdrift.run.zeros import PAST, Point, Quiet, Rough, Values, clear, monotone_points
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem
+
+
+_INNER: list[float] = INNER.tolist()
 
 
 class Crossings(Checkpointed):
@@ -28,6 +36,7 @@ class Crossings(Checkpointed):
     saved = ("_signs", "_last", "_fresh")
 
     def __init__(self, events: Sequence[Crossing], subject: System | Problem) -> None:
+        self.stepper: Any = None  # which took the step
         self._events = events
         self._pairs = [self._bodies(event, subject) for event in events]
         self.begin(subject)
@@ -62,6 +71,8 @@ class Crossings(Checkpointed):
         # Scalars of two bodies come first, then functions. Each has its value and its last nonzero sign.
         self._order = [*self._built, *self._own]
         self._values, self._signs = np.zeros(len(self._order)), np.zeros(len(self._order))
+        self._quiet, self._past = [Quiet() for _ in self._own], deque[tuple[float, Floats]](maxlen=PAST)
+        self._hidden, self._most, self._several_turns = list[int](), np.zeros(len(self._built)), 0
         self._last: Floats | None = None
         self._fresh = False  # whether signs are out of date
 
@@ -70,37 +81,91 @@ class Crossings(Checkpointed):
     def __len__(self) -> int:
         return len(self._order)
 
-    def _fill(self, time: float, y: Floats, step: int) -> int:
-        built, changed = len(self._built), 0
+    def _fill(self, step_parts: Sequence[Part], step: int) -> int:
+        """Evaluate at the end of a step. Return the number of changed signs."""
+        built, changed, (_, _, y, time) = len(self._built), 0, step_parts[-1]
         if built:
-            changed = crossings(y, self._approach, self._indices, self._signs[:built], self._values[:built])
+            self._most[:] = 0.0
+            given = self._approach, self._indices, self._signs[:built], self._values[:built], self._most
+            for part in step_parts:
+                changed, self._several_turns = crossings(part.y0, part.y1, part.t1 - part.t0, *given)
         for k in range(built, len(self._order)):
             self._values[k] = value = self._value(self._order[k], time, y, step)
-            changed += self._signs[k] * value < 0
+            changed += bool(self._signs[k] * value < 0)
         return changed
 
     def scan(self, step_parts: list[Part], step: int) -> int:
-        """Evaluate at the end of a step. Return the number of changed signs."""
+        """Evaluate at the end of a step. Return the number of scalars whose zeros ``look`` will search."""
         (y0, t0), (y1, t1) = step_parts[0][:2], step_parts[-1][2:]
-        if self._own and not np.isfinite(y1).all():
+        if self._own and np.count_nonzero(np.isfinite(y1)) < y1.size:
             return 0  # the run has blown up
         if self._last is None:
-            self._fill(t0, y0, step)
+            self._fill([Part(y0, t0, y0, t0)], step)
             self._signs = np.sign(self._values)
             self._last, self._fresh = self._values.copy(), True
-        changed = self._fill(t1, y1, step)
-        if not changed:
+        changed = self._fill(step_parts, step)
+        self._hidden = self._unclear(step_parts, step) if t1 > t0 else []
+        if not (changed or self._hidden):
             self._keep()
-        return changed
+        return changed + len(self._hidden)
+
+    def _unclear(self, step_parts: list[Part], step: int) -> list[int]:
+        """Scalars whose signs at the ends of a step may not tell all their zeros."""
+        assert self._last is not None
+        found: list[int] = np.flatnonzero(self._most > 1.0).tolist() if self._several_turns else []
+        if not self._own:
+            return found
+        end, length = step_parts[-1], step_parts[-1].t1 - step_parts[0].t0
+        if len(end.y1) != 2 and not hasattr(type(self.stepper), "sketch"):
+            self._past.append((end.t1, end.y1.copy()))
+        first, last, rough, k = self._last.tolist(), self._values.tolist(), None, len(self._built)
+        for quiet in self._quiet:
+            quiet.keep(last[k])
+            if not quiet.rests(first[k], last[k], length):
+                rough = rough or [self._rough(part) for part in step_parts]
+                if None in rough or not self._told(k, quiet, (first[k], last[k]), step_parts, rough, step):
+                    found.append(k)
+            k += 1
+        return found
+
+    def _rough(self, part: Part) -> Rough | None:
+        whole = self.stepper if part.t1 == self.stepper.time else None  # else an event cuts the step
+        return sketch(whole, (part.t0, part.y0), (part.t1, part.y1), self._past)
+
+    def _told(
+        self, k: int, quiet: Quiet, ends: tuple[float, float], step_parts: list[Part], rough: list[Any], step: int
+    ) -> bool:
+        """Tell whether a function's signs at the ends of a step tell all its zeros, as far as the quick test sees."""
+        m, (first, last), values = self._order[k], ends, list[list[float]]()
+        for part, each in zip(step_parts, rough, strict=True):
+            times = [part.t0 + share * (part.t1 - part.t0) for share in _INNER]
+            inside = self._several(m, times, each.states, step)
+            if len(step_parts) == 1:
+                return quiet.passes([first, *inside, last], part.t1 - part.t0, each.foretelling)
+            after = last if part is step_parts[-1] else self._several(m, times[:1], [part.y1], step)[0]
+            values.append([values[-1][-1] if values else first, *inside, after])
+        changed = sum(each[0] * each[-1] <= 0.0 for each in values)
+        return changed < 2 and all(clear(each) for each in values)
 
     def _keep(self) -> None:
         """Keep values and signs. A zero at the very end of a step counts when the sign has changed."""
         values = self._values
-        if self._fresh or not values.all():
+        if self._fresh or np.count_nonzero(values) < len(values):
             moved = values != 0.0
             self._signs[moved] = np.sign(values[moved])
             self._fresh = not moved.all()
         self._last, self._values = values, self._last
+
+    def _several(self, m: int, times: Sequence[float], states: Any, step: int) -> list[float]:
+        """A scalar at several times; NaN where a function has no value, because inside a step it may have none."""
+        found = []
+        with np.errstate(all="ignore"):
+            for time, y in zip(times, states, strict=True):
+                try:
+                    found.append(self._value(m, time, y, step))
+                except RunError:
+                    found.append(np.nan)
+        return found
 
     def _value(self, m: int, time: float, y: Floats, step: int) -> float:
         event, rows = self._events[self._live[m]], self._rows[m]
@@ -111,42 +176,75 @@ class Crossings(Checkpointed):
             arguments = (y[0].T.copy(), y[1].T.copy())
         else:
             arguments = (y.reshape(-1).copy(), *self._subject.args)
-        where = f"event {event.name!r}: step {step} (t = {time:.9g})"
         try:
             given = event.function(time, *arguments)  # type: ignore[operator]
         except Exception as error:  # a user's function may raise anything
-            raise RunError(" ".join(f"{where}: raised {type(error).__name__}: {error}".split())) from error
+            said = f"{_where(event, step, time)}: raised {type(error).__name__}: {error}"
+            raise RunError(" ".join(said.split())) from error
         try:
             value = float(given)
         except (TypeError, ValueError):
-            raise RunError(" ".join(f"{where}: returned {given!r:.60}, which is no number".split())) from None
+            said = f"{_where(event, step, time)}: returned {given!r:.60}, which is no number"
+            raise RunError(" ".join(said.split())) from None
         if not math.isfinite(value):
-            raise RunError(f"{where}: returned {value}")
+            raise RunError(f"{_where(event, step, time)}: returned {value}")
         return value
 
     def look(self, span: Span) -> list[tuple[float, Row]]:
         """Entries for zeros inside the searched span."""
         assert self._last is not None
         found = []
-        for k in np.flatnonzero(self._signs * self._values < 0):
-            m, last = self._order[k], float(self._values[k])
+        changed = np.flatnonzero(self._signs * self._values < 0).tolist()
+        for k in sorted({*self._hidden, *changed}):
+            m = self._order[k]
             event, rows = self._events[self._live[m]], self._rows[m]
-            if event.direction * last < 0:
-                continue
-            time = self._zero(m, span, event, float(self._last[k]), last)
-            distance = separation(span.inside(time), *rows) if rows else math.nan
-            found.append((time, entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")))
+            for time in self._zeros(k, event, span):
+                distance = separation(span.inside(time), *rows) if rows else math.nan
+                found.append((time, entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")))
         self._fresh = True
         self._keep()
         return found
 
-    def _zero(self, m: int, span: Span, event: Crossing, first: float, last: float) -> float:
-        if first == 0.0:
-            return span.t0
+    def _zeros(self, k: int, event: Crossing, span: Span) -> list[float]:
+        """Zeros of a scalar in its direction, in order. A zero at the start of the span counts when the sign changes
+        there; a zero at the end waits for the next step."""
+        assert self._last is not None
+        m, first, last = self._order[k], float(self._last[k]), float(self._values[k])
 
         def g(time: float) -> float:
             if time <= span.t0 or time >= span.t1:
                 return first if time <= span.t0 else last
             return self._value(m, time, span.at(time), span.step)
 
-        return span.zero(g, span.t0, span.t1, event.tolerance)
+        def inside(time: float) -> float:
+            try:
+                return g(time)
+            except RunError:  # of the function, or of a shorter step
+                return math.nan
+
+        def several(times: Floats) -> list[float]:
+            with np.errstate(all="ignore"):
+                return [inside(time) for time in times.tolist()]
+
+        points = self._points(k, several, (span.t0, first), (span.t1, last))
+        found, sign = [], float(self._signs[k])
+        once = first and sign * last < 0.0 and sum((a[1] > 0.0) != (b[1] > 0.0) for a, b in pairwise(points)) == 1
+        for a, b in [(points[0], points[-1])] if once else pairwise(points):
+            if sign * b[1] < 0.0 and event.direction * b[1] >= 0.0:
+                found.append(a[0] if a[1] == 0.0 else span.zero(g, a[0], b[0], event.tolerance))
+            sign = math.copysign(1.0, b[1]) if b[1] else sign
+        return found
+
+    def _points(self, k: int, several: Values, first: Point, last: Point) -> list[Point]:
+        """Points between which a scalar has at most one zero."""
+        length, quiet = last[0] - first[0], self._quiet[k - len(self._built)] if k >= len(self._built) else None
+        if k not in self._hidden:
+            return [first, last]
+        if quiet and quiet.passes([first[1], *several(first[0] + INNER * length), last[1]], length):
+            return [first, last]
+        points = monotone_points(several, first, last)
+        return [first, *(point for point in points[1:-1] if abs(point[1]) > 0.0), last]
+
+
+def _where(event: Crossing, step: int, time: float) -> str:
+    return f"event {event.name!r}: step {step} (t = {time:.9g})"

@@ -220,22 +220,31 @@ def contacts(y0, y1, h, pairs, radii, approaching, touching, rows):
 
 
 @driver
-def crossings(y, approach, bodies, signs, values):
-    """values (K,) <- r . v of each pair of ``bodies`` (2, K) with ``approach``, else the relative z.
+def crossings(y0, y1, h, approach, bodies, signs, values, most):
+    """values (K,) <- r . v of each pair of ``bodies`` (2, K) with ``approach``, else the relative z, at y1.
 
-    Return how many values have another sign than in ``signs``."""
-    count = 0
+    Return how many values have another sign than in ``signs``, and how many of ``most`` exceed 1. ``most`` (K,) += the
+    largest number of zeros that the scalar can have on the cubics between both states: the sign changes of its
+    Bernstein coefficients."""
+    c, b, count, several = np.empty((4, 3)), np.zeros(6), 0, 0
     for m in range(bodies.shape[1]):
         i, j = bodies[0, m], bodies[1, m]
+        cubic(y0, y1, h, i, j, c)
         if approach[m]:
             values[m] = 0.0
             for k in range(3):
-                values[m] += (y[0, k, i] - y[0, k, j]) * (y[1, k, i] - y[1, k, j])
+                values[m] += (y1[0, k, i] - y1[0, k, j]) * (y1[1, k, i] - y1[1, k, j])
+            bernstein(c, b)
         else:
-            values[m] = y[0, 2, i] - y[0, 2, j]
-        if signs[m] * values[m] < 0.0:
-            count += 1
-    return count
+            values[m] = y1[0, 2, i] - y1[0, 2, j]
+            b[:] = 0.0
+            b[0], b[1] = c[0, 2], c[0, 2] + c[1, 2] / 3.0
+            b[2] = c[0, 2] + (2.0 * c[1, 2] + c[2, 2]) / 3.0
+            b[3] = c[0, 2] + c[1, 2] + c[2, 2] + c[3, 2]
+        most[m] += sign_changes(b)
+        several += most[m] > 1.0
+        count += signs[m] * values[m] < 0.0
+    return count, several
 
 
 @jit

@@ -128,6 +128,11 @@ class Search:
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
         step, whole, found_in = inner.steps_done, None, parts(y0, t0, y1, t1, inner)
+        self._crossings.stepper = inner
+        if not self._bodily:
+            if self._crossings.scan(found_in, step):
+                self.log.wait(self._crossings.look(self._span_of(inner, y0, t0, y1, t1)))
+            return
         for watch in self._contacts:
             if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)

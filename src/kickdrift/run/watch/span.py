@@ -12,6 +12,7 @@ import numpy as np
 from kickdrift.model.events import CloseApproach, Collision, Escape
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
+from kickdrift.run.zeros import zero
 
 if TYPE_CHECKING:
     pass
@@ -38,10 +39,7 @@ class Span:
 
     def zero(self, g: Callable[[float], float], a: float, b: float, tolerance: float) -> float:
         """Zero of g, which has different signs at a and b. ``tolerance`` is a part of the span."""
-        from scipy.optimize import brentq
-
-        least = max(tolerance * self.length, 4 * float(np.spacing(max(abs(a), abs(b)))))
-        return float(brentq(g, a, b, xtol=least, rtol=4 * np.finfo(float).eps))
+        return zero(g, a, b, max(tolerance * self.length, 4 * float(np.spacing(max(abs(a), abs(b))))))
 
 
 class Part(NamedTuple):
