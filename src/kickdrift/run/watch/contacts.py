@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.collision import Collision
+from kickdrift.model.event_checks import binding
 from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.run.watch.courses import AHEAD, STRONG, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
 from kickdrift.run.watch.span import Act, Part, Span, separation
@@ -34,7 +38,7 @@ class Contacts(Checkpointed):
 
     def begin(self, system: System) -> None:
         """Watch these bodies, without any known contact."""
-        self._system, self._massive = system, system.state.masses > 0
+        self._begin_with(system)
         self._many = len(system) > ALL_PAIRS
         if self._many:
             pairs = np.zeros((2, 0), np.int64)
@@ -43,9 +47,18 @@ class Contacts(Checkpointed):
             pairs = pairs[:, self._massive[pairs].any(axis=0)]
         self._take(np.ascontiguousarray(pairs), np.zeros(pairs.shape[1], dtype=np.bool_))
 
+    def _begin_with(self, system: System) -> None:
+        """Take the bodies and their attraction."""
+        self._system, self._massive, law = system, system.state.masses > 0, binding(system)
+        gravity = 0.0 if law is None else gravitational_constant(law.name, law.G, system)
+        self._gm = gravity * system.state.masses
+        self._sources, self._softening2 = self._gm, 0.0 if law is None else float(law.softening) ** 2
+        self._strength: tuple[Any, float] = (None, 0.0)
+
     def _take(self, pairs: np.ndarray, touching: np.ndarray) -> None:
         self._pairs, self._touching = pairs, touching
-        self._rows = np.zeros((pairs.shape[1], 4))
+        self._rows, self._near = np.zeros((pairs.shape[1], 4)), np.zeros(pairs.shape[1], np.int64)
+        self._weak, self._calm = np.zeros(1, np.int64), False
 
     @property
     def _known(self) -> np.ndarray:
@@ -54,6 +67,9 @@ class Contacts(Checkpointed):
 
     def scan(self, step_parts: list[Part], step: int) -> int:
         """Search a step up to its first part with a contact. Return the number of pairs in contact."""
+        if self._calm:
+            self._calm, self._count = False, 0
+            return 0
         begin, length = step_parts[0].t0, step_parts[-1].t1 - step_parts[0].t0
         for part in step_parts:
             h = part.t1 - part.t0
@@ -64,6 +80,62 @@ class Contacts(Checkpointed):
                     rows[...] = (part.t0 - begin + rows * h) / length
                 break
         return self._count
+
+    # --- steps in parts ---
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Ids (n,) of the bodies."""
+        return self._system.state.ids
+
+    @property
+    def marks(self) -> tuple[Any, ...]:
+        """The pairs, and which of them are known to touch."""
+        return self._pairs, self._touching.copy()
+
+    @marks.setter
+    def marks(self, marks: tuple[Any, ...]) -> None:
+        self._take(marks[0], marks[1].copy())
+
+    def attracts(self, h: float) -> bool:
+        """Tell whether a step may feel the attraction of two bodies that touch."""
+        if self._strength[0] is not self.radii:
+            least = self.radii[self.radii > 0.0].min(initial=np.inf)
+            self._strength = self.radii, 2.0 * float(self._gm.max(initial=0.0)) / least**3
+        return self._strength[1] * h * h > STRONG
+
+    def suspects(self, whole: Part, step: int, fresh: NDArray[np.bool_]) -> bool:
+        """Tell whether pairs that attract each other may touch in a step, or soon after it."""
+        h = whole.t1 - whole.t0
+        if not self.attracts(h):
+            return False
+        if self._many:
+            self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self._gm, AHEAD * h))
+        count = suspects(
+            whole.y0, whole.y1, h, self._pairs, self.radii, self._gm, self._sources, self._softening2, fresh,
+            self._near, self._weak,
+        )  # fmt: skip
+        self._suspected = self._pairs[:, self._near[:count]] if count else self._pairs[:, :0]
+        self._calm = not count and not self._weak[0] and not self._touching.any()
+        return count > 0
+
+    def room(self, y: Floats, time: float, left: float, fresh: NDArray[np.bool_], ahead: float, behind: float) -> float:
+        """Longest part of a step from y that ends before suspected pairs touch, or shortly after."""
+        return float(
+            room(
+                y, left, np.ascontiguousarray(self._suspected), self.radii, self._gm, self._sources, self._softening2,
+                fresh, ahead, behind,
+            )
+        )  # fmt: skip
+
+    def soon(self, y: Floats, time: float, h: float, fresh: NDArray[np.bool_]) -> bool:
+        """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
+        return bool(
+            soon(
+                y, h, np.ascontiguousarray(self._suspected), self.radii, self._gm, self._sources, self._softening2,
+                fresh,
+            )
+        )  # fmt: skip
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""

@@ -19,6 +19,7 @@ from kickdrift.run.watch.collisions import Change
 from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.parting import Parting
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts, separation
@@ -48,6 +49,7 @@ class Search:
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
+        self._parting = Parting(run, self._contacts)
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
@@ -58,6 +60,7 @@ class Search:
         """Forget all that was found so far."""
         self.log.forget()
         self.act = self.span = self._quiet = None
+        self._parting.forget()
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -103,6 +106,10 @@ class Search:
         for watch in self._watches:
             watch.follow(system)
 
+    def leave(self, ids: Sequence[int], time: float, length: float) -> None:
+        """Note the bodies that leave a contact; ``length`` is that of a step."""
+        self._parting.note(ids, time, length)
+
     def know(self, act: Act) -> None:
         """Report this contact, or this escape, only once."""
         if isinstance(act.event, Collision):
@@ -125,10 +132,21 @@ class Search:
             self._quiet = inner, limits and QuietSteps(inner, limits)
         return self._quiet[1]
 
-    def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
-        """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
-        step, whole, found_in = inner.steps_done, None, parts(y0, t0, y1, t1, inner)
-        for watch in self._contacts:
+    def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float, good: bool = True) -> bool:
+        """Log the events of a span up to the first that changes the bodies, and store that event in ``act``.
+
+        Return whether all is well. ``good`` is False if the step failed: only a contact inside the step can tell why."""
+        step, whole = inner.steps_done, None
+        found_in = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)]
+        parted = self._parting.step(self.trials, found_in, step, good)
+        if parted is None and not good:
+            return False
+        if parted is not None:
+            found_in, self.act, self.span = parted.parts, parted.act, parted.span
+            _, _, y1, t1 = found_in[-1]
+            if self.act is None:
+                inner.reset(y1.copy(), t1, step)
+        for watch in self._contacts if parted is None else ():
             if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)
         if whole is not None:
@@ -149,6 +167,7 @@ class Search:
             self.log.wait(found)
         if met and self.act is None:
             self.act, self.span = met[0], self._span_of(inner, y0, t0, y1, t1)
+        return True
 
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
         step = inner.steps_done
@@ -186,6 +205,7 @@ class Search:
         return {
             "watches": [watch.memory() for watch in self._watches],
             "waiting": self.log.memory(),
+            "parting": self._parting.memory(),
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
         }
@@ -196,6 +216,8 @@ class Search:
         for watch, known in zip(self._watches, memory["watches"], strict=True):
             watch.recall(known)
         self.log.recall(memory["waiting"])
+        if "parting" in memory:  # since version 0.3
+            self._parting.recall(memory["parting"])
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
             self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))
