@@ -36,6 +36,7 @@ class Hermite(Method):
     particles_only = True
     chooses_steps = True
     needs_dt = False
+    parts_steps = True
 
     @property
     def declared(self) -> tuple[Option, ...]:
@@ -48,6 +49,9 @@ class Hermite(Method):
             given = given.changed(eta=None, scheme=None)
         options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
+
+    def parted(self, options: Options, dt: float) -> Options:
+        return options.changed(dt=dt, eta=None, scheme=None)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity

@@ -33,7 +33,7 @@ class Parting:
 
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
-        self._on = bool(contacts) and not run.method.chooses_steps
+        self._on = bool(contacts) and run.method.parts_steps
         self._ahead, self._behind = evaluated(run.method)
         self.forget()
 

@@ -38,6 +38,7 @@ class Search:
     ----------
     log : entries for the run's record
     trials : shorter steps, for positions inside a step
+    parts : those of the last step, if it was taken in parts and times inside it count
     act, span : the first event that changes the bodies, and its step; None if there is none
     """
 
@@ -45,6 +46,7 @@ class Search:
         self._run, subject = run, run.system
         self.log, self.trials = Log(run), Trials(run)
         self.act: Act | None = None
+        self.parts: list[Part] = []
         self.span: Span | None = None
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
@@ -60,6 +62,7 @@ class Search:
         """Forget all that was found so far."""
         self.log.forget()
         self.act = self.span = self._quiet = None
+        self.parts = []
         self._parting.forget()
         for watch in self._watches:
             watch.begin(self._run.system)
@@ -137,12 +140,13 @@ class Search:
 
         Return whether all is well. ``good`` is False if the step failed: only a contact inside the step can tell why."""
         step, whole = inner.steps_done, None
-        found_in = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)]
+        found_in, self.parts = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)], []
         parted = self._parting.step(self.trials, found_in, step, good)
         if parted is None and not good:
             return False
         if parted is not None:
             found_in, self.act, self.span = parted.parts, parted.act, parted.span
+            self.parts = found_in if self._run.method.chooses_steps else []
             _, _, y1, t1 = found_in[-1]
             if self.act is None:
                 inner.reset(y1.copy(), t1, step)
@@ -169,9 +173,16 @@ class Search:
             self.act, self.span = met[0], self._span_of(inner, y0, t0, y1, t1)
         return True
 
+    def at(self, time: float) -> Floats | None:
+        """y at a time inside the last step, if the step was taken in parts."""
+        for y0, t0, y1, t1 in self.parts:
+            if t0 <= time <= t1:
+                return y0 if time == t0 else y1 if time == t1 else self.trials.at(y0, t0, time, 0).copy()
+        return None
+
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
         step = inner.steps_done
-        if self._run.method.chooses_steps:
+        if self._run.method.chooses_steps and not self.parts:
             return Span(y0, t0, y1, t1, step, inner.at)
         return Span(y0, t0, y1, t1, step, lambda time: self.trials.at(y0, t0, time, step))
 
@@ -206,6 +217,7 @@ class Search:
             "watches": [watch.memory() for watch in self._watches],
             "waiting": self.log.memory(),
             "parting": self._parting.memory(),
+            "parts": [part._asdict() for part in self.parts],
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
         }
@@ -218,6 +230,7 @@ class Search:
         self.log.recall(memory["waiting"])
         if "parting" in memory:  # since version 0.3
             self._parting.recall(memory["parting"])
+            self.parts = [Part(**part) for part in memory["parts"]]
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
             self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))

@@ -61,7 +61,7 @@ class Trials:
         """A stepper for steps of this length: the last one, where it can change their length."""
         if hasattr(self._last, "retimed"):
             return self._last.retimed(dt)
-        self._last = self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
+        self._last = self._run.method.stepper(self._flow, self._run.method.parted(self._run.options, dt))
         return self._last
 
     def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:

@@ -109,7 +109,8 @@ class WatchedStepper:
         return _sum(self._spent, self.inner.counts)
 
     def at(self, time: float) -> Floats:
-        return self.inner.at(time)
+        y = self._search.at(time)
+        return self.inner.at(time) if y is None else y.copy()
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return self.inner.reached(inside_step)
@@ -206,8 +207,8 @@ class WatchedStepper:
     def _mended(self, before: Floats, begin: float, done: int, status: int) -> int:
         """Search a step that failed: it may have passed through a contact. Return OK, or the status of the step."""
         inner = self.inner
-        if not self._run.method.chooses_steps:
-            end = begin + inner.last_step
+        if (length := self._run.options.dt) and self._run.method.parts_steps:
+            end = begin + length
             inner.reset(before.copy(), end, done + 1)
             if self._search.scan(inner, before, begin, before, end, good=False):
                 return OK
@@ -250,6 +251,7 @@ class WatchedStepper:
             self._stop(act, span)
             return OK
         y = np.array(span.inside(act.time))
+        self._search.parts = []
         try:
             self._change(act, y, step)
         except InputError as error:  # a force or the method refuses the remaining bodies
