@@ -36,7 +36,6 @@ class Hermite(Method):
     particles_only = True
     chooses_steps = True
     needs_dt = False
-    parts_steps = True
 
     @property
     def declared(self) -> tuple[Option, ...]:

@@ -125,11 +125,6 @@ class Method:
     def chooses_steps(self) -> bool:
         return self.adaptive
 
-    @property
-    def parts_steps(self) -> bool:
-        """Whether one step of any given length can begin at any state; see ``parted``."""
-        return not self.chooses_steps
-
     def parted(self, options: Options, dt: float) -> Options:
         """The options of a stepper whose steps have this length."""
         return options.changed(dt=dt)

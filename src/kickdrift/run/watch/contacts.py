@@ -20,6 +20,7 @@ from kickdrift.run.watch.courses import AHEAD, STRONG, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
 from kickdrift.run.watch.span import Act, Part, Span, separation
+from kickdrift.run.watch.trials import Exact, Own
 
 LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
 ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
@@ -119,16 +120,16 @@ class Contacts(Checkpointed):
         self._calm = not count and not self._weak[0] and not self._touching.any()
         return count > 0
 
-    def room(self, y: Floats, time: float, left: float, fresh: NDArray[np.bool_], ahead: float, behind: float) -> float:
+    def room(self, y: Floats, left: float, fresh: NDArray[np.bool_], motion: Exact | Own) -> float:
         """Longest part of a step from y that ends before suspected pairs touch, or shortly after."""
         return float(
             room(
                 y, left, np.ascontiguousarray(self._suspected), self.radii, self._gm, self._sources, self._softening2,
-                fresh, ahead, behind,
+                fresh, motion.ahead, motion.behind, motion.fine,
             )
         )  # fmt: skip
 
-    def soon(self, y: Floats, time: float, h: float, fresh: NDArray[np.bool_]) -> bool:
+    def soon(self, y: Floats, h: float, fresh: NDArray[np.bool_]) -> bool:
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
         return bool(
             soon(

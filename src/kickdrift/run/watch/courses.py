@@ -238,11 +238,12 @@ def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
 
 
 @driver
-def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind):
+def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind, fine):
     """Return the longest part of a step that ends before the ``pairs`` touch, or shortly after they touch.
 
     A method evaluates forces at times between -``behind`` and ``ahead`` of its step. Pairs of ``fresh`` bodies (n,) come
-    from a contact, so their way back is no way for a step either."""
+    from a contact, so their way back is no way for a step either. With ``fine``, parts are short where the pairs'
+    attraction changes fast."""
     found, back, longest = np.empty(3), np.empty((2, 3, 2)), left
     for p in range(pairs.shape[1]):
         i, j = pairs[0, p], pairs[1, p]
@@ -253,7 +254,7 @@ def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind):
                 course(y, i, j, reach, sources, softening2, pair, left, AHEAD * left, found)
                 part = ahead
             else:
-                if not (fresh[i] and fresh[j]):
+                if not (fine and fresh[i] and fresh[j]):
                     continue
                 course_back(y, i, j, reach, softening2, pair, left, found, back)
                 part = behind
@@ -261,6 +262,8 @@ def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind):
                 continue
             if part > 0.0:
                 longest = min(longest, max(SAFE * found[HIT] / part, ARC * reach / w))
+            if not fine:
+                continue
             s = longest
             for _ in range(100):
                 end = max(reach, d - w * s) if way == 0 else d

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.kernel import OK
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
-from kickdrift.run.watch.contacts import Contacts
+from kickdrift.run.watch.contacts import ALL_PAIRS, Contacts
 from kickdrift.run.watch.span import Act, Part, Span
 from kickdrift.run.watch.trials import Trials, Watched
 
@@ -23,18 +23,18 @@ class Parted(NamedTuple):
 
     parts: list[Part]
     act: Act | None
-    span: Span | None  # of the act: from the start of the last part to the step's end
+    span: Span | None  # from the act to the step's end
 
 
 class Parting:
     """Steps in parts, where pairs of bodies that attract each other may touch.
 
-    The step itself is taken first, and stands if nothing touches. Else the step is taken again in parts."""
+    The step itself is taken first, and stands if nothing touches. Else the step is taken again in parts: those of few
+    bodies by gauss-radau15, those of many by the run's own method."""
 
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
-        self._on = bool(contacts) and run.method.parts_steps
-        self._ahead, self._behind = evaluated(run.method)
+        self._on = bool(contacts) and not run.method.adaptive
         self.forget()
 
     def forget(self) -> None:
@@ -84,30 +84,29 @@ class Parting:
         """The step in parts, up to the first contact; None if a part fails."""
         parts: list[Part] = []
         y, t, end = whole.y0, whole.t0, whole.t1
+        motion = (trials.exact if y.shape[-1] <= ALL_PAIRS else trials.own)(y, t)
         while t < end:
-            least = min(
-                each.room(y, t, end - t, self._fresh(each, t), self._ahead, self._behind) for each in near
-            )
+            least = min(each.room(y, end - t, self._fresh(each, t), motion) for each in near)
             until = t + least if least < (1.0 - FEW) * (end - t) else end
-            status, reached, _ = trials.step(y, t, until)
-            if status != OK or not np.isfinite(reached).all():
+            status, reached, until = motion.step(until)
+            if status != OK or not (until > t and np.isfinite(reached).all()):
                 return None
-            part = Part(y, t, reached.copy(), until)
-            span = Span(*part, step, lambda time, y=y, t=t: trials.at(y, t, time, step))
+            part = Part(y, t, reached, until)
+            span = Span(*part, step, motion.at)
             acts = [act for each in self._contacts if each.scan([part], step) and (act := each.first(span))]
             if acts:
                 act = min(acts, key=lambda act: act.time)
-                last = Part(y, t, np.array(span.inside(act.time)), act.time)
-                span.y1, span.t1 = part.y1 if until == end else whole.y1, end
-                return Parted([*parts, last], act, span)
+                there = np.array(span.inside(act.time))
+                rest = Span(there, act.time, reached if until == end else whole.y1, end, step, span.inside)
+                return Parted([*parts, Part(y, t, there, act.time)], act, rest)
             parts.append(part)
-            y, t = part.y1, until
+            y, t = reached, until
         return Parted(parts, None, None)
 
     def _soon(self, near: list[Contacts], found: Parted) -> bool:
         """Tell whether bodies touch so soon after the end that a whole step would spoil their velocities."""
         y, t, length = found.parts[-1].y1, found.parts[-1].t1, found.parts[-1].t1 - found.parts[0].t0
-        return any([each.soon(y, t, length, self._fresh(each, t)) for each in near])
+        return any([each.soon(y, length, self._fresh(each, t)) for each in near])
 
     # --- checkpoints ---
 
@@ -122,11 +121,3 @@ class Parting:
             raise InputError("checkpoint: the bodies that come from a contact are invalid")
         self._ids, self._until = list(ids), until
 
-
-def evaluated(method: Any) -> tuple[float, float]:
-    """Latest and earliest time at which a step evaluates forces, as parts of the step: at least (1, 0)."""
-    if hasattr(method, "kick_groups"):
-        times: Floats = method.stages[2]
-    else:
-        times = np.array(getattr(method, "c", (0.0, 1.0)))
-    return max(1.0, float(times.max())), max(0.0, -float(times.min()))

@@ -177,7 +177,7 @@ class Search:
         """y at a time inside the last step, if the step was taken in parts."""
         for y0, t0, y1, t1 in self.parts:
             if t0 <= time <= t1:
-                return y0 if time == t0 else y1 if time == t1 else self.trials.at(y0, t0, time, 0).copy()
+                return y0 if time == t0 else y1 if time == t1 else self.trials.between(y0, t0, time)
         return None
 
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
