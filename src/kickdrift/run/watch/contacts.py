@@ -19,10 +19,12 @@ from kickdrift.model.system import System
 from kickdrift.run.watch.courses import AHEAD, STRONG, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
-from kickdrift.run.watch.span import Act, Part, Span, separation
+from kickdrift.run.watch.span import Act, Part, Span
 from kickdrift.run.watch.trials import Exact, Own
 
 LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
+SHORT = 1e-6  # of a step: the square of a shorter time is below rounding
+STEPS = 4  # most steps of Newton's method
 ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
 
 
@@ -30,6 +32,7 @@ class Contacts(Checkpointed):
     """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
+    _newton = False  # whether to try a step of Newton's method from the contact on the cubic curve
 
     def __init__(self, event: Collision, system: System) -> None:
         self.event = event
@@ -110,33 +113,39 @@ class Contacts(Checkpointed):
         h = whole.t1 - whole.t0
         if not self.attracts(h):
             return False
-        if self._many:
-            self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self._gm, AHEAD * h))
+        y0, y1, places, who = self._places(whole, h, step)
         count = suspects(
-            whole.y0, whole.y1, h, self._pairs, self.radii, self._gm, self._sources, self._softening2, fresh,
-            self._near, self._weak,
+            y0, y1, h, places, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who], self._near,
+            self._weak,
         )  # fmt: skip
-        self._suspected = self._pairs[:, self._near[:count]] if count else self._pairs[:, :0]
+        self._suspected = self._pairs[:, self._near[:count]]
         self._calm = not count and not self._weak[0] and not self._touching.any()
         return count > 0
 
-    def room(self, y: Floats, left: float, fresh: NDArray[np.bool_], motion: Exact | Own) -> float:
+    def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, NDArray[np.int64], Any]:
+        """States at both ends of a step, the columns (2, P) of the pairs in these, and the body of each column."""
+        if self._many:
+            self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self._gm, AHEAD * h))
+        return whole.y0, whole.y1, self._pairs, slice(None)
+
+    def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, NDArray[np.int64], Any]:
+        """A state with the suspected pairs, their columns (2, S), and the body of each column."""
+        return y, np.ascontiguousarray(self._suspected), slice(None)
+
+    def room(self, y: Floats, time: float, left: float, fresh: NDArray[np.bool_], motion: Exact | Own) -> float:
         """Longest part of a step from y that ends before suspected pairs touch, or shortly after."""
+        there, pairs, who = self._pairs_at(y, time)
         return float(
             room(
-                y, left, np.ascontiguousarray(self._suspected), self.radii, self._gm, self._sources, self._softening2,
-                fresh, motion.ahead, motion.behind, motion.fine,
+                there, left, pairs, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who],
+                motion.ahead, motion.behind, motion.fine,
             )
         )  # fmt: skip
 
-    def soon(self, y: Floats, h: float, fresh: NDArray[np.bool_]) -> bool:
+    def soon(self, y: Floats, time: float, h: float, fresh: NDArray[np.bool_]) -> bool:
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
-        return bool(
-            soon(
-                y, h, np.ascontiguousarray(self._suspected), self.radii, self._gm, self._sources, self._softening2,
-                fresh,
-            )
-        )  # fmt: skip
+        there, pairs, who = self._pairs_at(y, time)
+        return bool(soon(there, h, pairs, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who]))
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""
@@ -174,12 +183,29 @@ class Contacts(Checkpointed):
         return min((found[k] for k in sorted(found)), key=lambda act: act.time, default=None)
 
     def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
-        """Contact on the method's own solution, or None."""
+        """Contact on the method's own solution, or None.
+
+        A step of Newton's method from the contact on the cubic curve is exact to rounding if it is short. Other
+        contacts, such as grazing ones, are bracketed."""
         i, j, *image = (int(k) for k in self._pairs[:, int(pair)])
-        reach = self.radii[i] + self.radii[j]
+        reach, time = self.radii[i] + self.radii[j], span.t0 + s * span.length
+        where = [(image[0], image[1])] if image else []
+        for _ in range(STEPS if s > a and (span.costly or self._newton) else 0):
+            x, v = self._apart(span.inside(time), time, i, j, image)
+            if not (inwards := -float(x @ v)) > 0:
+                break
+            distance = float(np.linalg.norm(x))
+            later = (distance - reach) * distance / inwards
+            if not span.t0 <= time + later <= span.t1:
+                break
+            time += later
+            if abs(later) <= SHORT * span.length:
+                return Act(self.event, time, (i, j), reach, *where)
+            if not span.costly:
+                break
 
         def gap(time: float) -> float:
-            return self._distance(span.inside(time), time, i, j, image) - reach
+            return float(np.linalg.norm(self._apart(span.inside(time), time, i, j, image)[0])) - reach
 
         begin, end = span.t0 + a * span.length, span.t0 + b * span.length if b < 1 else span.t1
         time = begin
@@ -188,11 +214,11 @@ class Contacts(Checkpointed):
                 return None
             if gap(begin) > 0:
                 time = span.zero(gap, begin, end, 1e-13)
-        return Act(self.event, time, (i, j), gap(time) + reach, *([(image[0], image[1])] if image else []))
+        return Act(self.event, time, (i, j), gap(time) + reach, *where)
 
-    def _distance(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> float:
-        """Distance of two bodies."""
-        return separation(y, i, j)
+    def _apart(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> Floats:
+        """Relative position and velocity (2, 3) of two bodies."""
+        return y[:2, :, i] - y[:2, :, j]
 
     def follow(self, system: System) -> None:
         """Watch other bodies; known contacts stay known."""

@@ -181,6 +181,14 @@ def distance(y, i, j):
 
 
 @jit
+def is_strong(y, h, i, j, reach, pair):
+    """Tell whether two bodies may attract each other without bound in a step: it may lead them deep into each other."""
+    if not pair * h * h > STRONG * reach * reach * reach:
+        return False
+    return (speed2(y, i, j) + 2.0 * pair / reach) * h * h > ARC * ARC * reach * reach
+
+
+@jit
 def is_suspect(y, h, i, j, reach, sources, softening2, pair, found):
     """Tell whether two bodies may touch in a step from y, or so soon after the step that its end needs care."""
     if not may_meet(y, i, j, reach, pair, AHEAD * h):
@@ -200,7 +208,7 @@ def leaves(y, h, i, j, reach, softening2, pair, found, back):
 def suspects(y0, y1, h, pairs, radii, gm, sources, softening2, fresh, rows, weak):
     """rows (P,) <- numbers of the ``pairs`` that may touch in a step from y0 to y1, or soon after. Return how many.
 
-    ``weak`` (1,) is the number of pairs near each other on the cubic that attract each other too little for this.
+    ``weak`` (1,) is the number of pairs near each other on the cubic that come too little into each other for this.
     ``gm`` (n,) is G times the masses; ``sources`` (n,) are those of tides, or (0,). ``fresh`` (n,) bodies come from a
     contact."""
     found, back, count = np.empty(3), np.empty((2, 3, 2)), 0
@@ -211,7 +219,7 @@ def suspects(y0, y1, h, pairs, radii, gm, sources, softening2, fresh, rows, weak
         if reach == 0.0:
             continue
         near = hull_bound(y0, y1, h, i, j) <= NEAR * reach
-        if not pair * h * h > STRONG * reach * reach * reach:
+        if not is_strong(y0, h, i, j, reach, pair):
             weak[0] += near
             continue
         near = near or is_suspect(y0, h, i, j, reach, sources, softening2, pair, found)
@@ -231,7 +239,7 @@ def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
         reach, pair = radii[i] + radii[j], gm[i] + gm[j]
         if fresh[i] and fresh[j] and leaves(y, h, i, j, reach, softening2, pair, found, back):
             return True
-        course(y, i, j, reach, sources, softening2, pair, h, h, found)
+        course(y, i, j, reach, sources, softening2, pair, h, (AHEAD - 1.0) * h, found)
         if found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)):
             return True
     return False

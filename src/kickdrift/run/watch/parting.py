@@ -86,13 +86,13 @@ class Parting:
         y, t, end = whole.y0, whole.t0, whole.t1
         motion = (trials.exact if y.shape[-1] <= ALL_PAIRS else trials.own)(y, t)
         while t < end:
-            least = min(each.room(y, end - t, self._fresh(each, t), motion) for each in near)
+            least = min(each.room(y, t, end - t, self._fresh(each, t), motion) for each in near)
             until = t + least if least < (1.0 - FEW) * (end - t) else end
             status, reached, until = motion.step(until)
             if status != OK or not (until > t and np.isfinite(reached).all()):
                 return None
             part = Part(y, t, reached, until)
-            span = Span(*part, step, motion.at)
+            span = Span(*part, step, motion.at, costly=True)
             acts = [act for each in self._contacts if each.scan([part], step) and (act := each.first(span))]
             if acts:
                 act = min(acts, key=lambda act: act.time)
@@ -106,7 +106,7 @@ class Parting:
     def _soon(self, near: list[Contacts], found: Parted) -> bool:
         """Tell whether bodies touch so soon after the end that a whole step would spoil their velocities."""
         y, t, length = found.parts[-1].y1, found.parts[-1].t1, found.parts[-1].t1 - found.parts[0].t0
-        return any([each.soon(y, length, self._fresh(each, t)) for each in near])
+        return any([each.soon(y, t, length, self._fresh(each, t)) for each in near])
 
     # --- checkpoints ---
 
@@ -120,4 +120,3 @@ class Parting:
         if not (isinstance(until, float) and all(isinstance(each, int) for each in ids)):
             raise InputError("checkpoint: the bodies that come from a contact are invalid")
         self._ids, self._until = list(ids), until
-

@@ -27,6 +27,7 @@ class Span:
     t1: float
     step: int
     at: Callable[[float], Floats]
+    costly: bool = False  # whether ``at`` costs many evaluations of the forces
 
     @property
     def length(self) -> float:

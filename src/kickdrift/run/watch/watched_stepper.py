@@ -303,7 +303,10 @@ class WatchedStepper:
         self._run.bodies_changed()
         if event.action != "merge":
             kept = [i for i in act.bodies if i not in change.gone]
-            ids = system.state.ids[kept].tolist() + self._system.state.ids[len(self._system) - len(change.born) :].tolist()
+            ids = (
+                system.state.ids[kept].tolist()
+                + self._system.state.ids[len(self._system) - len(change.born) :].tolist()
+            )
             self._search.leave(ids, act.time, abs(self.inner.last_step))
 
     def _changed(self, act: Act, y: Floats, step: int) -> Change:
