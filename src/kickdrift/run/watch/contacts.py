@@ -55,8 +55,8 @@ class Contacts(Checkpointed):
         """Take the bodies and their attraction."""
         self._system, self._massive, law = system, system.state.masses > 0, binding(system)
         gravity = 0.0 if law is None else gravitational_constant(law.name, law.G, system)
-        self._gm = gravity * system.state.masses
-        self._sources, self._softening2 = self._gm, 0.0 if law is None else float(law.softening) ** 2
+        self.gm = gravity * system.state.masses
+        self._sources, self.softening2 = self.gm, 0.0 if law is None else float(law.softening) ** 2
         self._strength: tuple[Any, float] = (None, 0.0)
 
     def _take(self, pairs: np.ndarray, touching: np.ndarray) -> None:
@@ -105,7 +105,7 @@ class Contacts(Checkpointed):
         """Tell whether a step may feel the attraction of two bodies that touch."""
         if self._strength[0] is not self.radii:
             least = self.radii[self.radii > 0.0].min(initial=np.inf)
-            self._strength = self.radii, 2.0 * float(self._gm.max(initial=0.0)) / least**3
+            self._strength = self.radii, 2.0 * float(self.gm.max(initial=0.0)) / least**3
         return self._strength[1] * h * h > STRONG
 
     def suspects(self, whole: Part, step: int, fresh: NDArray[np.bool_]) -> bool:
@@ -115,7 +115,7 @@ class Contacts(Checkpointed):
             return False
         y0, y1, places, who = self._places(whole, h, step)
         count = suspects(
-            y0, y1, h, places, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who], self._near,
+            y0, y1, h, places, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who], self._near,
             self._weak,
         )  # fmt: skip
         self._suspected = self._pairs[:, self._near[:count]]
@@ -125,7 +125,7 @@ class Contacts(Checkpointed):
     def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, NDArray[np.int64], Any]:
         """States at both ends of a step, the columns (2, P) of the pairs in these, and the body of each column."""
         if self._many:
-            self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self._gm, AHEAD * h))
+            self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self.gm, AHEAD * h))
         return whole.y0, whole.y1, self._pairs, slice(None)
 
     def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, NDArray[np.int64], Any]:
@@ -137,7 +137,7 @@ class Contacts(Checkpointed):
         there, pairs, who = self._pairs_at(y, time)
         return float(
             room(
-                there, left, pairs, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who],
+                there, left, pairs, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who],
                 motion.ahead, motion.behind, motion.fine,
             )
         )  # fmt: skip
@@ -145,7 +145,7 @@ class Contacts(Checkpointed):
     def soon(self, y: Floats, time: float, h: float, fresh: NDArray[np.bool_]) -> bool:
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
         there, pairs, who = self._pairs_at(y, time)
-        return bool(soon(there, h, pairs, self.radii[who], self._gm[who], self._sources, self._softening2, fresh[who]))
+        return bool(soon(there, h, pairs, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who]))
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""

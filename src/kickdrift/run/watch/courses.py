@@ -198,6 +198,13 @@ def is_suspect(y, h, i, j, reach, sources, softening2, pair, found):
 
 
 @jit
+def may_touch(y, h, i, j, reach, gm, sources, softening2, found):
+    """Tell whether two bodies that attract each other may touch in a step from y, or soon after it."""
+    pair = gm[i] + gm[j]
+    return is_strong(y, h, i, j, reach, pair) and is_suspect(y, h, i, j, reach, sources, softening2, pair, found)
+
+
+@jit
 def leaves(y, h, i, j, reach, softening2, pair, found, back):
     """Tell whether two bodies touched so short a time before y that a step needs care."""
     course_back(y, i, j, reach, softening2, pair, h, found, back)

@@ -35,6 +35,7 @@ class Parting:
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
         self._on = bool(contacts) and not run.method.adaptive
+        self._ends = all(each.event.action == "stop" for each in contacts)  # no step has to go on from a contact
         self.forget()
 
     def forget(self) -> None:
@@ -48,6 +49,10 @@ class Parting:
             self._ids = []
         self._ids = sorted({*self._ids, *ids})
         self._until = time + 2.0 * length
+
+    def watches(self, time: float) -> bool:
+        """Whether bodies come from a contact a short time ago, so that every step must be searched."""
+        return time < self._until
 
     def _fresh(self, contacts: Contacts, time: float) -> np.ndarray:
         """Tell for each body (n,) whether it comes from a contact a short time ago."""
@@ -65,22 +70,26 @@ class Parting:
         if not near:
             return None
         known = [each.marks for each in self._contacts]
-        found = self._in_parts(trials, near, span, step)
+        found = self._in_parts(trials, near, span, step, good)
         if found is None or found.act is not None:
             return found
         marks = [each.marks for each in self._contacts]
         self._mark(known)
-        if good and not any([each.scan(whole, step) > 0 for each in self._contacts]) and not self._soon(near, found):
+        if good and (self._ends or not (self._touches(whole, step) or self._soon(near, found))):
             self._mark(known)
             return None
         self._mark(marks)
         return found
 
+    def _touches(self, whole: list[Part], step: int) -> bool:
+        """Tell whether bodies touch in the step as it was taken at first."""
+        return any([each.scan(whole, step) > 0 for each in self._contacts])
+
     def _mark(self, marks: Sequence[Any]) -> None:
         for each, mark in zip(self._contacts, marks, strict=True):
             each.marks = mark
 
-    def _in_parts(self, trials: Trials, near: list[Contacts], whole: Part, step: int) -> Parted | None:
+    def _in_parts(self, trials: Trials, near: list[Contacts], whole: Part, step: int, good: bool) -> Parted | None:
         """The step in parts, up to the first contact; None if a part fails."""
         parts: list[Part] = []
         y, t, end = whole.y0, whole.t0, whole.t1
@@ -97,7 +106,9 @@ class Parting:
             if acts:
                 act = min(acts, key=lambda act: act.time)
                 there = np.array(span.inside(act.time))
-                rest = Span(there, act.time, reached if until == end else whole.y1, end, step, span.inside)
+                rest = Span(
+                    there, act.time, reached if until == end else whole.y1, end, step, span.inside, failed=not good
+                )
                 return Parted([*parts, Part(y, t, there, act.time)], act, rest)
             parts.append(part)
             y, t = reached, until

@@ -54,7 +54,7 @@ class PatchContacts(Contacts):
         found = patch_of(system)
         assert found is not None
         self._begin_with(system)
-        self._sources = self._gm[:0]  # the tide is that of the patch, which a course leaves to its margin
+        self._sources = self.gm[:0]  # the tide is that of the patch, which a course leaves to its margin
         self._patch, self._many = found, True
         self._take(np.zeros((4, 0), np.int64), np.zeros(0, np.bool_))
 
@@ -62,7 +62,7 @@ class PatchContacts(Contacts):
         """Bodies and images that may touch in a step, or in the time ``ahead`` from its start, and the columns (2, P) of
         their pairs. These become the pairs to search."""
         crowd = crowd_of(self._patch, *part, self.radii, step)
-        gm = self._gm[crowd.bodies] if ahead else None
+        gm = self.gm[crowd.bodies] if ahead else None
         places = overlapping(crowd.y0, crowd.y1, h, self.radii[crowd.bodies], self._massive[crowd.bodies], gm, ahead)
         places = places[:, places[0] < len(self._system)]  # two images meet as their bodies do
         pairs, places = _once(crowd, places)

@@ -128,6 +128,8 @@ class Search:
         """Steps until one may have an event; None if only the search can tell, as while a passage goes on."""
         if len(self._crossings) or not hasattr(type(inner), "noted"):
             return None
+        if self._parting.watches(inner.time):
+            return None
         if any(each.watches_all for each in self._contacts) or any(each.under_way for each in self._approaches):
             return None
         if self._quiet is None or self._quiet[0] is not inner:

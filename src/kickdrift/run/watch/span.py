@@ -28,6 +28,7 @@ class Span:
     step: int
     at: Callable[[float], Floats]
     costly: bool = False  # whether ``at`` costs many evaluations of the forces
+    failed: bool = False  # whether the step has no end
 
     @property
     def length(self) -> float:

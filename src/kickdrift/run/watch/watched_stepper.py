@@ -275,7 +275,7 @@ class WatchedStepper:
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
         self._search.log.add(row)
         self._search.know(act)
-        if self._run.method.chooses_steps and act.time < span.t1:
+        if span.failed or (self._run.method.chooses_steps and act.time < span.t1):
             self.inner.reset(np.array(span.inside(act.time)), act.time, span.step)
             self._search.begin_crossings()
         self.stopped = f"{names} {what} at t = {act.time:.9g}"
