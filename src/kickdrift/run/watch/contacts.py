@@ -16,7 +16,7 @@ from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.courses import AHEAD, STRONG, room, soon, suspects
+from kickdrift.run.watch.courses import AHEAD, STRONG, all_far, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
 from kickdrift.run.watch.span import Act, Part, Span
@@ -26,6 +26,14 @@ LATE = 0.01  # of a step: the cubic and the method's own solution tell the time 
 SHORT = 1e-6  # of a step: the square of a shorter time is below rounding
 STEPS = 4  # most steps of Newton's method
 ALL_PAIRS = 256  # most bodies whose pairs are all searched; a tree finds the pairs of more bodies
+
+
+Who = NDArray[np.int64] | None
+
+
+def of(values: Any, who: Who) -> Any:
+    """Values of these bodies; None stands for all of them, and there may be no values."""
+    return values if who is None or not len(values) else values[who]
 
 
 class Contacts(Checkpointed):
@@ -58,11 +66,12 @@ class Contacts(Checkpointed):
         self.gm = gravity * system.state.masses
         self._sources, self.softening2 = self.gm, 0.0 if law is None else float(law.softening) ** 2
         self._strength: tuple[Any, float] = (None, 0.0)
+        self._measured: Any = None
 
     def _take(self, pairs: np.ndarray, touching: np.ndarray) -> None:
         self._pairs, self._touching = pairs, touching
-        self._rows, self._near = np.zeros((pairs.shape[1], 4)), np.zeros(pairs.shape[1], np.int64)
-        self._weak, self._calm = np.zeros(1, np.int64), False
+        self._rows, self._near = np.zeros((pairs.shape[1], 4)), np.zeros(pairs.shape[1] + 1, np.int64)
+        self._calm, self._measured = False, None
 
     @property
     def _known(self) -> np.ndarray:
@@ -101,6 +110,17 @@ class Contacts(Checkpointed):
     def marks(self, marks: tuple[Any, ...]) -> None:
         self._take(marks[0], marks[1].copy())
 
+    def all_far(self, y0: Floats, y1: Floats, h: float) -> bool:
+        """Tell whether a fast test clears all pairs in a step from y0 to y1."""
+        if self._many:
+            return False
+        if self._measured is not self.radii:
+            self._measured, self._limits = (
+                self.radii,
+                np.array([of[self._pairs].sum(axis=0) for of in (self.radii, self.gm)]),
+            )
+        return bool(all_far(y0, y1, h, self._pairs, self._touching, self._limits))
+
     def attracts(self, h: float) -> bool:
         """Tell whether a step may feel the attraction of two bodies that touch."""
         if self._strength[0] is not self.radii:
@@ -115,29 +135,32 @@ class Contacts(Checkpointed):
             return False
         y0, y1, places, who = self._places(whole, h, step)
         count = suspects(
-            y0, y1, h, places, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who], self._near,
-            self._weak,
+            y0, y1, h, places, self._touching, of(self.radii, who), of(self.gm, who), self._sources, self.softening2,
+            of(fresh, who), self._near,
         )  # fmt: skip
-        self._suspected = self._pairs[:, self._near[:count]]
-        self._calm = not count and not self._weak[0] and not self._touching.any()
+        self._calm = not count and not self._near[-1]
+        if count:
+            self._suspected = self._pairs[:, self._near[:count]]
         return count > 0
 
-    def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, NDArray[np.int64], Any]:
-        """States at both ends of a step, the columns (2, P) of the pairs in these, and the body of each column."""
+    def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, NDArray[np.int64], Who]:
+        """States at both ends of a step, the columns (2, P) of the pairs in these, and the body of each column; None if
+        these are all bodies in their order."""
         if self._many:
             self._take_near(overlapping(whole.y0, whole.y1, h, self.radii, self._massive, self.gm, AHEAD * h))
-        return whole.y0, whole.y1, self._pairs, slice(None)
+        return whole.y0, whole.y1, self._pairs, None
 
-    def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, NDArray[np.int64], Any]:
-        """A state with the suspected pairs, their columns (2, S), and the body of each column."""
-        return y, np.ascontiguousarray(self._suspected), slice(None)
+    def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, NDArray[np.int64], Who]:
+        """A state with the suspected pairs, their columns (2, S), and the body of each column; None if
+        these are all bodies in their order."""
+        return y, np.ascontiguousarray(self._suspected), None
 
     def room(self, y: Floats, time: float, left: float, fresh: NDArray[np.bool_], motion: Exact | Own) -> float:
         """Longest part of a step from y that ends before suspected pairs touch, or shortly after."""
         there, pairs, who = self._pairs_at(y, time)
         return float(
             room(
-                there, left, pairs, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who],
+                there, left, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who),
                 motion.ahead, motion.behind, motion.fine,
             )
         )  # fmt: skip
@@ -145,7 +168,9 @@ class Contacts(Checkpointed):
     def soon(self, y: Floats, time: float, h: float, fresh: NDArray[np.bool_]) -> bool:
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
         there, pairs, who = self._pairs_at(y, time)
-        return bool(soon(there, h, pairs, self.radii[who], self.gm[who], self._sources, self.softening2, fresh[who]))
+        return bool(
+            soon(there, h, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who))
+        )
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""

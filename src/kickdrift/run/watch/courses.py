@@ -28,7 +28,24 @@ HIT, LEAST, LATER = range(3)  # results of a course: time of the hit, least dist
 
 
 @jit
-def may_meet(y, i, j, reach, gm, time):
+def is_far(y0, y1, h, i, j, reach, pair, time):
+    """Tell whether two bodies stay apart on the cubic between two states, and in this ``time`` from the first one on
+    their straight ways and by their attraction. This test has no roots, and clears almost all pairs."""
+    start2, w2, b2, way2 = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        r0, r1 = y0[0, k, i] - y0[0, k, j], y1[0, k, i] - y1[0, k, j]
+        u0, u1 = y0[1, k, i] - y0[1, k, j], y1[1, k, i] - y1[1, k, j]
+        start2 += r0 * r0
+        w2 += u0 * u0
+        b2 += (r1 - r0 - h / 3.0 * u1) ** 2
+        way2 += (r1 - r0) ** 2
+    fall = pair * time * time  # to the third power, the way of a free fall
+    rest = start2 - 3.0 * (reach * reach + max(w2 * max(time * time, h * h / 9.0), max(b2, way2)))
+    return rest > 0.0 and rest * rest * rest > 27.0 * fall * fall
+
+
+@jit
+def may_meet(y, i, j, reach, pair, time):
     """Tell whether two bodies may come within ``reach`` in this time, by their attraction alone; loosely."""
     d2, w2, rate = 0.0, 0.0, 0.0
     for k in range(3):
@@ -36,17 +53,17 @@ def may_meet(y, i, j, reach, gm, time):
         d2 += r * r
         w2 += u * u
         rate += r * u
-    fall = (gm * time * time) ** 2
-    far = d2 - 3.0 * (reach * reach + time * time * w2)
-    if far > 0.0 and far * far * far > 27.0 * fall:
-        return False  # the distance exceeds the sum of reach, path and free fall
+    fall = pair * time * time
+    rest = d2 - 3.0 * (reach * reach + time * time * w2)
+    if rest > 0.0 and rest * rest * rest > 27.0 * fall * fall:
+        return False
     d = np.sqrt(d2)
     near = reach + LOOSE * d
     if d <= near:
         return True
-    if rate >= 0.0 and 2.0 * rate * d >= time * gm:
-        return False  # the pair parts, and turns too late
-    return d2 * w2 - rate * rate <= near * near * (w2 + 2.0 * gm * (1.0 / near - 1.0 / d))
+    if rate >= 0.0 and 2.0 * rate * d >= time * pair:
+        return False  # the bodies part, and turn too late
+    return d2 * w2 - rate * rate <= near * near * (w2 + 2.0 * pair * (1.0 / near - 1.0 / d))
 
 
 @jit
@@ -212,27 +229,43 @@ def leaves(y, h, i, j, reach, softening2, pair, found, back):
 
 
 @driver
-def suspects(y0, y1, h, pairs, radii, gm, sources, softening2, fresh, rows, weak):
-    """rows (P,) <- numbers of the ``pairs`` that may touch in a step from y0 to y1, or soon after. Return how many.
+def all_far(y0, y1, h, pairs, touching, limits):
+    """Tell whether all pairs are far from touching in a step from y0 to y1 and soon after, and none is known to touch.
 
-    ``weak`` (1,) is the number of pairs near each other on the cubic that come too little into each other for this.
-    ``gm`` (n,) is G times the masses; ``sources`` (n,) are those of tides, or (0,). ``fresh`` (n,) bodies come from a
-    contact."""
-    found, back, count = np.empty(3), np.empty((2, 3, 2)), 0
-    weak[0] = 0
+    ``limits`` (2, P) are their distances at contact, and G times their masses."""
+    for p in range(pairs.shape[1]):
+        reach = limits[0, p]
+        far = is_far(y0, y1, h, pairs[0, p], pairs[1, p], NEAR * reach, limits[1, p], AHEAD * h) or reach == 0.0
+        if touching[p] or not far:
+            return False
+    return True
+
+
+@driver
+def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, rows):
+    """rows (P + 1,) <- numbers of the ``pairs`` that may touch in a step from y0 to y1, or soon after. Return how many.
+
+    The last row is the number of pairs that are known to touch, or near each other on the cubic without coming deep
+    into each other. ``gm`` (n,) is G times the masses; ``sources`` (n,) are those of tides, or (0,). ``fresh`` (n,) or
+    (0,) bodies come from a contact."""
+    found, back, count, others = np.empty(3), np.empty((2, 3, 2)), 0, 0
     for p in range(pairs.shape[1]):
         i, j = pairs[0, p], pairs[1, p]
         reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        if reach == 0.0:
+        others += touching[p]
+        if is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h) and fresh.size == 0 or reach == 0.0:
             continue
         near = hull_bound(y0, y1, h, i, j) <= NEAR * reach
         if not is_strong(y0, h, i, j, reach, pair):
-            weak[0] += near
+            others += near
             continue
         near = near or is_suspect(y0, h, i, j, reach, sources, softening2, pair, found)
-        if near or (fresh[i] and fresh[j] and leaves(y0, h, i, j, reach, softening2, pair, found, back)):
+        if not near and fresh.size > 0 and fresh[i] and fresh[j]:
+            near = leaves(y0, h, i, j, reach, softening2, pair, found, back)
+        if near:
             rows[count] = p
             count += 1
+    rows[rows.size - 1] = others
     return count
 
 
@@ -244,7 +277,7 @@ def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
     for p in range(pairs.shape[1]):
         i, j = pairs[0, p], pairs[1, p]
         reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        if fresh[i] and fresh[j] and leaves(y, h, i, j, reach, softening2, pair, found, back):
+        if fresh.size > 0 and fresh[i] and fresh[j] and leaves(y, h, i, j, reach, softening2, pair, found, back):
             return True
         course(y, i, j, reach, sources, softening2, pair, h, (AHEAD - 1.0) * h, found)
         if found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)):
@@ -269,7 +302,7 @@ def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind, f
                 course(y, i, j, reach, sources, softening2, pair, left, AHEAD * left, found)
                 part = ahead
             else:
-                if not (fine and fresh[i] and fresh[j]):
+                if not (fine and fresh.size > 0 and fresh[i] and fresh[j]):
                     continue
                 course_back(y, i, j, reach, softening2, pair, left, found, back)
                 part = behind

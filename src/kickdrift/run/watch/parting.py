@@ -15,6 +15,7 @@ from kickdrift.run.watch.contacts import ALL_PAIRS, Contacts
 from kickdrift.run.watch.span import Act, Part, Span
 from kickdrift.run.watch.trials import Trials, Watched
 
+NONE = np.zeros(0, np.bool_)
 FEW = 1e-9  # of a step: a shorter rest is no part of its own
 
 
@@ -34,7 +35,7 @@ class Parting:
 
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
-        self._on = bool(contacts) and not run.method.adaptive
+        self.on = bool(contacts) and not run.method.adaptive
         self._ends = all(each.event.action == "stop" for each in contacts)  # no step has to go on from a contact
         self.forget()
 
@@ -55,15 +56,22 @@ class Parting:
         return time < self._until
 
     def _fresh(self, contacts: Contacts, time: float) -> np.ndarray:
-        """Tell for each body (n,) whether it comes from a contact a short time ago."""
-        return np.isin(contacts.ids, self._ids) if time < self._until else np.zeros(len(contacts.ids), np.bool_)
+        """Tell for each body (n,) whether it comes from a contact a short time ago; (0,) if there was none."""
+        return np.isin(contacts.ids, self._ids) if time < self._until else NONE
+
+    def clear(self, y0: Floats, t0: float, y1: Floats, t1: float) -> bool:
+        """Tell whether a fast test clears a step of contacts."""
+        if t0 < self._until:
+            return False
+        for each in self._contacts:
+            if not each.all_far(y0, y1, t1 - t0):
+                return False
+        return True
 
     def step(self, trials: Trials, whole: list[Part], step: int, good: bool) -> Parted | None:
         """Search a step, taken as these parts, for contacts. Return the step in other parts; None if the step stands.
 
         ``good`` is False if the step failed; its end is then not used."""
-        if not self._on:
-            return None
         begin, end = whole[0], whole[-1]
         span = Part(begin.y0, begin.t0, end.y1 if good else begin.y0, end.t1)
         near = [each for each in self._contacts if each.suspects(span, step, self._fresh(each, span.t0))]

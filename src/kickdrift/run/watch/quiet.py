@@ -17,7 +17,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.jit.by_address import address_of, status_at
 from kickdrift.jit.compile import driver, jit
 from kickdrift.model.state import Floats
-from kickdrift.run.watch.courses import may_touch
+from kickdrift.run.watch.courses import AHEAD, is_far, may_touch
 from kickdrift.run.watch.encounters import POINTS, cubic, hull_bound, separation2, turning_points
 
 if TYPE_CHECKING:
@@ -129,6 +129,9 @@ def is_quiet(before, y, h, noted, limits, ya, yb, c, points):
         least = np.inf
         if count[0] > 0:
             least = nearest_on_path(path, count[0], slots[i], slots[j], reach, ya, yb, c, points)
+        pull = gm[i] + gm[j] if p < touching else 0.0
+        if least == np.inf and is_far(before, y, h, i, j, reach, pull, AHEAD * h if p < touching else 0.0):
+            continue
         if least == np.inf:
             least = nearest(before, y, h, i, j, reach, c, points)
         if not least > reach:

@@ -143,20 +143,30 @@ class Search:
         Return whether all is well. ``good`` is False if the step failed: only a contact inside the step can tell why."""
         step, whole = inner.steps_done, None
         found_in, self.parts = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)], []
-        parted = self._parting.step(self.trials, found_in, step, good)
-        if parted is None and not good:
-            return False
+        parted, contacts = None, self._contacts
+        if not self._parting.on:
+            pass
+        elif good and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
+            if not (self._lookers or self._escapes):
+                return True
+            contacts = []
+        else:
+            good = good and bool(np.isfinite(y1).all())
+            parted = self._parting.step(self.trials, found_in, step, good)
+            contacts = [] if parted is not None else contacts
+            if parted is None and not good:
+                return False
         if parted is not None:
             found_in, self.act, self.span = parted.parts, parted.act, parted.span
             self.parts = found_in if self._run.method.chooses_steps else []
             _, _, y1, t1 = found_in[-1]
             if self.act is None:
                 inner.reset(y1.copy(), t1, step)
-        for watch in self._contacts if parted is None else ():
+        for watch in contacts:
             if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)
         if whole is not None:
-            acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
+            acts = [act for watch in contacts if (act := watch.first(whole)) is not None]
             if acts:
                 self.act, self.span = min(acts, key=lambda act: act.time), whole
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:

@@ -198,7 +198,7 @@ class WatchedStepper:
         inner = self.inner
         before, begin, done = inner.y.copy(), inner.time, inner.steps_done
         status = self._one_step()
-        if status != OK or not np.isfinite(inner.y).all():
+        if status != OK:
             return self._mended(before, begin, done, status)
         if inner.steps_done > done:
             self._search.scan(inner, before, begin, inner.y, inner.time)
