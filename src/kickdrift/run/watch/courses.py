@@ -230,13 +230,16 @@ def leaves(y, h, i, j, reach, softening2, pair, found, back):
 
 @driver
 def all_far(y0, y1, h, pairs, touching, limits):
-    """Tell whether all pairs are far from touching in a step from y0 to y1 and soon after, and none is known to touch.
+    """Tell whether no pair may touch in a step from y0 to y1 or soon after, and none is known to touch; loosely.
 
     ``limits`` (2, P) are their distances at contact, and G times their masses."""
     for p in range(pairs.shape[1]):
-        reach = limits[0, p]
-        far = is_far(y0, y1, h, pairs[0, p], pairs[1, p], NEAR * reach, limits[1, p], AHEAD * h) or reach == 0.0
-        if touching[p] or not far:
+        i, j, reach, pair = pairs[0, p], pairs[1, p], limits[0, p], limits[1, p]
+        if touching[p]:
+            return False
+        if is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h) or reach == 0.0:
+            continue
+        if not hull_bound(y0, y1, h, i, j) > NEAR * reach or may_meet(y0, i, j, reach, pair, AHEAD * h):
             return False
     return True
 
