@@ -130,8 +130,9 @@ class TraceLanes(WisdomHolmanLanes):
         )  # fmt: skip
         limits = Limits(
             watched=self._watch is not None, lengths=self._lengths[block], fractions=self._fractions[block],
-            touching=self._touching[block], far=self._far[block], about=self._about[block], before=np.zeros((2, 3, n)), after=np.zeros((2, 3, n)),
-            kept=self._kept, none=np.zeros(COUNTS, np.int64), places=np.full(n, -1),
+            touching=self._touching[block], far=self._far[block], about=self._about[block],
+            before=np.zeros((2, 3, n)), after=np.zeros((2, 3, n)), kept=self._kept, none=np.zeros(COUNTS, np.int64),
+            places=np.full(n, -1),
         )  # fmt: skip
         return LaneTrace(
             orbits=orbits, start=self._start, begun=self._begun, reach=self._reach[block], slots=self._slots[block],

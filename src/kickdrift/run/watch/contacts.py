@@ -160,8 +160,8 @@ class Contacts(Checkpointed):
         there, pairs, who = self._pairs_at(y, time)
         return float(
             room(
-                there, left, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who),
-                motion.ahead, motion.behind, motion.fine,
+                there, left, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2,
+                of(fresh, who), motion.ahead, motion.behind, motion.fine,
             )
         )  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Courses of pairs of bodies that may meet: compiled, and from the state at a step's start alone.
 
-A trial step that passes through a contact of points tells nothing about the time after it, and little about the contact.
-So the course of a pair begins at the state before. The two bodies attract each other, and the tide of all other bodies
-on them is a polynomial of the second degree in time, through three points on their way.
+A trial step that passes through a contact of points tells nothing about the time after it, and little about the
+contact. So the course of a pair begins at the state before. The two bodies attract each other, and the tide of all
+other bodies on them is a polynomial of the second degree in time, through three points on their way.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def pull(y, gm, softening2, i, j, time, centre, r, tide, common):
     for k in range(3):
         tide[k] = common[k] = 0.0
     for other in range(gm.size):
-        if other == i or other == j or gm[other] == 0.0:
+        if (other - i) * (other - j) * gm[other] == 0.0:
             continue
         for body, share, sign in ((i, gm[j] / total, 1.0), (j, -gm[i] / total, -1.0)):
             d2 = softening2
@@ -118,7 +118,7 @@ def course(y, i, j, reach, gm, softening2, pair, length, time, found):
                 pull(y, gm, softening2, i, j, t, place, a, tides[point], np.empty(3))
     near = NEAR * reach + TIDES * np.sqrt(d2)
     found[HIT], found[LEAST], found[LATER] = np.inf, np.sqrt(d2), np.sqrt(d2)
-    x, v, kick = np.empty(3), np.empty(3), np.empty((4, 3))
+    x, kick = np.empty(3), np.empty((4, 3))
     t, d = 0.0, np.sqrt(d2)
     if d <= near:
         found[HIT] = 0.0
@@ -256,7 +256,7 @@ def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, 
         i, j = pairs[0, p], pairs[1, p]
         reach, pair = radii[i] + radii[j], gm[i] + gm[j]
         others += touching[p]
-        if is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h) and fresh.size == 0 or reach == 0.0:
+        if reach == 0.0 or (fresh.size == 0 and is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h)):
             continue
         near = hull_bound(y0, y1, h, i, j) <= NEAR * reach
         if not is_strong(y0, h, i, j, reach, pair):
@@ -292,8 +292,8 @@ def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
 def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind, fine):
     """Return the longest part of a step that ends before the ``pairs`` touch, or shortly after they touch.
 
-    A method evaluates forces at times between -``behind`` and ``ahead`` of its step. Pairs of ``fresh`` bodies (n,) come
-    from a contact, so their way back is no way for a step either. With ``fine``, parts are short where the pairs'
+    A method evaluates forces at times between -``behind`` and ``ahead`` of its step. Pairs of ``fresh`` bodies (n,)
+    come from a contact, so their way back is no way for a step either. With ``fine``, parts are short where the pairs'
     attraction changes fast."""
     found, back, longest = np.empty(3), np.empty((2, 3, 2)), left
     for p in range(pairs.shape[1]):

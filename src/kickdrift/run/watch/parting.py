@@ -1,4 +1,4 @@
-"""Steps in parts: each part ends before bodies touch, or shortly after, so that nothing is read from beyond a contact."""
+"""Steps in parts that end before bodies touch, or shortly after, so that nothing is read from beyond a contact."""
 
 from __future__ import annotations
 
@@ -63,10 +63,7 @@ class Parting:
         """Tell whether a fast test clears a step of contacts."""
         if t0 < self._until:
             return False
-        for each in self._contacts:
-            if not each.all_far(y0, y1, t1 - t0):
-                return False
-        return True
+        return all(each.all_far(y0, y1, t1 - t0) for each in self._contacts)
 
     def step(self, trials: Trials, whole: list[Part], step: int, good: bool) -> Parted | None:
         """Search a step, taken as these parts, for contacts. Return the step in other parts; None if the step stands.
@@ -91,7 +88,7 @@ class Parting:
 
     def _touches(self, whole: list[Part], step: int) -> bool:
         """Tell whether bodies touch in the step as it was taken at first."""
-        return any([each.scan(whole, step) > 0 for each in self._contacts])
+        return any(each.scan(whole, step) > 0 for each in self._contacts)
 
     def _mark(self, marks: Sequence[Any]) -> None:
         for each, mark in zip(self._contacts, marks, strict=True):
@@ -125,7 +122,7 @@ class Parting:
     def _soon(self, near: list[Contacts], found: Parted) -> bool:
         """Tell whether bodies touch so soon after the end that a whole step would spoil their velocities."""
         y, t, length = found.parts[-1].y1, found.parts[-1].t1, found.parts[-1].t1 - found.parts[0].t0
-        return any([each.soon(y, t, length, self._fresh(each, t)) for each in near])
+        return any(each.soon(y, t, length, self._fresh(each, t)) for each in near)
 
     # --- checkpoints ---
 

@@ -59,8 +59,8 @@ class PatchContacts(Contacts):
         self._take(np.zeros((4, 0), np.int64), np.zeros(0, np.bool_))
 
     def _crowded(self, part: Part, h: float, step: int, ahead: float) -> tuple[Crowd, Whole]:
-        """Bodies and images that may touch in a step, or in the time ``ahead`` from its start, and the columns (2, P) of
-        their pairs. These become the pairs to search."""
+        """Bodies and images that may touch in a step, or in the time ``ahead`` from its start, and the columns (2, P)
+        of their pairs. These become the pairs to search."""
         crowd = crowd_of(self._patch, *part, self.radii, step)
         gm = self.gm[crowd.bodies] if ahead else None
         places = overlapping(crowd.y0, crowd.y1, h, self.radii[crowd.bodies], self._massive[crowd.bodies], gm, ahead)

@@ -140,7 +140,7 @@ class Search:
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float, good: bool = True) -> bool:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``.
 
-        Return whether all is well. ``good`` is False if the step failed: only a contact inside the step can tell why."""
+        Return whether all is well. ``good`` is False if the step failed: a contact inside the step may be the cause."""
         step, whole = inner.steps_done, None
         found_in, self.parts = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)], []
         parted, contacts = None, self._contacts

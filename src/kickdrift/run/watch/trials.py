@@ -8,8 +8,8 @@ import numpy as np
 
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
-from kickdrift.integrators import INTEGRATORS
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
