@@ -27,6 +27,7 @@ from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.watch.contacts import Contacts
+from kickdrift.run.watch.courses import may_touch
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.encounters import POINTS as TURNS
 from kickdrift.run.watch.encounters import unbound_bodies
@@ -37,13 +38,16 @@ SAMPLES = 4096  # most samples between them
 
 
 @driver
-def lane_is_quiet(before, y, h, counts, path, places, lengths, fractions, far, about, gm, lane):
+def lane_is_quiet(before, y, h, counts, path, places, lengths, fractions, touch, far, about, gm, lane):
     """Return 1 if nothing can have happened in a step from ``before`` to y (2, 3, n), else 0; see `quiet.is_quiet`. The
-    limits and G m are those of a lane."""
+    limits and G m are those of a lane. Pairs may touch at the distances ``touch``."""
     n, count, pair = y.shape[2], counts[POINTS], 0
     if count + MARGIN > path.shape[0]:
         return 0
     ya, yb, c, points = np.zeros((2, 3, 2)), np.zeros((2, 3, 2)), np.empty((4, 3)), np.empty(TURNS)
+    own, found = np.empty(n), np.empty(3)
+    for i in range(n):
+        own[i] = gm[i, lane]
     for i in range(n):
         for j in range(i + 1, n):
             reach, fraction, sizes = lengths[pair, lane], fractions[pair, lane], 0.0
@@ -64,10 +68,10 @@ def lane_is_quiet(before, y, h, counts, path, places, lengths, fractions, far, a
                 least = nearest(before, y, h, i, j, reach, c, points)
             if not least > reach:
                 return 0
+            if touch[pair - 1, lane] > 0.0 and may_touch(before, h, i, j, touch[pair - 1, lane], own, own, 0.0, found):
+                return 0
     if far < np.inf:
-        own, shares = np.empty(n), np.empty(n)
-        for i in range(n):
-            own[i] = gm[i, lane]
+        shares = np.empty(n)
         shares[:] = own / own.sum()
         origin = -1 if about > 0.5 else 0
         if not all_inside(y, far, origin, shares):
@@ -127,7 +131,7 @@ class LaneEvents:
         n, pairs = len(self._systems[0]), self.reaches.lengths.shape[1]
         y, counts, path = np.zeros((2, 3, n)), np.zeros(COUNTS, np.int64), np.zeros((0, PATH_COLUMNS))
         rows, gm = np.zeros((pairs, WIDTH)), np.zeros((n, WIDTH))
-        return address_of(lane_is_quiet, y, y, 0.0, counts, path, counts, rows, rows, 0.0, 0.0, gm, 0)
+        return address_of(lane_is_quiet, y, y, 0.0, counts, path, counts, rows, rows, rows, 0.0, 0.0, gm, 0)
 
     def end(self, member: int, before: Floats, step: int) -> Floats | None:
         """State (2, 3, n) with which this step, from the state ``before``, ends a member's run; None if it does not."""
@@ -143,13 +147,13 @@ class LaneEvents:
         return sim.state.phase
 
 
-def _reaches(system: System, order: NDArray[np.int64]) -> tuple[Floats, Floats, float, float]:
+def _reaches(system: System, order: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, float, float]:
     """Distances within which something may happen to a system whose bodies stand in this order."""
     n = len(order)
     place = np.argsort(order)
     number = np.zeros((n, n), np.int64)
     number[np.triu_indices(n, 1)] = np.arange(n * (n - 1) // 2)
-    lengths, fractions = (np.zeros(n * (n - 1) // 2) for _ in range(2))
+    lengths, fractions, touching = (np.zeros(n * (n - 1) // 2) for _ in range(3))
     far, origin = np.inf, -1
     for event in system.events:
         if isinstance(event, Escape):
@@ -162,7 +166,9 @@ def _reaches(system: System, order: NDArray[np.int64]) -> tuple[Floats, Floats, 
         rows = number[tuple(np.sort(place[pairs], axis=0))]
         for part, some in ((lengths, about < 0), (fractions, about >= 0)):
             np.maximum.at(part, rows[some], reaches[some])
-    return lengths, fractions, float(far), float(origin < 0)
+        if isinstance(watch, Contacts):
+            np.maximum.at(touching, rows, reaches)
+    return lengths, fractions, touching, float(far), float(origin < 0)
 
 
 def run_with_events(stepper: Any, counts: NDArray[np.int64], done: int, members: int) -> Floats:

@@ -44,6 +44,7 @@ class Reaches(NamedTuple):
 
     lengths: Floats  # (members, pairs)
     fractions: Floats  # (members, pairs)
+    touching: Floats  # (members, pairs)
     far: Floats  # (members,)
     about: Floats  # (members,)
 
@@ -68,7 +69,8 @@ class TraceLanes(WisdomHolmanLanes):
 
     # what each lane has
     _carried = ("_orbit", "_work", "_centre", "_table", "_reach", "_slots", "_central", "_shares", "_gm", "_masses",
-                "_marks", "_softening2", "_dt", "_lengths", "_fractions", "_far", "_about", "_y", "_ended")  # fmt: skip
+                "_marks", "_softening2", "_dt", "_lengths", "_fractions", "_touching", "_far", "_about",
+                "_y", "_ended")  # fmt: skip
 
     def __init__(self, members: Members, way: int, inner: int, options: Options) -> None:
         super().__init__(members, LEAPFROG, options)
@@ -87,7 +89,7 @@ class TraceLanes(WisdomHolmanLanes):
         self._work = aligned((blocks, WORK, *self._orbit.shape[2:]))
         self._softening2, self._dt = members.softening2, members.dt
         pairs = bodies * (bodies + 1) // 2
-        self._lengths, self._fractions = (aligned((blocks, pairs, WIDTH)) for _ in range(2))
+        self._lengths, self._fractions, self._touching = (aligned((blocks, pairs, WIDTH)) for _ in range(3))
         self._far, self._about = aligned((blocks, WIDTH), np.inf), aligned((blocks, WIDTH))
         self._ended = aligned(self._y.shape)
         self._kept = np.zeros((WIDTH, 2, 3, bodies + 1))
@@ -128,8 +130,9 @@ class TraceLanes(WisdomHolmanLanes):
         )  # fmt: skip
         limits = Limits(
             watched=self._watch is not None, lengths=self._lengths[block], fractions=self._fractions[block],
-            far=self._far[block], about=self._about[block], before=np.zeros((2, 3, n)), after=np.zeros((2, 3, n)),
-            kept=self._kept, none=np.zeros(COUNTS, np.int64), places=np.full(n, -1),
+            touching=self._touching[block], far=self._far[block], about=self._about[block],
+            before=np.zeros((2, 3, n)), after=np.zeros((2, 3, n)), kept=self._kept, none=np.zeros(COUNTS, np.int64),
+            places=np.full(n, -1),
         )  # fmt: skip
         return LaneTrace(
             orbits=orbits, start=self._start, begun=self._begun, reach=self._reach[block], slots=self._slots[block],
@@ -179,7 +182,7 @@ class TraceLanes(WisdomHolmanLanes):
     def watch(self, watch: Watching) -> None:
         """Stop members at their events."""
         self._watch, blocks = watch, len(self._y)
-        for name, values in zip(("_lengths", "_fractions", "_far", "_about"), watch.reaches, strict=True):
+        for name, values in zip(("_lengths", "_fractions", "_touching", "_far", "_about"), watch.reaches, strict=True):
             setattr(self, name, to_lanes(values))
         for lane in range(len(self._lane_of), blocks * WIDTH):
             self._marks[lane // WIDTH, STILL, lane % WIDTH] = 1

@@ -27,6 +27,7 @@ class Limits(NamedTuple):
     watched: bool
     lengths: NDArray[np.float64]  # (pairs, 8)
     fractions: NDArray[np.float64]  # (pairs, 8) of the mean distance from the central body
+    touching: NDArray[np.float64]  # (pairs, 8) of bodies that touch; the lengths are no shorter
     far: NDArray[np.float64]  # (8,) distance of an escape; infinite if none is watched
     about: NDArray[np.float64]  # (8,) 1: from the centre of mass of the others; 0: from the central body
     before: NDArray[np.float64]  # (2, 3, n) positions from the central body and velocities, at a step's start
@@ -48,8 +49,9 @@ def momentum_of(v, share):
 
 @in_order
 def within(r0, r1, u0, u1, h, size2, length, fraction):
-    """Mask of the lanes whose pair may come within its limit: the hull of Hermite's cubic may reach as far."""
-    a, way, b = (h * (1.0 / 3.0)) * u0, r1 - r0, r1 - r0 - (h * (1.0 / 3.0)) * u1
+    """Mask of the lanes whose pair may come within its limit: the hull of Hermite's cubic, or the straight way from the
+    step's start, may reach as far."""
+    a, way, b = h * u0, r1 - r0, r1 - r0 - (h * (1.0 / 3.0)) * u1
     leg2, b2, way2 = dot(a, a), dot(b, b), dot(way, way)
     leg2 = select(b2 > leg2, b2, leg2)
     leg2 = select(way2 > leg2, way2, leg2)
@@ -118,7 +120,7 @@ def happens(own, room, quiet_at, k, h, alone):
     counts = room.counts if alone else limits.none
     given = (
         limits.before, limits.after, h, counts, room.path, limits.places, limits.lengths, limits.fractions,
-        limits.far[k], limits.about[k], own.orbits.bodies.gm, k,
+        limits.touching, limits.far[k], limits.about[k], own.orbits.bodies.gm, k,
     )  # fmt: skip
     if status_at(quiet_at, given) != 0:
         return False

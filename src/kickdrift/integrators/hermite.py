@@ -49,6 +49,9 @@ class Hermite(Method):
         options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
+    def parted(self, options: Options, dt: float) -> Options:
+        return options.changed(dt=dt, eta=None, scheme=None)
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity import Gravity
         from kickdrift.model.system import System

@@ -125,6 +125,10 @@ class Method:
     def chooses_steps(self) -> bool:
         return self.adaptive
 
+    def parted(self, options: Options, dt: float) -> Options:
+        """The options of a stepper whose steps have this length."""
+        return options.changed(dt=dt)
+
     @property
     def needs_dt(self) -> bool:
         return not self.adaptive

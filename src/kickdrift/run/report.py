@@ -305,7 +305,12 @@ def report(sim: Reported) -> Report:
         heat=-record.taken.energy - record.work if bath and told else None,
         work=record.work if series.volumes is not None else None,
         volume=None if series.volumes is None else float(series.volumes.mean()),
-        warnings=[*record.warnings, *moved, *melted, *(line for line in doubts if line and line not in record.warnings)],
+        warnings=[
+            *record.warnings,
+            *moved,
+            *melted,
+            *(line for line in doubts if line and line not in record.warnings),
+        ],
         about=_about(system, series, even, bath)._replace(
             drawn=sim.method.overdamped, slow=getattr(sim.method, "slow_velocities", False)
         ),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import driver
 from kickdrift.model.state import Floats
+from kickdrift.run.watch.courses import may_meet
 from kickdrift.run.watch.encounters import hull_bound
 
 GROUP = 8  # bodies under a lowest box
@@ -26,30 +27,56 @@ _NUMBERS = np.arange(2**LEVELS)
 _SPREAD = np.sum([(_NUMBERS >> bit & 1) << 3 * bit for bit in range(LEVELS)], axis=0)  # every third bit
 
 
-def overlapping(y0: Floats, y1: Floats, h: float, radii: Floats, massive: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pairs (2, P) of rows i < j that may touch in a step, in order of i and j. Two massless bodies are no pair."""
-    low, high = boxes(y0, y1, h, radii)
+def overlapping(
+    y0: Floats,
+    y1: Floats,
+    h: float,
+    radii: Floats,
+    massive: NDArray[np.bool_],
+    gm: Floats | None = None,
+    ahead: float = 0.0,
+) -> NDArray[np.int64]:
+    """Pairs (2, P) of rows i < j that may touch in a step, in order of i and j. Two massless bodies are no pair.
+
+    With G times the masses, ``gm`` (n,), also pairs that may meet in the time ``ahead``; see `courses`."""
+    low, high = boxes(y0, y1, h, radii, gm, ahead)
+    gm = np.zeros(0) if gm is None else gm
     order = np.argsort(_codes(0.5 * (low + high)), kind="stable")
     low, high = np.ascontiguousarray(low[:, order]), np.ascontiguousarray(high[:, order])
     groups = 1
     while groups * GROUP < len(order):
         groups *= 2
     tree, pairs = np.empty((2 * groups, 2, 3)), np.empty((2, 4 * len(order)), np.int64)
-    count = overlaps(y0, y1, h, radii, massive, order, low, high, tree, pairs)
+    count = overlaps(y0, y1, h, radii, massive, gm, ahead, order, low, high, tree, pairs)
     if count > pairs.shape[1]:
         pairs = np.empty((2, count), np.int64)
-        overlaps(y0, y1, h, radii, massive, order, low, high, tree, pairs)
+        overlaps(y0, y1, h, radii, massive, gm, ahead, order, low, high, tree, pairs)
     found = pairs[:, :count]
     return np.ascontiguousarray(found[:, np.lexsort((found[1], found[0]))])
 
 
-def boxes(y0: Floats, y1: Floats, h: float, radii: Floats) -> tuple[Floats, Floats]:
+def boxes(
+    y0: Floats, y1: Floats, h: float, radii: Floats, gm: Floats | None = None, ahead: float = 0.0
+) -> tuple[Floats, Floats]:
     """Lowest and highest corners (3, n) of the boxes around the paths of all bodies."""
-    inner0, inner1 = y0[0] + h / 3.0 * y0[1], y1[0] - h / 3.0 * y1[1]
-    low = np.minimum(np.minimum(y0[0], y1[0]), np.minimum(inner0, inner1))
-    high = np.maximum(np.maximum(y0[0], y1[0]), np.maximum(inner0, inner1))
-    wide = radii + MARGIN * np.maximum(np.abs(low), np.abs(high))
-    return low - wide, high + wide
+    low, high = np.empty(y0[0].shape), np.empty(y0[0].shape)
+    fill_boxes(y0, y1, h, radii, np.zeros(0) if gm is None else gm, ahead, low, high)
+    return low, high
+
+
+@driver
+def fill_boxes(y0, y1, h, radii, gm, ahead, low, high):
+    """Fill low, high (3, n) with corners of boxes around the cubics of a step, and around the straight ways in the time
+    ``ahead``, as much wider as a body's attraction may draw others."""
+    for i in range(radii.size):
+        wide = radii[i] + (np.cbrt(gm[i] * ahead * ahead) if gm.size > 0 else 0.0)
+        for k in range(3):
+            x0, x1 = y0[0, k, i], y1[0, k, i]
+            inner0, inner1, way = x0 + h / 3.0 * y0[1, k, i], x1 - h / 3.0 * y1[1, k, i], x0 + ahead * y0[1, k, i]
+            least, most = min(min(x0, x1), min(inner0, inner1)), max(max(x0, x1), max(inner0, inner1))
+            least, most = min(least, way), max(most, way)
+            margin = wide + MARGIN * max(abs(least), abs(most))
+            low[k, i], high[k, i] = least - margin, most + margin
 
 
 def _codes(centres: Floats) -> NDArray[Any]:
@@ -63,7 +90,7 @@ def _codes(centres: Floats) -> NDArray[Any]:
 
 
 @driver
-def overlaps(y0, y1, h, radii, massive, order, low, high, tree, pairs):
+def overlaps(y0, y1, h, radii, massive, gm, ahead, order, low, high, tree, pairs):
     """Fill ``pairs`` (2, room) with rows that may touch; return how many there are, also beyond the room.
 
     ``low`` and ``high`` (3, n) are in the ``order`` (n,) of the tree. ``tree`` (2 groups, 2, 3) is overwritten: its
@@ -107,7 +134,11 @@ def overlaps(y0, y1, h, radii, massive, order, low, high, tree, pairs):
                     apart |= low[k, j] > high[k, i] or high[k, j] < low[k, i]
                 p, q = min(order[i], order[j]), max(order[i], order[j])
                 reach = radii[p] + radii[q]
-                if apart or reach == 0.0 or not (massive[p] or massive[q]) or hull_bound(y0, y1, h, p, q) > reach:
+                if apart or reach == 0.0 or not (massive[p] or massive[q]):
+                    continue
+                if hull_bound(y0, y1, h, p, q) > reach and not (
+                    gm.size > 0 and may_meet(y0, p, q, reach, gm[p] + gm[q], ahead)
+                ):
                     continue
                 if count < pairs.shape[1]:
                     pairs[0, count], pairs[1, count] = p, q

@@ -20,11 +20,11 @@ from kickdrift.model.patch import HERE, Image, Patch, patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.contacts import Contacts
+from kickdrift.run.watch.courses import AHEAD
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import boxes, overlapping
-from kickdrift.run.watch.span import Act, Part, Span
+from kickdrift.run.watch.span import Part
 
-NEAR = 1e-6  # of a step: the square of a shorter time is below rounding
 MOST = 20  # patches that the ways of a step may cover along x or y
 
 Whole = NDArray[np.int64]
@@ -53,43 +53,50 @@ class PatchContacts(Contacts):
         """Watch these bodies, without any known contact."""
         found = patch_of(system)
         assert found is not None
-        self._system, self._massive, self._patch = system, system.state.masses > 0, found
-        self._many = True
+        self._begin_with(system)
+        self._sources = self.gm[:0]  # the tide is that of the patch, which a course leaves to its margin
+        self._patch, self._many = found, True
         self._take(np.zeros((4, 0), np.int64), np.zeros(0, np.bool_))
+
+    def _crowded(self, part: Part, h: float, step: int, ahead: float) -> tuple[Crowd, Whole]:
+        """Bodies and images that may touch in a step, or in the time ``ahead`` from its start, and the columns (2, P)
+        of their pairs. These become the pairs to search."""
+        crowd = crowd_of(self._patch, *part, self.radii, step)
+        gm = self.gm[crowd.bodies] if ahead else None
+        places = overlapping(crowd.y0, crowd.y1, h, self.radii[crowd.bodies], self._massive[crowd.bodies], gm, ahead)
+        places = places[:, places[0] < len(self._system)]  # two images meet as their bodies do
+        pairs, places = _once(crowd, places)
+        known = set(map(tuple, self._known.T.tolist()))
+        touching = np.array([tuple(pair) in known for pair in pairs.T.tolist()] if known else [False] * pairs.shape[1])
+        self._take(pairs, touching.astype(np.bool_))
+        return crowd, places
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""
         if not (np.isfinite(part.y0).all() and np.isfinite(part.y1).all()):
             return 0
-        crowd = crowd_of(self._patch, *part, self.radii, step)
-        radii, n = self.radii[crowd.bodies], len(self._system)
-        places = overlapping(crowd.y0, crowd.y1, h, radii, self._massive[crowd.bodies])
-        places = places[:, places[0] < n]  # two images meet as their bodies do
-        pairs, places = _once(crowd, places)
-        known = set(map(tuple, self._known.T.tolist()))
-        touching = np.array([tuple(pair) in known for pair in pairs.T.tolist()] if known else [False] * pairs.shape[1])
-        self._take(pairs, touching.astype(np.bool_))
+        crowd, places = self._crowded(part, h, step, 0.0)
+        radii = self.radii[crowd.bodies]
         return contacts(crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows)
 
-    def _confirmed(self, span: Span, pair: float, s: float, a: float, b: float) -> Act | None:
-        """Contact on the method's own solution, or None.
+    def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, Whole, Whole]:
+        """See Contacts."""
+        crowd, places = self._crowded(whole, h, step, AHEAD * h)
+        return crowd.y0, crowd.y1, places, crowd.bodies
 
-        Crowded patches have many contacts. A step of Newton's method from the contact on the cubic curve is exact to
-        rounding if it is short; other contacts, such as grazing ones, are searched as in open space."""
-        i, j, k, row = (int(each) for each in self._pairs[:, int(pair)])
-        reach, time = self.radii[i] + self.radii[j], span.t0 + s * span.length
-        y = span.inside(time)
-        x, v = y[:, :, i] - y[:, :, j] - self._patch.offset((k, row), time)
-        if (inwards := -float(x @ v)) > 0 and s > a:
-            distance = float(np.linalg.norm(x))
-            later = (distance - reach) * distance / inwards
-            if abs(later) <= NEAR * span.length and span.t0 <= time + later <= span.t1:
-                return Act(self.event, time + later, (i, j), reach, (k, row))
-        return super()._confirmed(span, pair, s, a, b)
+    def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, Whole, Whole]:
+        """See Contacts."""
+        first, second, *image = self._suspected
+        images = y[:, :, second] + self._patch.offset(np.array(image), time)
+        count = len(first)
+        pairs = np.arange(2 * count).reshape(2, count)
+        return np.ascontiguousarray(np.concatenate([y[:, :, first], images], axis=2)), pairs, np.append(first, second)
 
-    def _distance(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> float:
-        """Distance of a body and the image of another one."""
-        return float(np.linalg.norm(y[0, :, i] - y[0, :, j] - self._patch.offset(image, time)[0]))
+    _newton = True  # crowded patches have many contacts
+
+    def _apart(self, y: Floats, time: float, i: int, j: int, image: Sequence[int]) -> Floats:
+        """Relative position and velocity (2, 3) of a body and the image of another one."""
+        return y[:, :, i] - y[:, :, j] - self._patch.offset(image, time)
 
     def touch(self, bodies: tuple[int, ...], image: Image = HERE) -> None:
         """Mark two bodies as touching, until they separate."""

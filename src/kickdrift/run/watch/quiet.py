@@ -17,6 +17,7 @@ from kickdrift.integrators.loops import STEP
 from kickdrift.jit.by_address import address_of, status_at
 from kickdrift.jit.compile import driver, jit
 from kickdrift.model.state import Floats
+from kickdrift.run.watch.courses import AHEAD, is_far, may_touch
 from kickdrift.run.watch.encounters import POINTS, cubic, hull_bound, separation2, turning_points
 
 if TYPE_CHECKING:
@@ -33,11 +34,14 @@ class Limits(NamedTuple):
     """Distances within which something may happen."""
 
     pairs: NDArray[np.int64]  # (2, P)
+    contacts: int  # the first of these pairs may touch; all others may only come near
     reaches: Floats  # (P,) lengths, or fractions of the mean distance from the body ``about``
     about: NDArray[np.int64]  # (P,) -1 for a length
     far: float  # a body farther from the origin of an escape is not quiet
     origin: int  # the body at that origin; -1 for the others' centre of mass
     shares: Floats  # (n,) masses over their sum
+    gm: Floats  # (n,) G times the masses
+    softening2: float
 
 
 _NOTHING: Any = np.zeros((2, 0), np.int64), np.zeros(0), np.zeros(0, np.int64)
@@ -49,8 +53,10 @@ def limits_of(contacts: list[Contacts], approaches: list[Approaches], escapes: l
         return None
     rows: list[Any] = [_NOTHING, *(each.limits for each in contacts), *(each.limits for each in approaches)]
     pairs, reaches, about = (np.concatenate([row[k] for row in rows], axis=-1) for k in range(3))
+    touching = sum(each.limits[1].size for each in contacts)
+    gm, softening2 = (contacts[0].gm, contacts[0].softening2) if contacts else (np.zeros(0), 0.0)
     far, origin, shares = escapes[0].limit if escapes else (np.inf, -1, np.ones(1))
-    return Limits(np.ascontiguousarray(pairs), reaches, about, far, origin, shares)
+    return Limits(np.ascontiguousarray(pairs), touching, reaches, about, far, origin, shares, gm, softening2)
 
 
 @jit
@@ -106,7 +112,8 @@ def nearest_on_path(path, count, one, other, reach, ya, yb, c, points):
 def is_quiet(before, y, h, noted, limits, ya, yb, c, points):
     """Tell whether a step from ``before`` to y is quiet for the watched distances."""
     count, path, slots = noted
-    pairs, reaches, about, far, origin, shares = limits
+    pairs, touching, reaches, about, far, origin, shares, gm, softening2 = limits
+    found = np.empty(3)
     if count[0] + MARGIN > path.shape[0]:
         return False
     for p in range(reaches.size):
@@ -122,9 +129,14 @@ def is_quiet(before, y, h, noted, limits, ya, yb, c, points):
         least = np.inf
         if count[0] > 0:
             least = nearest_on_path(path, count[0], slots[i], slots[j], reach, ya, yb, c, points)
+        pull = gm[i] + gm[j] if p < touching else 0.0
+        if least == np.inf and is_far(before, y, h, i, j, reach, pull, AHEAD * h if p < touching else 0.0):
+            continue
         if least == np.inf:
             least = nearest(before, y, h, i, j, reach, c, points)
         if not least > reach:
+            return False
+        if p < touching and may_touch(before, h, i, j, reach, gm, gm, softening2, found):
             return False
     return far == np.inf or all_inside(y, far, origin, shares)
 

@@ -19,6 +19,7 @@ from kickdrift.run.watch.collisions import Change
 from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.parting import Parting
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts, separation
@@ -37,6 +38,7 @@ class Search:
     ----------
     log : entries for the run's record
     trials : shorter steps, for positions inside a step
+    parts : those of the last step, if it was taken in parts and times inside it count
     act, span : the first event that changes the bodies, and its step; None if there is none
     """
 
@@ -44,10 +46,12 @@ class Search:
         self._run, subject = run, run.system
         self.log, self.trials = Log(run), Trials(run)
         self.act: Act | None = None
+        self.parts: list[Part] = []
         self.span: Span | None = None
         self._approaches = [Approaches(e, subject) for e in events if isinstance(e, CloseApproach)]
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
+        self._parting = Parting(run, self._contacts)
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
@@ -58,6 +62,8 @@ class Search:
         """Forget all that was found so far."""
         self.log.forget()
         self.act = self.span = self._quiet = None
+        self.parts = []
+        self._parting.forget()
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -103,6 +109,10 @@ class Search:
         for watch in self._watches:
             watch.follow(system)
 
+    def leave(self, ids: Sequence[int], time: float, length: float) -> None:
+        """Note the bodies that leave a contact; ``length`` is that of a step."""
+        self._parting.note(ids, time, length)
+
     def know(self, act: Act) -> None:
         """Report this contact, or this escape, only once."""
         if isinstance(act.event, Collision):
@@ -118,6 +128,8 @@ class Search:
         """Steps until one may have an event; None if only the search can tell, as while a passage goes on."""
         if len(self._crossings) or not hasattr(type(inner), "noted"):
             return None
+        if self._parting.watches(inner.time):
+            return None
         if any(each.watches_all for each in self._contacts) or any(each.under_way for each in self._approaches):
             return None
         if self._quiet is None or self._quiet[0] is not inner:
@@ -125,19 +137,43 @@ class Search:
             self._quiet = inner, limits and QuietSteps(inner, limits)
         return self._quiet[1]
 
-    def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> None:
-        """Log the events of a span up to the first that changes the bodies, and store that event in ``act``."""
-        step, whole, found_in = inner.steps_done, None, parts(y0, t0, y1, t1, inner)
+    def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float, good: bool = True) -> bool:
+        """Log the events of a span up to the first that changes the bodies, and store that event in ``act``.
+
+        Return whether all is well. ``good`` is False if the step failed: a contact inside the step may be the cause."""
+        if not (good or self._parting.on):
+            return False
+        step, whole = inner.steps_done, None
+        found_in, self.parts = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)], []
         self._crossings.stepper = inner
         if not self._bodily:
             if self._crossings.scan(found_in, step):
                 self.log.wait(self._crossings.look(self._span_of(inner, y0, t0, y1, t1)))
-            return
-        for watch in self._contacts:
+            return True
+        parted, contacts = None, self._contacts
+        if not self._parting.on:
+            pass
+        elif good and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
+            if not (self._lookers or self._escapes):
+                return True
+            contacts = []
+        else:
+            good = good and bool(np.isfinite(y1).all())
+            parted = self._parting.step(self.trials, found_in, step, good)
+            contacts = [] if parted is not None else contacts
+            if parted is None and not good:
+                return False
+        if parted is not None:
+            found_in, self.act, self.span = parted.parts, parted.act, parted.span
+            self.parts = found_in if self._run.method.chooses_steps else []
+            _, _, y1, t1 = found_in[-1]
+            if self.act is None:
+                inner.reset(y1.copy(), t1, step)
+        for watch in contacts:
             if watch.scan(found_in, step):
                 whole = whole or self._span_of(inner, y0, t0, y1, t1)
         if whole is not None:
-            acts = [act for watch in self._contacts if (act := watch.first(whole)) is not None]
+            acts = [act for watch in contacts if (act := watch.first(whole)) is not None]
             if acts:
                 self.act, self.span = min(acts, key=lambda act: act.time), whole
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:
@@ -154,10 +190,18 @@ class Search:
             self.log.wait(found)
         if met and self.act is None:
             self.act, self.span = met[0], self._span_of(inner, y0, t0, y1, t1)
+        return True
+
+    def at(self, time: float) -> Floats | None:
+        """y at a time inside the last step, if the step was taken in parts."""
+        for y0, t0, y1, t1 in self.parts:
+            if t0 <= time <= t1:
+                return y0 if time == t0 else y1 if time == t1 else self.trials.between(y0, t0, time)
+        return None
 
     def _span_of(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float) -> Span:
         step = inner.steps_done
-        if self._run.method.chooses_steps:
+        if self._run.method.chooses_steps and not self.parts:
             return Span(y0, t0, y1, t1, step, inner.at)
         return Span(y0, t0, y1, t1, step, lambda time: self.trials.at(y0, t0, time, step))
 
@@ -191,6 +235,8 @@ class Search:
         return {
             "watches": [watch.memory() for watch in self._watches],
             "waiting": self.log.memory(),
+            "parting": self._parting.memory(),
+            "parts": [part._asdict() for part in self.parts],
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
         }
@@ -201,6 +247,9 @@ class Search:
         for watch, known in zip(self._watches, memory["watches"], strict=True):
             watch.recall(known)
         self.log.recall(memory["waiting"])
+        if "parting" in memory:  # since version 0.3
+            self._parting.recall(memory["parting"])
+            self.parts = [Part(**part) for part in memory["parts"]]
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
             self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))

@@ -28,6 +28,8 @@ class Span:
     t1: float
     step: int
     at: Callable[[float], Floats]
+    costly: bool = False  # whether ``at`` costs many evaluations of the forces
+    failed: bool = False  # whether the step has no end
 
     @property
     def length(self) -> float:
@@ -54,8 +56,9 @@ class Part(NamedTuple):
 def parts(y0: Floats, t0: float, y1: Floats, t1: float, inner: object) -> list[Part]:
     """Parts of a stepper's last step, from (t0, y0) to (t1, y1): between the states that it knows inside the step, if
     there are any (see ``TraceStepper.inside``), else the step as one part."""
-    knows = hasattr(type(inner), "inside")
-    ends = [(t0, y0), *(inner.inside(y0) if knows else ()), (t1, y1)]  # type: ignore[attr-defined]
+    if not hasattr(type(inner), "inside"):
+        return [Part(y0, t0, y1, t1)]
+    ends = [(t0, y0), *inner.inside(y0), (t1, y1)]  # type: ignore[attr-defined]
     return [Part(a, begin, b, end) for (begin, a), (end, b) in pairwise(ends)]
 
 

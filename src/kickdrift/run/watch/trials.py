@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import numpy as np
+
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.forces.kernel import OK
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flow import flow_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import Options
@@ -46,7 +49,7 @@ class Trials:
     """Shorter steps of a run's method from one of its states. Their own flow leaves the run's pair lists unchanged."""
 
     def __init__(self, run: Watched) -> None:
-        self._run = run
+        self._run, self.method = run, run.method
         self._flow = flow_of(run.system, run.threads, jumps=True)
         self._last: Any = None
 
@@ -59,7 +62,24 @@ class Trials:
         return status, stepper.y, stepper.counts - before
 
     def _made(self, dt: float) -> Stepper:
-        return self._run.method.stepper(self._flow, self._run.options.changed(dt=dt))
+        return self._run.method.stepper(self._flow, self._run.method.parted(self._run.options, dt))
+
+    def exact(self, y: Floats, begin: float) -> Exact:
+        """The motion from y by a method without error."""
+        return Exact(self._flow, y, begin)
+
+    def between(self, y: Floats, begin: float, time: float) -> Floats:
+        """y at a time by a method without error, from y at ``begin``."""
+        motion, now = self.exact(y, begin), begin
+        while now < time:
+            status, y, now = motion.step(time)
+            if status != OK:
+                raise RunError(f"the motion from t = {begin:.9g} to {time:.9g} failed")
+        return y
+
+    def own(self, y: Floats, begin: float) -> Own:
+        """The motion from y by steps of the run's method."""
+        return Own(self, y, begin)
 
     def at(self, y: Floats, begin: float, time: float, step: int) -> Floats:
         """y at a time inside the run's ``step``, which began at y."""
@@ -67,3 +87,55 @@ class Trials:
         if status != OK:
             raise RunError(f"step {step}: a shorter step to t = {time:.9g}, where an event is, failed")
         return reached
+
+
+class Exact:
+    """Motion from a state by gauss-radau15, in parts of given lengths at most."""
+
+    ahead, behind, fine = 1.0, 0.0, False  # see ``courses.room``
+
+    def __init__(self, flow: Any, y: Floats, begin: float) -> None:
+        self._stepper: Any = INTEGRATORS["gauss-radau15"].stepper(flow, Options())
+        self._stepper.reset(y.copy(), begin, 0)
+
+    def step(self, until: float) -> tuple[int, Floats, float]:
+        """Take one step, to ``until`` at most. Return the status, and y and the time at its end."""
+        stepper = self._stepper
+        stepper.end, stepper.clip = until, True
+        status = stepper.advance(1, np.inf)
+        return status, stepper.y.copy(), stepper.time
+
+    def at(self, time: float) -> Floats:
+        """y at a time inside the last step."""
+        return np.array(self._stepper.at(time))
+
+
+class Own:
+    """Motion from a state by a run's own method, in parts of given lengths."""
+
+    fine = True
+
+    def __init__(self, trials: Trials, y: Floats, begin: float) -> None:
+        self._trials, self._from, self._to = trials, (y, begin), (y, begin)
+        self.ahead, self.behind = evaluated(trials.method)
+
+    def step(self, until: float) -> tuple[int, Floats, float]:
+        """Take one step. Return the status, and y and the time at its end."""
+        self._from = self._to
+        status, reached, _ = self._trials.step(*self._from, until)
+        self._to = reached.copy(), until
+        return status, *self._to
+
+    def at(self, time: float) -> Floats:
+        """y at a time inside the last step."""
+        status, reached, _ = self._trials.step(*self._from, time)
+        return reached if status == OK else np.full_like(reached, np.nan)
+
+
+def evaluated(method: Any) -> tuple[float, float]:
+    """Latest and earliest time at which a step evaluates forces, as parts of the step: at least (1, 0)."""
+    if hasattr(method, "kick_groups"):
+        times: Floats = method.stages[2]
+    else:
+        times = np.array(getattr(method, "c", (0.0, 1.0)))
+    return max(1.0, float(times.max())), max(0.0, -float(times.min()))

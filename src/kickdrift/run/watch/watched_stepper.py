@@ -109,7 +109,8 @@ class WatchedStepper:
         return _sum(self._spent, self.inner.counts)
 
     def at(self, time: float) -> Floats:
-        return self.inner.at(time)
+        y = self._search.at(time)
+        return self.inner.at(time) if y is None else y.copy()
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         return self.inner.reached(inside_step)
@@ -187,6 +188,8 @@ class WatchedStepper:
         if quiet is None:
             return self._step()
         status, before, begin, loud = quiet.take(most)
+        if status != OK:
+            return self._mended(before.copy(), inner.time, inner.steps_done, status)
         if loud:
             self._search.scan(inner, before, begin, inner.y, inner.time)
         return status
@@ -195,8 +198,22 @@ class WatchedStepper:
         inner = self.inner
         before, begin, done = inner.y.copy(), inner.time, inner.steps_done
         status = self._one_step()
-        if status == OK and inner.steps_done > done:
+        if status != OK:
+            return self._mended(before, begin, done, status)
+        if inner.steps_done > done:
             self._search.scan(inner, before, begin, inner.y, inner.time)
+        return status
+
+    def _mended(self, before: Floats, begin: float, done: int, status: int) -> int:
+        """Search a step that failed: it may have passed through a contact. Return OK, or the status of the step."""
+        inner = self.inner
+        if (length := self._run.options.dt) and not self._run.method.adaptive:
+            end = begin + length
+            inner.reset(before.copy(), end, done + 1)
+            if self._search.scan(inner, before, begin, before, end, good=False):
+                return OK
+            inner.reset(before, begin, done)
+            return inner.advance(1, np.inf)  # fails again, and knows why
         return status
 
     def _one_step(self) -> int:
@@ -234,6 +251,7 @@ class WatchedStepper:
             self._stop(act, span)
             return OK
         y = np.array(span.inside(act.time))
+        self._search.parts = []
         try:
             self._change(act, y, step)
         except InputError as error:  # a force or the method refuses the remaining bodies
@@ -244,11 +262,11 @@ class WatchedStepper:
         y, begin = self.inner.y, act.time
         status, reached, cost = self._search.trials.step(y, begin, span.t1)
         self._spent = _sum(self._spent, cost)
-        if status != OK or not np.isfinite(reached).all():
-            return status
+        good = status == OK and bool(np.isfinite(reached).all())
         self.inner.reset(reached.copy(), span.t1, step)
+        if not self._search.scan(self.inner, y, begin, reached, span.t1, good):
+            return status
         self._run.bodies_changed()
-        self._search.scan(self.inner, y, begin, reached, span.t1)
         return OK
 
     def _stop(self, act: Act, span: Span) -> None:
@@ -257,7 +275,7 @@ class WatchedStepper:
         row = entry(self._system, act.event.kind, act.time, span.step, act.bodies, act.distance, "stopped")
         self._search.log.add(row)
         self._search.know(act)
-        if self._run.method.chooses_steps and act.time < span.t1:
+        if span.failed or (self._run.method.chooses_steps and act.time < span.t1):
             self.inner.reset(np.array(span.inside(act.time)), act.time, span.step)
             self._search.begin_crossings()
         self.stopped = f"{names} {what} at t = {act.time:.9g}"
@@ -283,6 +301,13 @@ class WatchedStepper:
             self._run.record.take(taken)
         self._search.log.add(row)
         self._run.bodies_changed()
+        if event.action != "merge":
+            kept = [i for i in act.bodies if i not in change.gone]
+            ids = (
+                system.state.ids[kept].tolist()
+                + self._system.state.ids[len(self._system) - len(change.born) :].tolist()
+            )
+            self._search.leave(ids, act.time, abs(self.inner.last_step))
 
     def _changed(self, act: Act, y: Floats, step: int) -> Change:
         """The change that an event makes. Raises RunError for a rule that fails, and for too many new bodies."""
