@@ -191,7 +191,7 @@ units = "lj"
 [particles]
 positions = [[0, 0, 0], [1.1, 0, 0]]
 mass = 1.0
-species = "漢\\u001b[31mred\\u202e"
+species = "漢red\\u202e"
 [box]
 periodic = false
 [[force]]
@@ -208,8 +208,10 @@ def test_texts_of_files_do_not_steer_a_terminal(kickdrift, tmp_path):
     for file in ("evil.toml", "evil.h5md"):
         status, out, err = kickdrift("info", file, *(["--all"] if file.endswith(".h5md") else []))
         assert (status, err) == (0, "")
-        assert "漢\\x1b[31mred\\u202e" in out
-        assert "\x1b" not in out
+        assert "漢red\\u202e" in out
+        assert "\u202e" not in out
+    (tmp_path / "evil.toml").write_text(EVIL.replace("red", "\\u001b[31mred"), encoding="utf-8")
+    assert_refused(kickdrift("info", "evil.toml"), "species[0]: expected a name without control characters")
     (tmp_path / "evil.toml").write_text(EVIL + '["\\u001b]0;title\\u0007"]\n', encoding="utf-8")
     assert_refused(kickdrift("info", "evil.toml"), "\\x1b]0;title\\x07: unknown key")
 
