@@ -260,7 +260,7 @@ def report(sim: Reported) -> Report:
     unknown = "" if told or not bath else f"not judged: {sim.engine} does not tell the heat"
     work_given = work_of(system, record.samples) if working(system) else None
     energy, doubt = energy_report(series, even, system, bath, unknown, work_given)
-    doubts = [doubt, *ends_badly(system, sim.state)]
+    doubts = [line for line in (doubt, *ends_badly(system, sim.state)) if line and line not in record.warnings]
     options = sim.options.extras(sim.method.tunable)
     rtol, atol = options.pop("rtol", None), options.pop("atol", None)
     return Report(
