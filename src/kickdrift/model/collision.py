@@ -32,9 +32,10 @@ class Collision:
     A step of a method without error control in which bodies that attract each other may touch is taken in parts up to
     the contact. In other steps the moment of contact is found on the cubic through both ends, then on the method's own
     solution. The event acts at that moment, and the rest of the step is taken and searched again. So the collisions of
-    a step act in the order of their times. An adaptive method begins anew from there. A method of fixed steps completes the step
-    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch of a
-    `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the first.
+    a step act in the order of their times. An adaptive method begins anew from there. A method of fixed steps completes
+    the step with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch
+    of a `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the
+    first.
 
     Attributes
     ----------

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.collision import Collision
-from kickdrift.model.event_checks import binding
 from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
@@ -19,7 +17,7 @@ from kickdrift.model.system import System
 from kickdrift.run.watch.courses import AHEAD, STRONG, all_far, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
 from kickdrift.run.watch.overlaps import overlapping
-from kickdrift.run.watch.span import Act, Part, Span
+from kickdrift.run.watch.span import Act, Part, Span, attraction
 from kickdrift.run.watch.trials import Exact, Own
 
 LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
@@ -61,10 +59,9 @@ class Contacts(Checkpointed):
 
     def _begin_with(self, system: System) -> None:
         """Take the bodies and their attraction."""
-        self._system, self._massive, law = system, system.state.masses > 0, binding(system)
-        gravity = 0.0 if law is None else gravitational_constant(law.name, law.G, system)
-        self.gm = gravity * system.state.masses
-        self._sources, self.softening2 = self.gm, 0.0 if law is None else float(law.softening) ** 2
+        self._system, self._massive = system, system.state.masses > 0
+        self.gm, self.softening2 = attraction(system)
+        self._sources = self.gm
         self._strength: tuple[Any, float] = (None, 0.0)
         self._measured: Any = None
 

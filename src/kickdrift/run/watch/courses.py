@@ -18,6 +18,7 @@ NEAR = 1.02  # of the sum of the radii: courses that come so near are hits
 TIDES = 2e-3  # of a distance: error of a course by what its polynomial does not know
 STRONG = 1e-12  # G M h^2 over the cube of the sum of the radii: with less, no step feels the pair's attraction
 BENT = 1e-3  # of the speed: a kick of half a step that changes no energy worth the name
+TURNS = 1e-3  # G M h^2 over the cube of a distance: with less, a step resolves the attraction
 FINE = 0.2  # step along a course, over the time scale of its change
 MOST = 1000  # steps along a course
 SAFE = 0.95  # of the time to a contact: a part of a step that ends before
@@ -270,6 +271,22 @@ def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, 
             count += 1
     rows[rows.size - 1] = others
     return count
+
+
+@driver
+def any_bends(y, h, pairs, limits, gm, sources, softening2):
+    """Tell whether one of the ``pairs`` passes within its limit in a step or soon after, unbound, and so near that a
+    step does not resolve the attraction."""
+    found = np.empty(3)
+    for p in range(pairs.shape[1]):
+        i, j = pairs[0, p], pairs[1, p]
+        pair, d, w2 = gm[i] + gm[j], distance(y, i, j), speed2(y, i, j)
+        if not w2 * d > 2.0 * pair > 0.0 or d > limits[p] + AHEAD * h * np.sqrt(w2):
+            continue
+        course(y, i, j, 0.0, sources, softening2, pair, h, AHEAD * h, found)
+        if found[LEAST] < limits[p] and pair * h * h > TURNS * found[LEAST] ** 3:
+            return True
+    return False
 
 
 @driver

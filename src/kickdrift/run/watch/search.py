@@ -20,6 +20,7 @@ from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
 from kickdrift.run.watch.parting import Parting
+from kickdrift.run.watch.passing import Passing
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts, separation
@@ -52,6 +53,7 @@ class Search:
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
         self._parting = Parting(run, self._contacts)
+        self._passing = Passing(run, self._approaches)
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
@@ -64,6 +66,7 @@ class Search:
         self.act = self.span = self._quiet = None
         self.parts = []
         self._parting.forget()
+        self._passing.forget()
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -105,6 +108,7 @@ class Search:
     def follow(self, system: System) -> None:
         """Go on with the bodies of a system."""
         self.renew_trials()
+        self._passing.forget()
         self._quiet = None
         for watch in self._watches:
             watch.follow(system)
@@ -172,7 +176,9 @@ class Search:
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
                     found_in = [Part(y0, t0, y1, t1)]
-        hits = [watch for watch in self._lookers if watch.scan(found_in, step)]
+        passed = self._passing.parts(self.trials, found_in)
+        hits = [watch for watch in self._approaches if watch.scan(passed, step)]
+        hits += [watch for watch in self._lookers[len(self._approaches) :] if watch.scan(found_in, step)]
         met = [act for watch in self._approaches if (act := watch.begun(t1)) is not None]
         gone = [each for each in self._escapes if each.scan(found_in, step)] if self.act is None else []
         if hits or gone:
@@ -229,6 +235,7 @@ class Search:
             "watches": [watch.memory() for watch in self._watches],
             "waiting": self.log.memory(),
             "parting": self._parting.memory(),
+            "passing": self._passing.memory(),
             "parts": [part._asdict() for part in self.parts],
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
@@ -242,6 +249,7 @@ class Search:
         self.log.recall(memory["waiting"])
         if "parting" in memory:  # since version 0.3
             self._parting.recall(memory["parting"])
+            self._passing.recall(memory["passing"])
             self.parts = [Part(**part) for part in memory["parts"]]
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
