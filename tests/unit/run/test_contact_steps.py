@@ -89,6 +89,48 @@ def test_a_near_miss_changes_no_bit(name):
     assert watched.state.phase.tobytes() == plain.state.phase.tobytes()
 
 
+def test_no_stage_of_the_step_before_a_contact_looks_beyond_it():
+    """yoshida4 evaluates forces at 1.35 of its step: 1.065 steps lie between the start of this step and the contact."""
+    system = kd.System(
+        [[0, 0, 0], [5, 0, 0], [5.03, 0, 0]], [[0, 0, 0], [0, 5**-0.5, 0], [-0.1, 5**-0.5, 0]], [1, 4e-8, 1e-9],
+        radii=[0.005, 0.001, 0.008], forces=[kd.Gravity()], units="nbody",
+    )  # fmt: skip
+    (exact,) = kd.Simulation(system, "gauss-radau15", events=[kd.Collision()]).run(until=0.5).events
+    report = kd.Simulation(system, "yoshida4", exact["time"] / 3.065, events=[kd.Collision()]).run(4)
+    assert [event["time"] for event in report.events] == pytest.approx([exact["time"]], abs=1e-6)
+    assert report.energy.max_relative_error < 1e-6
+
+
+def flyby(apart: float = 0.06) -> kd.System:
+    return kd.System(
+        [[0, 0, 0], [5, 0, 0], [5 + apart, 0.006, 0]], [[0, 0, 0], [0, 5**-0.5, 0], [-0.1, 5**-0.5, 0]],
+        [1, 1e-5, 1e-5], forces=[kd.Gravity()], units="nbody",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "dt"), [("leapfrog", 0.5), ("leapfrog", 0.2), ("yoshida4", 0.4), ("hermite4", 0.4)])
+def test_the_least_distance_of_a_close_passage(name, dt):
+    """Two bodies bend each other's way within a step; the step's own end may be noise."""
+    events = [kd.CloseApproach(0.03, bodies=[1, 2])]
+    ((exact,), (found,)) = (
+        kd.Simulation(flyby(), *each, events=events).run(until=2.0).events for each in (("gauss-radau15",), (name, dt))
+    )
+    assert (found["distance"], found["time"]) == pytest.approx((exact["distance"], exact["time"]), rel=1e-3)
+
+
+def test_a_passage_over_several_steps_resumes_with_the_same_entry(tmp_path):
+    def begin() -> kd.Simulation:
+        return kd.Simulation(flyby(), "leapfrog", 0.1, events=[kd.CloseApproach(0.04, bodies=[1, 2])])
+
+    whole, file = begin(), str(tmp_path / "run.h5md")
+    whole.run(15)
+    begin().run(5, output=file)
+    resumed = kd.resume(file)
+    resumed.run(10)
+    assert len(whole.events) == 1
+    assert resumed.events == whole.events
+
+
 @pytest.mark.parametrize(("name", "action"), [("yoshida4", "bounce"), ("trace", "merge")])
 def test_cuts_threads_and_files_keep_the_bits(name, action, tmp_path):
     def begin(threads: int = 1) -> kd.Simulation:

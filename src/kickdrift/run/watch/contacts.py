@@ -38,6 +38,7 @@ class Contacts(Checkpointed):
     """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
+    evaluated = (1.0, 0.0)  # latest and earliest evaluation of the forces in a step; see `trials.evaluated`
     _newton = False  # whether to try a step of Newton's method from the contact on the cubic curve
 
     def __init__(self, event: Collision, system: System) -> None:
@@ -133,7 +134,7 @@ class Contacts(Checkpointed):
         y0, y1, places, who = self._places(whole, h, step)
         count = suspects(
             y0, y1, h, places, self._touching, of(self.radii, who), of(self.gm, who), self._sources, self.softening2,
-            of(fresh, who), self._near,
+            of(fresh, who), *self.evaluated, self._near,
         )  # fmt: skip
         self._calm = not count and not self._near[-1]
         if count:
@@ -166,8 +167,11 @@ class Contacts(Checkpointed):
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
         there, pairs, who = self._pairs_at(y, time)
         return bool(
-            soon(there, h, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who))
-        )
+            soon(
+                there, h, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who),
+                *self.evaluated,
+            )
+        )  # fmt: skip
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""

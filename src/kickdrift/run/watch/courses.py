@@ -207,26 +207,28 @@ def is_strong(y, h, i, j, reach, pair):
 
 
 @jit
-def is_suspect(y, h, i, j, reach, sources, softening2, pair, found):
-    """Tell whether two bodies may touch in a step from y, or so soon after the step that its end needs care."""
+def is_suspect(y, h, i, j, reach, sources, softening2, pair, ahead, found):
+    """Tell whether two bodies may touch in a step from y, or so soon after the step that its end needs care. The last
+    evaluation of the forces is at the part ``ahead`` of the step."""
     if not may_meet(y, i, j, reach, pair, AHEAD * h):
         return False
     course(y, i, j, reach, sources, softening2, pair, h, AHEAD * h, found)
-    return found[HIT] <= h or (found[HIT] < np.inf and bends(found[LATER], pair, h, speed2(y, i, j)))
+    return found[HIT] <= ahead * h or (found[HIT] < np.inf and bends(found[LATER], pair, h, speed2(y, i, j)))
 
 
 @jit
 def may_touch(y, h, i, j, reach, gm, sources, softening2, found):
     """Tell whether two bodies that attract each other may touch in a step from y, or soon after it."""
     pair = gm[i] + gm[j]
-    return is_strong(y, h, i, j, reach, pair) and is_suspect(y, h, i, j, reach, sources, softening2, pair, found)
+    return is_strong(y, h, i, j, reach, pair) and is_suspect(y, h, i, j, reach, sources, softening2, pair, 1.0, found)
 
 
 @jit
-def leaves(y, h, i, j, reach, softening2, pair, found, back):
-    """Tell whether two bodies touched so short a time before y that a step needs care."""
+def leaves(y, h, i, j, reach, softening2, pair, behind, found, back):
+    """Tell whether two bodies touched so short a time before y that a step needs care. The first evaluation of the
+    forces is at the part -``behind`` of the step."""
     course_back(y, i, j, reach, softening2, pair, h, found, back)
-    return found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j))
+    return found[HIT] <= behind * h or (found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)))
 
 
 @driver
@@ -246,7 +248,7 @@ def all_far(y0, y1, h, pairs, touching, limits):
 
 
 @driver
-def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, rows):
+def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, ahead, behind, rows):
     """rows (P + 1,) <- numbers of the ``pairs`` that may touch in a step from y0 to y1, or soon after. Return how many.
 
     The last row is the number of pairs that are known to touch, or near each other on the cubic without coming deep
@@ -263,9 +265,9 @@ def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, 
         if not is_strong(y0, h, i, j, reach, pair):
             others += near
             continue
-        near = near or is_suspect(y0, h, i, j, reach, sources, softening2, pair, found)
+        near = near or is_suspect(y0, h, i, j, reach, sources, softening2, pair, ahead, found)
         if not near and fresh.size > 0 and fresh[i] and fresh[j]:
-            near = leaves(y0, h, i, j, reach, softening2, pair, found, back)
+            near = leaves(y0, h, i, j, reach, softening2, pair, behind, found, back)
         if near:
             rows[count] = p
             count += 1
@@ -274,32 +276,49 @@ def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, 
 
 
 @driver
-def any_bends(y, h, pairs, limits, gm, sources, softening2):
+def any_bends(y, h, pairs, limits, heaviest, gm, softening2, inside):
     """Tell whether one of the ``pairs`` passes within its limit in a step or soon after, unbound, and so near that a
-    step does not resolve the attraction."""
+    step does not resolve the attraction. Limits are those of `encounters.passages`. With ``inside``, also if an
+    unbound pair is within its limit."""
     found = np.empty(3)
     for p in range(pairs.shape[1]):
         i, j = pairs[0, p], pairs[1, p]
-        pair, d, w2 = gm[i] + gm[j], distance(y, i, j), speed2(y, i, j)
-        if not w2 * d > 2.0 * pair > 0.0 or d > limits[p] + AHEAD * h * np.sqrt(w2):
+        d2, w2, pair = 0.0, 0.0, gm[i] + gm[j]
+        for k in range(3):
+            d2 += (y[0, k, i] - y[0, k, j]) ** 2
+            w2 += (y[1, k, i] - y[1, k, j]) ** 2
+        limit = limits[p]
+        if heaviest >= 0:
+            limit *= 0.5 * (distance(y, i, heaviest) + distance(y, j, heaviest))
+        way = AHEAD * h
+        if d2 > 2.0 * (limit * limit + way * way * w2) or not w2 * w2 * d2 > 4.0 * pair * pair > 0.0:
             continue
-        course(y, i, j, 0.0, sources, softening2, pair, h, AHEAD * h, found)
-        if found[LEAST] < limits[p] and pair * h * h > TURNS * found[LEAST] ** 3:
+        if inside and d2 < limit * limit:
+            return True
+        course(y, i, j, 0.0, gm, softening2, pair, h, AHEAD * h, found)
+        if found[LEAST] < limit and pair * h * h > TURNS * found[LEAST] ** 3:
             return True
     return False
 
 
 @driver
-def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
+def soon(y, h, pairs, radii, gm, sources, softening2, fresh, ahead, behind):
     """Tell whether one of the ``pairs`` touches so soon after y, or left a contact so shortly before, that a step of
     length h spoils its velocity."""
     found, back = np.empty(3), np.empty((2, 3, 2))
     for p in range(pairs.shape[1]):
         i, j = pairs[0, p], pairs[1, p]
         reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        if fresh.size > 0 and fresh[i] and fresh[j] and leaves(y, h, i, j, reach, softening2, pair, found, back):
+        if (
+            fresh.size > 0
+            and fresh[i]
+            and fresh[j]
+            and leaves(y, h, i, j, reach, softening2, pair, behind, found, back)
+        ):
             return True
         course(y, i, j, reach, sources, softening2, pair, h, (AHEAD - 1.0) * h, found)
+        if found[HIT] <= (ahead - 1.0) * h:
+            return True
         if found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)):
             return True
     return False

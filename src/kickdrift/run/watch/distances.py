@@ -36,6 +36,7 @@ class Approaches(Checkpointed):
         """Watch these bodies, without any passage under way."""
         self._system, ids, masses = system, system.state.ids, system.state.masses
         self._gm, self._softening2 = attraction(system)
+        self._attracts = bool(self._gm.any())
         pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
         if self._ids:
             named = np.isin(ids[pairs], list(self._ids))
@@ -92,11 +93,12 @@ class Approaches(Checkpointed):
                 self._passed[int(p)] = float(self._closest_of[int(p), 0])
                 self._closest_of[int(p)] = np.inf
 
-    def bends(self, y: Floats, h: float) -> bool:
-        """Tell whether a pair passes so near in a step from y, or soon after, that the step does not resolve it."""
-        if self.event.hill or not self._gm.any():
+    def bends(self, y: Floats, h: float, inside: bool = False) -> bool:
+        """Tell whether a pair passes so near in a step from y, or soon after, that the step does not resolve it. With
+        ``inside``, also if an unbound pair is within its limit."""
+        if not self._attracts:
             return False
-        return bool(any_bends(y, h, self._pairs, self._limits, self._gm, self._gm, self._softening2))
+        return bool(any_bends(y, h, self._pairs, self._limits, self._heaviest, self._gm, self._softening2, inside))
 
     @property
     def under_way(self) -> bool:

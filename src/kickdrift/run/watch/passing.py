@@ -23,7 +23,8 @@ class Passing:
 
     def __init__(self, run: Watched, approaches: Sequence[Approaches]) -> None:
         self._approaches = approaches
-        self._on = bool(approaches) and not run.method.adaptive
+        logs = any(each.event.action == "log" for each in approaches)  # a stop needs no least distance
+        self._on = logs and not run.method.adaptive
         self.forget()
 
     def forget(self) -> None:
@@ -35,10 +36,14 @@ class Passing:
         """The parts in which a step is searched for passages: those of the step, or those of the motion beside it."""
         if not self._on:
             return found_in
-        begin, end, h = found_in[0].t0, found_in[-1].t1, found_in[-1].t1 - found_in[0].t0
-        y = found_in[0].y0 if self._y is None or self._time != begin else self._y
-        if not any(each.bends(y, h) for each in self._approaches):
-            self.forget()
+        y, begin, end = found_in[0].y0, found_in[0].t0, found_in[-1].t1
+        beside = self._y is not None and self._time == begin  # until the pair has left in the run too
+        here, y = y, self._y if beside and self._y is not None else y
+        for each in self._approaches:
+            if each.bends(y, end - begin) or (beside and each.bends(here, end - begin, inside=True)):
+                break
+        else:
+            self._y = None
             return found_in
         try:
             parts = trials.parts(y, begin, end)

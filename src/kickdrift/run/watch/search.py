@@ -141,6 +141,11 @@ class Search:
             self._quiet = inner, limits and QuietSteps(inner, limits)
         return self._quiet[1]
 
+    @property
+    def mends(self) -> bool:
+        """Whether a step that failed may have a contact as its cause."""
+        return self._parting.on
+
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float, good: bool = True) -> bool:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``.
 
@@ -149,7 +154,8 @@ class Search:
         found_in, self.parts = parts(y0, t0, y1, t1, inner) if good else [Part(y0, t0, y1, t1)], []
         parted, contacts = None, self._contacts
         if not self._parting.on:
-            pass
+            if not good:
+                return False
         elif good and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
             if not (self._lookers or self._escapes):
                 return True
