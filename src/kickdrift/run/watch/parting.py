@@ -36,7 +36,7 @@ class Parting:
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
         self.on = bool(contacts) and not run.method.adaptive
-        for each in contacts:
+        for each in contacts if self.on else ():
             each.evaluated = evaluated(run.method)
         self._ends = all(each.event.action == "stop" for each in contacts)  # no step has to go on from a contact
         self.forget()
