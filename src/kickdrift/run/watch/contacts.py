@@ -14,8 +14,9 @@ from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.courses import AHEAD, STRONG, all_far, room, soon, suspects
+from kickdrift.run.watch.courses import AHEAD, STRONG
 from kickdrift.run.watch.encounters import contacts
+from kickdrift.run.watch.meetings import all_far, room, soon, suspects
 from kickdrift.run.watch.overlaps import overlapping
 from kickdrift.run.watch.span import Act, Part, Span, attraction
 from kickdrift.run.watch.trials import Exact, Own

@@ -13,8 +13,8 @@ from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
-from kickdrift.run.watch.courses import any_bends
 from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
+from kickdrift.run.watch.meetings import any_bends
 from kickdrift.run.watch.span import Act, Part, Span, approach, attraction, separation
 
 if TYPE_CHECKING:

@@ -53,6 +53,11 @@ class Passing:
         self._y, self._time = parts[-1].y1, end
         return parts
 
+    @property
+    def states(self) -> list[Floats]:
+        """State of the bodies beside the run, if there is a passage."""
+        return [] if self._y is None else [self._y]
+
     def memory(self) -> Memory:
         """State of the bodies beside the run, and its time."""
         return {"y": self._y, "time": self._time}

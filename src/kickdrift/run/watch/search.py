@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.errors import InputError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
@@ -81,6 +82,9 @@ class Search:
             known = watch.memory()
             watch.scan([Part(y, t, y, t)], inner.steps_done)
             watch.recall(known)
+        if self._parting.on:
+            self._parting.clear(y, t, y, t)
+        self._passing.parts(self.trials, [Part(y, t, y, t)])
 
     # --- bodies that change ---
 
@@ -257,6 +261,9 @@ class Search:
             self._parting.recall(memory["parting"])
             self._passing.recall(memory["passing"])
             self.parts = [Part(**part) for part in memory["parts"]]
+            states = [state for part in self.parts for state in (part.y0, part.y1)]
+            if any(np.shape(state) != inner.y.shape for state in [*states, *self._passing.states]):
+                raise InputError("checkpoint: the states inside a step have another shape than the bodies")
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
             self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))
