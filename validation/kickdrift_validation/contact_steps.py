@@ -5,7 +5,7 @@
 Random systems of a star and one to three pairs of small bodies on circular orbits. The bodies of each pair close, 30 %
 of the pairs exactly head-on, and merge within half a time unit. The contacts of each method stand beside those of
 gauss-radau15. A run fails if a contact is missing or extra, if its time is wrong by more than 1 % of the step, or if
-the energy error exceeds 1 %.
+the energy error exceeds 1 %. Pairs that miss have their least distances beside those of gauss-radau15.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from kickdrift_validation.claim import Claim, claim, main
 METHODS = ("leapfrog", "velocity-verlet", "yoshida4", "forest-ruth", "rk4", "wisdom-holman", "trace", "hermite4")
 SHORT, LONG = 40, 2000  # systems
 LATE, WRONG = 0.01, 0.01  # largest error of a time, of the step; largest energy error
-END = 1.0
+END, FAR = 1.0, 1.2  # last time of a contact or a closest point, and the end of runs with flybys
+FLYBYS, FLYBYS_LONG = 20, 500  # systems
 
 
 class Drawn(NamedTuple):
@@ -111,12 +112,46 @@ def faults(seeds: range, methods: tuple[str, ...] = METHODS, tell: bool = False)
     return failed
 
 
+def passages(drawn: Drawn, method: str, **options: Any) -> dict[frozenset[str], tuple[float, float]]:
+    """Least distance of each pair, and its time."""
+    dt = options.get("dt")
+    sim = kd.Simulation(drawn.system, method, events=[kd.CloseApproach(0.5)], **options)
+    report = sim.run(math.ceil(FAR / dt)) if dt and method != "hermite4" else sim.run(until=FAR)
+    found: dict[frozenset[str], tuple[float, float]] = {}
+    for event in [*report.events, *sim.going_on()]:
+        nearest = float(event["distance"]), float(event["time"])
+        pair = frozenset(event["bodies"])
+        found[pair] = min(found.get(pair, nearest), nearest)
+    return found
+
+
+def flybys(seeds: range, methods: tuple[str, ...] = METHODS) -> Iterator[Claim]:
+    """Least distances of pairs that miss each other by 1.01 to 20 times the sum of their radii."""
+    errors: dict[str, list[float]] = {method: [] for method in methods}
+    for seed in seeds:
+        aimed = 10 ** float(np.random.default_rng(seed).uniform(math.log10(1.01), math.log10(20.0)))
+        each = drawn(seed, aimed)
+        assert each.system.radii is not None
+        radius = dict(zip(each.system.names, each.system.radii.tolist(), strict=True))
+        truth = passages(each, "gauss-radau15")
+        for method in methods:
+            found = passages(each, method, dt=each.dt)
+            for pair, (distance, time) in truth.items():
+                if distance >= sum(radius[body] for body in pair) and time < END:
+                    errors[method].append(abs(found.get(pair, (math.inf, 0.0))[0] / distance - 1))
+    for method, each_error in errors.items():
+        worst = max(each_error, default=math.nan)
+        text = f"least distances by {method}: largest relative error of {len(each_error)} flybys"
+        yield claim(text, worst, "< 1e-2", worst < 1e-2, "gauss-radau15")
+
+
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Runs that fail, for each method."""
+    """Runs that fail, and errors of least distances, for each method."""
     count = LONG if long else SHORT
     for method, failed in faults(range(count), tell=True).items():
         text = f"contacts by {method}: runs with a wrong contact or energy, of {count} systems"
         yield claim(text, failed, "0", failed == 0, "gauss-radau15")
+    yield from flybys(range(FLYBYS_LONG if long else FLYBYS))
 
 
 if __name__ == "__main__":

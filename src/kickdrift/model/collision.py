@@ -29,11 +29,13 @@ NEW_BODIES = 100  # default limit
 class Collision:
     """Bodies that touch: their separation falls to the sum of their radii.
 
-    The moment of contact is found on the cubic through both ends of a step, then on the method's own solution. The
-    event acts at that moment, and the rest of the step is taken and searched again. So the collisions of a step act in
-    the order of their times. An adaptive method begins anew from there. A method of fixed steps completes the step
-    with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch of a
-    `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the first.
+    A step of a method without error control in which bodies that attract each other may touch is taken in parts up to
+    the contact. In other steps the moment of contact is found on the cubic through both ends, then on the method's own
+    solution. The event acts at that moment, and the rest of the step is taken and searched again. So the collisions of
+    a step act in the order of their times. An adaptive method begins anew from there. A method of fixed steps completes
+    the step with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch
+    of a `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the
+    first.
 
     Attributes
     ----------

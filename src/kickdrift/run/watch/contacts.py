@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.central import gravitational_constant
 from kickdrift.model.collision import Collision
-from kickdrift.model.event_checks import binding
 from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.courses import AHEAD, STRONG, all_far, room, soon, suspects
+from kickdrift.run.watch.courses import AHEAD, STRONG
 from kickdrift.run.watch.encounters import contacts
+from kickdrift.run.watch.meetings import all_far, room, soon, suspects
 from kickdrift.run.watch.overlaps import overlapping
-from kickdrift.run.watch.span import Act, Part, Span
+from kickdrift.run.watch.span import Act, Part, Span, attraction
 from kickdrift.run.watch.trials import Exact, Own
 
 LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
@@ -40,6 +39,7 @@ class Contacts(Checkpointed):
     """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
+    evaluated = (1.0, 0.0)  # latest and earliest evaluation of the forces in a step; see `trials.evaluated`
     _newton = False  # whether to try a step of Newton's method from the contact on the cubic curve
 
     def __init__(self, event: Collision, system: System) -> None:
@@ -61,10 +61,9 @@ class Contacts(Checkpointed):
 
     def _begin_with(self, system: System) -> None:
         """Take the bodies and their attraction."""
-        self._system, self._massive, law = system, system.state.masses > 0, binding(system)
-        gravity = 0.0 if law is None else gravitational_constant(law.name, law.G, system)
-        self.gm = gravity * system.state.masses
-        self._sources, self.softening2 = self.gm, 0.0 if law is None else float(law.softening) ** 2
+        self._system, self._massive = system, system.state.masses > 0
+        self.gm, self.softening2 = attraction(system)
+        self._sources = self.gm
         self._strength: tuple[Any, float] = (None, 0.0)
         self._measured: Any = None
 
@@ -136,7 +135,7 @@ class Contacts(Checkpointed):
         y0, y1, places, who = self._places(whole, h, step)
         count = suspects(
             y0, y1, h, places, self._touching, of(self.radii, who), of(self.gm, who), self._sources, self.softening2,
-            of(fresh, who), self._near,
+            of(fresh, who), *self.evaluated, self._near,
         )  # fmt: skip
         self._calm = not count and not self._near[-1]
         if count:
@@ -169,8 +168,11 @@ class Contacts(Checkpointed):
         """Tell whether suspected pairs touch so soon after y that a step of length h would spoil their velocities."""
         there, pairs, who = self._pairs_at(y, time)
         return bool(
-            soon(there, h, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who))
-        )
+            soon(
+                there, h, pairs, of(self.radii, who), of(self.gm, who), self._sources, self.softening2, of(fresh, who),
+                *self.evaluated,
+            )
+        )  # fmt: skip
 
     def _found_in(self, part: Part, h: float, step: int) -> int:
         """Search a part of a step. Return the number of pairs in contact."""

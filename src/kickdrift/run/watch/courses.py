@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.jit.compile import driver, jit
-from kickdrift.run.watch.encounters import hull_bound
+from kickdrift.jit.compile import jit
 
 AHEAD = 2.0  # steps for which a course is followed
 LOOSE = 0.05  # of a distance: more than tides move a pair within a step of a twentieth of an orbit
@@ -20,10 +19,7 @@ STRONG = 1e-12  # G M h^2 over the cube of the sum of the radii: with less, no s
 BENT = 1e-3  # of the speed: a kick of half a step that changes no energy worth the name
 FINE = 0.2  # step along a course, over the time scale of its change
 MOST = 1000  # steps along a course
-SAFE = 0.95  # of the time to a contact: a part of a step that ends before
 ARC = 0.2  # of the sum of the radii: the way of a pair in a part that may pass a contact
-RESOLVED = 0.1  # longest part, over the time scale of the pair's attraction at its end
-SHORTEST = 2.0**-12  # shortest part, of the rest of a step
 HIT, LEAST, LATER = range(3)  # results of a course: time of the hit, least distance, distance after the step
 
 
@@ -206,120 +202,25 @@ def is_strong(y, h, i, j, reach, pair):
 
 
 @jit
-def is_suspect(y, h, i, j, reach, sources, softening2, pair, found):
-    """Tell whether two bodies may touch in a step from y, or so soon after the step that its end needs care."""
+def is_suspect(y, h, i, j, reach, sources, softening2, pair, ahead, found):
+    """Tell whether two bodies may touch in a step from y, or so soon after the step that its end needs care. The last
+    evaluation of the forces is at the part ``ahead`` of the step."""
     if not may_meet(y, i, j, reach, pair, AHEAD * h):
         return False
     course(y, i, j, reach, sources, softening2, pair, h, AHEAD * h, found)
-    return found[HIT] <= h or (found[HIT] < np.inf and bends(found[LATER], pair, h, speed2(y, i, j)))
+    return found[HIT] <= ahead * h or (found[HIT] < np.inf and bends(found[LATER], pair, h, speed2(y, i, j)))
 
 
 @jit
 def may_touch(y, h, i, j, reach, gm, sources, softening2, found):
     """Tell whether two bodies that attract each other may touch in a step from y, or soon after it."""
     pair = gm[i] + gm[j]
-    return is_strong(y, h, i, j, reach, pair) and is_suspect(y, h, i, j, reach, sources, softening2, pair, found)
+    return is_strong(y, h, i, j, reach, pair) and is_suspect(y, h, i, j, reach, sources, softening2, pair, 1.0, found)
 
 
 @jit
-def leaves(y, h, i, j, reach, softening2, pair, found, back):
-    """Tell whether two bodies touched so short a time before y that a step needs care."""
+def leaves(y, h, i, j, reach, softening2, pair, behind, found, back):
+    """Tell whether two bodies touched so short a time before y that a step needs care. The first evaluation of the
+    forces is at the part -``behind`` of the step."""
     course_back(y, i, j, reach, softening2, pair, h, found, back)
-    return found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j))
-
-
-@driver
-def all_far(y0, y1, h, pairs, touching, limits):
-    """Tell whether no pair may touch in a step from y0 to y1 or soon after, and none is known to touch; loosely.
-
-    ``limits`` (2, P) are their distances at contact, and G times their masses."""
-    for p in range(pairs.shape[1]):
-        i, j, reach, pair = pairs[0, p], pairs[1, p], limits[0, p], limits[1, p]
-        if touching[p]:
-            return False
-        if is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h) or reach == 0.0:
-            continue
-        if not hull_bound(y0, y1, h, i, j) > NEAR * reach or may_meet(y0, i, j, reach, pair, AHEAD * h):
-            return False
-    return True
-
-
-@driver
-def suspects(y0, y1, h, pairs, touching, radii, gm, sources, softening2, fresh, rows):
-    """rows (P + 1,) <- numbers of the ``pairs`` that may touch in a step from y0 to y1, or soon after. Return how many.
-
-    The last row is the number of pairs that are known to touch, or near each other on the cubic without coming deep
-    into each other. ``gm`` (n,) is G times the masses; ``sources`` (n,) are those of tides, or (0,). ``fresh`` (n,) or
-    (0,) bodies come from a contact."""
-    found, back, count, others = np.empty(3), np.empty((2, 3, 2)), 0, 0
-    for p in range(pairs.shape[1]):
-        i, j = pairs[0, p], pairs[1, p]
-        reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        others += touching[p]
-        if reach == 0.0 or (fresh.size == 0 and is_far(y0, y1, h, i, j, NEAR * reach, pair, AHEAD * h)):
-            continue
-        near = hull_bound(y0, y1, h, i, j) <= NEAR * reach
-        if not is_strong(y0, h, i, j, reach, pair):
-            others += near
-            continue
-        near = near or is_suspect(y0, h, i, j, reach, sources, softening2, pair, found)
-        if not near and fresh.size > 0 and fresh[i] and fresh[j]:
-            near = leaves(y0, h, i, j, reach, softening2, pair, found, back)
-        if near:
-            rows[count] = p
-            count += 1
-    rows[rows.size - 1] = others
-    return count
-
-
-@driver
-def soon(y, h, pairs, radii, gm, sources, softening2, fresh):
-    """Tell whether one of the ``pairs`` touches so soon after y, or left a contact so shortly before, that a step of
-    length h spoils its velocity."""
-    found, back = np.empty(3), np.empty((2, 3, 2))
-    for p in range(pairs.shape[1]):
-        i, j = pairs[0, p], pairs[1, p]
-        reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        if fresh.size > 0 and fresh[i] and fresh[j] and leaves(y, h, i, j, reach, softening2, pair, found, back):
-            return True
-        course(y, i, j, reach, sources, softening2, pair, h, (AHEAD - 1.0) * h, found)
-        if found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)):
-            return True
-    return False
-
-
-@driver
-def room(y, left, pairs, radii, gm, sources, softening2, fresh, ahead, behind, fine):
-    """Return the longest part of a step that ends before the ``pairs`` touch, or shortly after they touch.
-
-    A method evaluates forces at times between -``behind`` and ``ahead`` of its step. Pairs of ``fresh`` bodies (n,)
-    come from a contact, so their way back is no way for a step either. With ``fine``, parts are short where the pairs'
-    attraction changes fast."""
-    found, back, longest = np.empty(3), np.empty((2, 3, 2)), left
-    for p in range(pairs.shape[1]):
-        i, j = pairs[0, p], pairs[1, p]
-        reach, pair = radii[i] + radii[j], gm[i] + gm[j]
-        w, d = np.sqrt(speed2(y, i, j) + 2.0 * pair / reach), distance(y, i, j)
-        for way in range(2):
-            if way == 0:
-                course(y, i, j, reach, sources, softening2, pair, left, AHEAD * left, found)
-                part = ahead
-            else:
-                if not (fine and fresh.size > 0 and fresh[i] and fresh[j]):
-                    continue
-                course_back(y, i, j, reach, softening2, pair, left, found, back)
-                part = behind
-            if found[HIT] == np.inf:
-                continue
-            if part > 0.0:
-                longest = min(longest, max(SAFE * found[HIT] / part, ARC * reach / w))
-            if not fine:
-                continue
-            s = longest
-            for _ in range(100):
-                end = max(reach, d - w * s) if way == 0 else d
-                if s <= RESOLVED * np.sqrt(end * end * end / pair):
-                    break
-                s *= 0.8
-            longest = min(longest, s)
-    return max(longest, left * SHORTEST)
+    return found[HIT] <= behind * h or (found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)))

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.central import gravitational_constant
-from kickdrift.model.event_checks import binding
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Escape
 from kickdrift.model.memory import Checkpointed
@@ -16,7 +14,8 @@ from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
-from kickdrift.run.watch.span import Act, Part, Span, approach, separation
+from kickdrift.run.watch.meetings import any_bends
+from kickdrift.run.watch.span import Act, Part, Span, approach, attraction, separation
 
 if TYPE_CHECKING:
     pass
@@ -36,6 +35,8 @@ class Approaches(Checkpointed):
     def begin(self, system: System) -> None:
         """Watch these bodies, without any passage under way."""
         self._system, ids, masses = system, system.state.ids, system.state.masses
+        self._gm, self._softening2 = attraction(system)
+        self._attracts = bool(self._gm.any())
         pairs = np.array(np.triu_indices(len(system), 1), dtype=np.int64)
         if self._ids:
             named = np.isin(ids[pairs], list(self._ids))
@@ -92,6 +93,13 @@ class Approaches(Checkpointed):
                 self._passed[int(p)] = float(self._closest_of[int(p), 0])
                 self._closest_of[int(p)] = np.inf
 
+    def bends(self, y: Floats, h: float, inside: bool = False) -> bool:
+        """Tell whether a pair passes so near in a step from y, or soon after, that the step does not resolve it. With
+        ``inside``, also if an unbound pair is within its limit."""
+        if not self._attracts:
+            return False
+        return bool(any_bends(y, h, self._pairs, self._limits, self._heaviest, self._gm, self._softening2, inside))
+
     @property
     def under_way(self) -> bool:
         """Whether a passage goes on."""
@@ -147,9 +155,7 @@ class Escapes(Checkpointed):
     def follow(self, system: System) -> None:
         """Watch the remaining bodies; known escapes stay known."""
         self._system, ids = system, system.state.ids
-        law = binding(system)
-        gravity = gravitational_constant(law.name, law.G, system)
-        self._gm, self._softening2 = gravity * system.state.masses, float(law.softening) ** 2
+        self._gm, self._softening2 = attraction(system)
         place = np.flatnonzero(ids == self._about) if self._about is not None else np.array([-1])
         self._place = int(place[0]) if place.size else -2  # the origin of the distance is gone
         self._known = np.isin(ids, self._known_ids)

@@ -13,7 +13,7 @@ from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.contacts import ALL_PAIRS, Contacts
 from kickdrift.run.watch.span import Act, Part, Span
-from kickdrift.run.watch.trials import Trials, Watched
+from kickdrift.run.watch.trials import Trials, Watched, evaluated
 
 NONE = np.zeros(0, np.bool_)
 FEW = 1e-9  # of a step: a shorter rest is no part of its own
@@ -36,6 +36,8 @@ class Parting:
     def __init__(self, run: Watched, contacts: Sequence[Contacts]) -> None:
         self._contacts = contacts
         self.on = bool(contacts) and not run.method.adaptive
+        for each in contacts if self.on else ():
+            each.evaluated = evaluated(run.method)
         self._ends = all(each.event.action == "stop" for each in contacts)  # no step has to go on from a contact
         self.forget()
 

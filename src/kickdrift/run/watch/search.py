@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kickdrift.errors import InputError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
@@ -20,6 +21,7 @@ from kickdrift.run.watch.crossings import Crossings
 from kickdrift.run.watch.distances import Approaches, Escapes
 from kickdrift.run.watch.log import Log
 from kickdrift.run.watch.parting import Parting
+from kickdrift.run.watch.passing import Passing
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, parts, separation
@@ -52,6 +54,7 @@ class Search:
         self._quiet: tuple[Stepper, QuietSteps | None] | None = None
         self._contacts = [contacts_of(e, subject) for e in events if isinstance(e, Collision)]
         self._parting = Parting(run, self._contacts)
+        self._passing = Passing(run, self._approaches)
         self._escapes = [Escapes(e, subject) for e in events if isinstance(e, Escape)]
         self._crossings = Crossings([e for e in events if isinstance(e, Crossing)], subject)
         self._bodily: list[Any] = [*self._approaches, *self._contacts, *self._escapes]
@@ -64,6 +67,7 @@ class Search:
         self.act = self.span = self._quiet = None
         self.parts = []
         self._parting.forget()
+        self._passing.forget()
         for watch in self._watches:
             watch.begin(self._run.system)
 
@@ -78,6 +82,9 @@ class Search:
             known = watch.memory()
             watch.scan([Part(y, t, y, t)], inner.steps_done)
             watch.recall(known)
+        if self._parting.on:
+            self._parting.clear(y, t, y, t)
+        self._passing.parts(self.trials, [Part(y, t, y, t)])
 
     # --- bodies that change ---
 
@@ -105,6 +112,7 @@ class Search:
     def follow(self, system: System) -> None:
         """Go on with the bodies of a system."""
         self.renew_trials()
+        self._passing.forget()
         self._quiet = None
         for watch in self._watches:
             watch.follow(system)
@@ -137,6 +145,11 @@ class Search:
             self._quiet = inner, limits and QuietSteps(inner, limits)
         return self._quiet[1]
 
+    @property
+    def mends(self) -> bool:
+        """Whether a step that failed may have a contact as its cause."""
+        return self._parting.on
+
     def scan(self, inner: Stepper, y0: Floats, t0: float, y1: Floats, t1: float, good: bool = True) -> bool:
         """Log the events of a span up to the first that changes the bodies, and store that event in ``act``.
 
@@ -152,7 +165,8 @@ class Search:
             return True
         parted, contacts = None, self._contacts
         if not self._parting.on:
-            pass
+            if not good:
+                return False
         elif good and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
             if not (self._lookers or self._escapes):
                 return True
@@ -179,7 +193,9 @@ class Search:
                 if self.act.event.action != "stop" or self._run.method.chooses_steps:
                     y1, t1 = np.array(whole.inside(self.act.time)), self.act.time
                     found_in = [Part(y0, t0, y1, t1)]
-        hits = [watch for watch in self._lookers if watch.scan(found_in, step)]
+        passed = self._passing.parts(self.trials, found_in)
+        hits = [watch for watch in self._approaches if watch.scan(passed, step)]
+        hits += [watch for watch in self._lookers[len(self._approaches) :] if watch.scan(found_in, step)]
         met = [act for watch in self._approaches if (act := watch.begun(t1)) is not None]
         gone = [each for each in self._escapes if each.scan(found_in, step)] if self.act is None else []
         if hits or gone:
@@ -236,6 +252,7 @@ class Search:
             "watches": [watch.memory() for watch in self._watches],
             "waiting": self.log.memory(),
             "parting": self._parting.memory(),
+            "passing": self._passing.memory(),
             "parts": [part._asdict() for part in self.parts],
             "act": act and {**act._asdict(), "event": self._acting.index(act.event)},
             "span": act and span and {key: getattr(span, key) for key in ("y0", "t0", "y1", "t1", "step")},
@@ -249,7 +266,11 @@ class Search:
         self.log.recall(memory["waiting"])
         if "parting" in memory:  # since version 0.3
             self._parting.recall(memory["parting"])
+            self._passing.recall(memory["passing"])
             self.parts = [Part(**part) for part in memory["parts"]]
+            states = [state for part in self.parts for state in (part.y0, part.y1)]
+            if any(np.shape(state) != inner.y.shape for state in [*states, *self._passing.states]):
+                raise InputError("checkpoint: the states inside a step have another shape than the bodies")
         if (act := memory["act"]) is not None:
             event, span = self._acting[act["event"]], memory["span"]
             self.act = Act(event, act["time"], tuple(act["bodies"]), act["distance"], tuple(act.get("image", HERE)))

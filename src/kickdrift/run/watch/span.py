@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from kickdrift.forces.central import gravitational_constant
+from kickdrift.model.event_checks import binding
 from kickdrift.model.events import CloseApproach, Collision, Escape
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.run.zeros import zero
 
 if TYPE_CHECKING:
-    pass
+    from kickdrift.model.system import System
 
 
 @dataclass
@@ -70,6 +72,13 @@ class Act(NamedTuple):
     bodies: tuple[int, ...]  # rows
     distance: float
     image: Image = HERE  # of the second body, in a patch
+
+
+def attraction(system: System) -> tuple[Floats, float]:
+    """G times the masses (n,), and the squared softening; zeros without gravity."""
+    law = binding(system)
+    gravity = 0.0 if law is None else gravitational_constant(law.name, law.G, system)
+    return gravity * system.state.masses, 0.0 if law is None else float(law.softening) ** 2
 
 
 def separation(y: Floats, i: int, j: int) -> float:

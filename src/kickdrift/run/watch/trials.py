@@ -18,6 +18,7 @@ from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats
 from kickdrift.run.shortened import of_length
+from kickdrift.run.watch.span import Part
 
 
 class Watched(Protocol):
@@ -70,12 +71,17 @@ class Trials:
 
     def between(self, y: Floats, begin: float, time: float) -> Floats:
         """y at a time by a method without error, from y at ``begin``."""
-        motion, now = self.exact(y, begin), begin
-        while now < time:
-            status, y, now = motion.step(time)
-            if status != OK:
-                raise RunError(f"the motion from t = {begin:.9g} to {time:.9g} failed")
-        return y
+        return self.parts(y, begin, time)[-1].y1
+
+    def parts(self, y: Floats, begin: float, end: float) -> list[Part]:
+        """Steps of a method without error from y."""
+        motion, found = self.exact(y, begin), [Part(y, begin, y, begin)]
+        while (last := found[-1]).t1 < end:
+            status, y, now = motion.step(end)
+            if status != OK or not (now > last.t1 and np.isfinite(y).all()):
+                raise RunError(f"the motion from t = {begin:.9g} to {end:.9g} failed")
+            found.append(Part(last.y1, last.t1, y, now))
+        return found[1:] or found
 
     def own(self, y: Floats, begin: float) -> Own:
         """The motion from y by steps of the run's method."""

@@ -207,7 +207,7 @@ class WatchedStepper:
     def _mended(self, before: Floats, begin: float, done: int, status: int) -> int:
         """Search a step that failed: it may have passed through a contact. Return OK, or the status of the step."""
         inner = self.inner
-        if (length := self._run.options.dt) and not self._run.method.adaptive:
+        if self._search.mends and (length := self._run.options.dt):
             end = begin + length
             inner.reset(before.copy(), end, done + 1)
             if self._search.scan(inner, before, begin, before, end, good=False):
