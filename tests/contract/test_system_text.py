@@ -89,7 +89,7 @@ def test_an_event_comes_back_from_its_text(event):
 )
 def test_a_box_comes_back_from_its_text(box, dimensions):
     x = np.array([[0.5, 0.1, 0.25], [1 / 3, 2.0, 0.25]])
-    options = {"names": ['"a"', "β\\\x7f"], "radii": [0.1, 0.2], "invariants": {"note": "a\nb", "list": [1, 2.5, True]}}
+    options = {"names": ['"a"', "β\\é"], "radii": [0.1, 0.2], "invariants": {"note": "a\nb", "list": [1, 2.5, True]}}
     system = kd.System(x, x * [0.1, 0.7, 0.0], box=box, dimensions=dimensions, **options)
     system = system.with_run(dt=1e-5, time=0.1, integrator="dormand-prince45", rtol=1e-7, controller="pi")
     assert_same(loads(system.to_toml()), system)

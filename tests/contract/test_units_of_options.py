@@ -52,7 +52,8 @@ def test_an_option_takes_text_with_a_unit(method: kd.integrators.Method, option:
 
 # --- forces ---
 
-WITH_DIMENSIONS = [cls for cls in FORCES.values() if getattr(cls, "dimensions", None) and issubclass(cls, Grouped)]
+OWN = [cls for cls in FORCES.values() if cls.__module__.startswith("kickdrift.")]
+WITH_DIMENSIONS = [cls for cls in OWN if getattr(cls, "dimensions", None) and issubclass(cls, Grouped)]
 
 
 def as_text(value: object, unit: str) -> object:

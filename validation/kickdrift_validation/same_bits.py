@@ -102,7 +102,7 @@ def other(name: str, few: bool) -> kd.System:
     force = example(FORCES[name], G=1.0, **softening)
     if isinstance(force, ManyBodyForce):
         return crystal(force, few)
-    if name in ("gravity", "gravity-tree"):
+    if force.stands_for == kd.Gravity.stands_for:
         return disc([force], few)
     if "G" in inspect.signature(FORCES[name]).parameters:
         return disc([kd.Gravity(G=1.0), force], few)

@@ -108,7 +108,7 @@ class Integration:
         """Make ``system`` the integration's bodies, and return the method's stepper for them."""
         self.system: System | Problem = system
         self.flow: RunFlow
-        self._shortened = Shortened(self)
+        self._shortened = Shortened()
         self.flow, stepper = self._made(system, self.options)
         return stepper
 
@@ -170,7 +170,7 @@ class Integration:
         old: Any = self.stepper
         with compiling_for(self.purpose):
             flow, self.stepper = self.stepper_in(backward, self.options)
-            self._shortened = Shortened(self)
+            self._shortened = Shortened()
         self.flow = self.flow if backward else flow
         self._reset(y, time, steps)
         if hasattr(old, "method_state"):
@@ -370,7 +370,7 @@ class Integration:
         With fixed steps, a shortened step of another stepper gives y at that time."""
         stepper: Any = self.stepper
         self.moving.forget_errors()
-        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened.step(time)
+        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened.step(self, time)
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)

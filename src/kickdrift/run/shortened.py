@@ -32,21 +32,26 @@ class Stepping(Protocol):
 class Shortened:
     """Shortened steps of a run, in a copy that is kept while the run goes on in one direction with the same bodies.
 
+    It does not hold the run, so that a run that nobody holds is freed at once.
+
     Attributes
     ----------
     heat : energy that the bath has given by the end of the last shortened step; None without a bath
     """
 
-    def __init__(self, run: Stepping) -> None:
-        self._run, self._last = run, None
+    def __init__(self) -> None:
+        self._last: Any = None
         self.heat: float | None = None
 
-    def step(self, time: float) -> tuple[int, Floats, Counts]:
+    def step(self, run: Stepping, time: float) -> tuple[int, Floats, Counts]:
         """Take one step from the run's step point to ``time``. Return a status, y and the cost."""
-        run = self._run
         assert run.dt is not None
         rest = abs(time - run.stepper.time)
-        self._last = stepper = of_length(rest, self._last, self._made)
+
+        def made(dt: float) -> Any:
+            return run.stepper_in(run.backward, run.options.changed(dt=dt))[1]
+
+        self._last = stepper = of_length(rest, self._last, made)
         inner = own_stepper(stepper)
         if hasattr(inner, "begin_from"):
             inner.begin_from(own_stepper(run.stepper))
@@ -57,10 +62,6 @@ class Shortened:
         run.record.unfinished = run.dt - rest
         self.heat = getattr(inner, "heat", None)
         return status, stepper.y.copy(), stepper.counts - before
-
-    def _made(self, dt: float) -> Any:
-        run = self._run
-        return run.stepper_in(run.backward, run.options.changed(dt=dt))[1]
 
 
 def of_length(dt: float, last: Any, made: Callable[[float], Any]) -> Any:

@@ -123,7 +123,7 @@ def test_data_files_alone_are_loaded(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("raise SystemExit('ran')\n", encoding="utf-8")
     for read in (kd.load, kd.compare):
-        with pytest.raises(kd.InputError, match="not valid TOML"):
+        with pytest.raises(kd.InputError, match="is a Python program"):
             read(file)
     with pytest.raises(kd.InputError, match="no such file"):
         load_or_run(tmp_path / "other.py")

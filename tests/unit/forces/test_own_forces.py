@@ -84,7 +84,7 @@ def test_a_system_file_names_a_force_of_ones_own(kickdrift, files):
 def test_without_its_file_the_line_says_what_to_load(kickdrift, files):
     status, _, err = kickdrift("run", str(files / "pair.toml"))
     assert status == 2
-    assert "force[0].type: expected one of lennard-jones" in err
+    assert "force[0].type: expected one of " in err
     assert "got 'gaussian'; a force of your own comes with --load FILE.py" in err
     assert len(err.splitlines()) == 1
 

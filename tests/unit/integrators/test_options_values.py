@@ -255,7 +255,8 @@ def test_the_command_line_takes_any_option(monkeypatch, capsys, tmp_path):
         own = {"dt": 0.25, "compensated": True, "coordinates": "jacobi", "corrector": 5, "precision": "double"}
         assert {key: options[key] for key in own} == own
         assert list(options) == ["dt", *OPTIONS]
-        assert list(run.system_record["run"]) == ["integrator", "dt", "steps", "time", "every", "interval", *OPTIONS]
+        own = ["integrator", "dt", "steps", "time", "every", "interval", "times"]
+        assert list(run.system_record["run"]) == [*own, *OPTIONS]
     assert kickdrift(monkeypatch, capsys, "run", "ode-kepler", "-o", "controller=pid", "--time", "1")[0] == 0
 
 

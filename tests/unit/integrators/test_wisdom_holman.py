@@ -271,7 +271,7 @@ def test_no_central_body(masses, message):
     [
         ([], "needs one force 'gravity', and .* has none"),
         ([kd.Gravity(softening=0.1)], "needs gravity without softening"),
-        ([kd.Gravity(), kd.Gravity()], "needs one force 'gravity', and .* has 2"),
+        ([kd.Gravity(), kd.Gravity(G=2.0)], "needs one force 'gravity', and .* has 2"),
     ],
 )
 def test_gravity_is_needed(forces, message):

@@ -297,8 +297,8 @@ def test_the_terminal_says_that_a_run_waits(port, monkeypatch, capsys):
     def come() -> None:
         assert heard.wait(60)
         with socket.create_connection(("127.0.0.1", port.number), timeout=10) as line:
-            line.sendall(head(Kind.PAUSE, 0) + head(Kind.GO, 0))
             heard.clear()
+            line.sendall(head(Kind.PAUSE, 0) + head(Kind.GO, 0))
             assert heard.wait(60)
             kill(line)
 

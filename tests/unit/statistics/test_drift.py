@@ -340,7 +340,7 @@ def test_rk4_on_a_liquid_loses_energy():
     system = kd.System(sim.state.wrapped(), sim.state.velocities, box=edges, forces=[force], seed=3)
     energy, rate, widest = drift_of(kd.Simulation(system, "rk4", dt=0.011), 2000, 4)
     assert 0.05 < energy.max_relative_error < 0.25
-    assert energy.verdict == "secular drift"
+    assert energy.verdict == "unreliable"  # more than a tenth of the energy is lost
     assert energy.drift_per_unit_time == pytest.approx(rate, rel=0.05)
     assert energy.drift_error <= widest
 
