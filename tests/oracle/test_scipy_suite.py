@@ -15,7 +15,7 @@ SUITE = "scipy.integrate._ivp.tests.test_ivp"
 PLUGIN = ("-p", "no:cacheprovider", "-p", "tests.oracle.scipy_plugin")
 RUN = ("-m", "pytest", "-c", os.devnull, *PLUGIN, "--junitxml", "results.xml", "--pyargs", SUITE)
 # The tests that do not pass, and why.
-EXCEPTIONS: dict[str, str] = {}
+EXCEPTIONS = {"test_t_eval_early_event": "wants t and y as lists where no time is asked for; ours are empty arrays"}
 # The tests that say nothing about us: they never call solve_ivp.
 SCIPYS_OWN = {
     "test_ConstantDenseOutput": "a class of SciPy's",

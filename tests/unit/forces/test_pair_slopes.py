@@ -30,7 +30,7 @@ def system_of(truncation: str, mixed: bool, leaning: bool, chained: bool) -> kd.
     x = sites + rng.uniform(-0.15, 0.15, (n, 3))
     options = {"species": SPECIES, "pairs": PAIRS} if mixed else {"epsilon": 1.3, "sigma": 0.95}
     force = kd.LennardJones(cutoff=2.5, truncation=truncation, **options)
-    chains = kd.Topology.chains(15, 4, factors=(0.0, 0.4, 1.0)) if chained else None
+    chains = kd.Topology.chains(15, 4, factors=(0.4, 1.0, 1.0)) if chained else None
     box = kd.Box.from_vectors([[edge, 0, 0], [1.1, edge, 0], [-0.8, 0.9, edge]]).box if leaning else kd.Box([edge] * 3)
     species = [*"AB", *rng.choice(list("ABC"), n - 2)] if mixed else None
     masses = rng.uniform(0.5, 2.0, n)
@@ -134,7 +134,7 @@ def test_a_users_law_has_slopes_by_positions_and_parameters():
     system = kd.System(x, rng.normal(size=x.shape), box=(5.2,) * 3, forces=[force])
     names = [f"screened.{key}" for key in ("strength", "width", "hardness")]
     found = kd.transition_matrix(system, 0.04, "velocity-verlet", 0.002, parameters=names)
-    assert found.symplectic_error < 1e-15
+    assert found.symplectic_error < 4e-15  # rounding, which differs between processors: 1.5e-15 on one
     along = rng.normal(size=(2, 3, len(system)))
     wanted = ends(lambda h: moved(system, h * along), 1e-4)
     got = found.matrix @ along.swapaxes(1, 2).ravel()
