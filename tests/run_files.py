@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from scipy import constants
 
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.layout.options import FileOptions
+from kickdrift.trajectory.write.h5md import Writer
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
 EVERY, FRAMES, N = 20, 5, 12

@@ -23,121 +23,121 @@ from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
-    from kickdrift.analysis.chaos import megno
-    from kickdrift.analysis.chaos_report import ChaosReport
-    from kickdrift.analysis.comparing import compare
-    from kickdrift.analysis.comparison import Comparison
-    from kickdrift.analysis.doctor import Installation, doctor
-    from kickdrift.analysis.lyapunov import LyapunovSpectrum, lyapunov_spectrum
-    from kickdrift.analysis.transition import TransitionMatrix, transition_matrix
-    from kickdrift.analysis.transits import Transits, transits
+    from kickdrift.analysis.chaos.lyapunov import LyapunovSpectrum, lyapunov_spectrum
+    from kickdrift.analysis.chaos.megno import megno
+    from kickdrift.analysis.chaos.report import ChaosReport
+    from kickdrift.analysis.compare.comparing import compare
+    from kickdrift.analysis.compare.comparison import Comparison
+    from kickdrift.analysis.compare.doctor import Installation, doctor
+    from kickdrift.analysis.derivatives.transition import TransitionMatrix, transition_matrix
+    from kickdrift.analysis.derivatives.transits import Transits, transits
     from kickdrift.ensemble import Ensemble
     from kickdrift.errors import InputError, KickdriftError, RunError
     from kickdrift.forces import *
-    from kickdrift.forces.body_law import body_law
-    from kickdrift.forces.bonded_law import angle_law, bond_law, dihedral_law, improper_law
-    from kickdrift.forces.field_law import field_law
-    from kickdrift.forces.pair_law import pair_law
-    from kickdrift.forces.registration import register_force
+    from kickdrift.forces.bonded.law import angle_law, bond_law, dihedral_law, improper_law
+    from kickdrift.forces.laws.body_law import body_law
+    from kickdrift.forces.laws.field_law import field_law
+    from kickdrift.forces.pairs.law import pair_law
+    from kickdrift.forces.seam.registration import register_force
     from kickdrift.integrators.asked import integrator
-    from kickdrift.integrators.custom import accelerations
-    from kickdrift.integrators.option import Option
-    from kickdrift.integrators.registration import register_splitting, register_step, register_tableau
+    from kickdrift.integrators.options.option import Option
+    from kickdrift.integrators.own.custom import accelerations
+    from kickdrift.integrators.own.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
     from kickdrift.looks.observers import Energies
     from kickdrift.model.bodies import Body
-    from kickdrift.model.box import Box
-    from kickdrift.model.collision import Collision
-    from kickdrift.model.events import CloseApproach, Crossing, Escape
-    from kickdrift.model.orbit_table import Orbit, OrbitTable
+    from kickdrift.model.box.box import Box
+    from kickdrift.model.events.collision import Collision
+    from kickdrift.model.events.events import CloseApproach, Crossing, Escape
+    from kickdrift.model.events.sphere import Sphere
+    from kickdrift.model.molecules.topology import Topology
+    from kickdrift.model.orbits.table import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
-    from kickdrift.model.sphere import Sphere
     from kickdrift.model.state import State
     from kickdrift.model.system import System
-    from kickdrift.model.topology import Topology
     from kickdrift.plots.figures import stability
     from kickdrift.plots.movie import movie
     from kickdrift.run.listing import Listing, listing
-    from kickdrift.run.minimization import Minimum
-    from kickdrift.run.report import Report
+    from kickdrift.run.relax.minimization import Minimum
+    from kickdrift.run.report.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
-    from kickdrift.run.solve import Solution, solve
+    from kickdrift.run.solve.solve import Solution, solve
     from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
     from kickdrift.trajectory.citing import cite
-    from kickdrift.trajectory.export import export
+    from kickdrift.trajectory.export.export import export
+    from kickdrift.trajectory.layout.options import FileOptions
     from kickdrift.trajectory.opened import open
-    from kickdrift.trajectory.options import FileOptions
 
 __version__ = version("kickdrift")
 
 _HOMES = {
-    "accelerations": "integrators.custom",
+    "accelerations": "integrators.own.custom",
     "Body": "model.bodies",
-    "Box": "model.box",
-    "ChaosReport": "analysis.chaos_report",
-    "CloseApproach": "model.events",
-    "Collision": "model.collision",
+    "Box": "model.box.box",
+    "ChaosReport": "analysis.chaos.report",
+    "CloseApproach": "model.events.events",
+    "Collision": "model.events.collision",
     "Column": "looks.columns",
-    "Comparison": "analysis.comparison",
-    "Crossing": "model.events",
+    "Comparison": "analysis.compare.comparison",
+    "Crossing": "model.events.events",
     "Energies": "looks.observers",
     "Ensemble": "ensemble",
-    "Escape": "model.events",
-    "FileOptions": "trajectory.options",
+    "Escape": "model.events.events",
+    "FileOptions": "trajectory.layout.options",
     "InputError": "errors",
     "KickdriftError": "errors",
-    "Installation": "analysis.doctor",
+    "Installation": "analysis.compare.doctor",
     "Listing": "run.listing",
-    "LyapunovSpectrum": "analysis.lyapunov",
-    "Minimum": "run.minimization",
-    "Option": "integrators.option",
-    "Orbit": "model.orbit_table",
-    "OrbitTable": "model.orbit_table",
+    "LyapunovSpectrum": "analysis.chaos.lyapunov",
+    "Minimum": "run.relax.minimization",
+    "Option": "integrators.options.option",
+    "Orbit": "model.orbits.table",
+    "OrbitTable": "model.orbits.table",
     "Problem": "model.problem",
-    "Report": "run.report",
+    "Report": "run.report.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
-    "Solution": "run.solve",
-    "Sphere": "model.sphere",
+    "Solution": "run.solve.solve",
+    "Sphere": "model.events.sphere",
     "State": "model.state",
     "System": "model.system",
-    "Topology": "model.topology",
-    "TransitionMatrix": "analysis.transition",
-    "Transits": "analysis.transits",
-    "body_law": "forces.body_law",
+    "Topology": "model.molecules.topology",
+    "TransitionMatrix": "analysis.derivatives.transition",
+    "Transits": "analysis.derivatives.transits",
+    "body_law": "forces.laws.body_law",
     "cite": "trajectory.citing",
-    "compare": "analysis.comparing",
-    "doctor": "analysis.doctor",
-    "export": "trajectory.export",
-    "field_law": "forces.field_law",
+    "compare": "analysis.compare.comparing",
+    "doctor": "analysis.compare.doctor",
+    "export": "trajectory.export.export",
+    "field_law": "forces.laws.field_law",
     "frequencies": "statistics.quasi_periodic",
     "integrator": "integrators.asked",
     "json_schema": "systemfile.json_schema",
     "listing": "run.listing",
     "load": "systemfile.reading",
-    "lyapunov_spectrum": "analysis.lyapunov",
-    "megno": "analysis.chaos",
+    "lyapunov_spectrum": "analysis.chaos.lyapunov",
+    "megno": "analysis.chaos.megno",
     "movie": "plots.movie",
     "open": "trajectory.opened",
-    "angle_law": "forces.bonded_law",
-    "bond_law": "forces.bonded_law",
-    "dihedral_law": "forces.bonded_law",
-    "improper_law": "forces.bonded_law",
-    "pair_law": "forces.pair_law",
-    "register_force": "forces.registration",
-    "register_splitting": "integrators.registration",
-    "register_step": "integrators.registration",
-    "register_tableau": "integrators.registration",
+    "angle_law": "forces.bonded.law",
+    "bond_law": "forces.bonded.law",
+    "dihedral_law": "forces.bonded.law",
+    "improper_law": "forces.bonded.law",
+    "pair_law": "forces.pairs.law",
+    "register_force": "forces.seam.registration",
+    "register_splitting": "integrators.own.registration",
+    "register_step": "integrators.own.registration",
+    "register_tableau": "integrators.own.registration",
     "resume": "run.resuming",
-    "solve": "run.solve",
+    "solve": "run.solve.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
-    "transition_matrix": "analysis.transition",
-    "transits": "analysis.transits",
+    "transition_matrix": "analysis.derivatives.transition",
+    "transits": "analysis.derivatives.transits",
 }
 
 __all__ = [
@@ -255,12 +255,12 @@ _HOMES |= dict.fromkeys(set(__all__) - {*_HOMES, "analysis", "engines", "integra
 # Names of modules in 0.1.0; removed in 0.3.
 _MOVED = {
     "builders": "model.starts.builders",
-    "constants": "model.constants",
+    "constants": "model.units.constants",
     "coordinates": "model.starts.coordinates",
     "elements": "model.starts.elements",
     "observers": "looks.observers",
     "plummer": "model.starts.plummer",
-    "units": "model.units",
+    "units": "model.units.quantities",
 }
 
 
@@ -315,7 +315,7 @@ ABOVE.update(
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
-        "run content": _loader("trajectory.info", "info_of"),
+        "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),
         "view": _loader("view.views", "view_of"),
     }

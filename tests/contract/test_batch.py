@@ -11,15 +11,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import chaos, chaos_lanes
-from kickdrift.analysis.chaos import megno, megnos
+from kickdrift.analysis.chaos import lanes as chaos_lanes
+from kickdrift.analysis.chaos import megno as chaos
+from kickdrift.analysis.chaos.megno import megno, megnos
 from kickdrift.batch import members, sampling
 from kickdrift.batch.batch import Batch
 from kickdrift.batch.members import refusal
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.options.options import Options
 from kickdrift.model.run_defaults import RunDefaults
 
 EPSILON = np.finfo(float).eps
@@ -392,6 +393,6 @@ def test_a_registered_method_batches_by_itself():
         alone.run(50)
         assert apart(together.phase[1], alone.state.phase) < bound(50, 2)
     finally:
-        from kickdrift.integrators.registration import unregister
+        from kickdrift.integrators.own.registration import unregister
 
         unregister("two kicks")

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.stiffness import stiffness
+from kickdrift.analysis.compare.stiffness import stiffness
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
-from kickdrift.trajectory.info import info
+from kickdrift.trajectory.read.info import info
 from kickdrift_validation.example_forces import crystal, example
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is a function, so take the module here

@@ -15,10 +15,10 @@ import kickdrift as kd
 from kickdrift import forces
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.many_body import ManyBodyForce
-from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
+from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation import force_gradients
 from kickdrift_validation.example_forces import crystal, example, topology
 from tests.long import shortened

@@ -13,11 +13,11 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces.kernel import kernel
+from kickdrift.forces.seam.kernel import kernel
 from kickdrift.integrators import INTEGRATORS, integrator
-from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import ALIASES, ROWS, Splitting, composed
-from kickdrift.integrators.stormer import Stormer
+from kickdrift.integrators.runge_kutta.method import Tableau
+from kickdrift.integrators.splitting.method import ALIASES, ROWS, Splitting, composed
+from kickdrift.integrators.splitting.stormer import Stormer
 from kickdrift_validation.measures import fixed, reversal_error, slope, symplecticity_error
 from kickdrift_validation.problems import ECCENTRICITY, kepler, kepler_orbit, measured, pendulum
 from tests.long import shortened

@@ -8,8 +8,9 @@ from itertools import chain
 import numpy as np
 import pytest
 
-from kickdrift.integrators import integrator, splitting
-from kickdrift.integrators.splitting import composed, palindrome
+from kickdrift.integrators import integrator
+from kickdrift.integrators.splitting import method as splitting
+from kickdrift.integrators.splitting.method import composed, palindrome
 from tests.oracle import integrators as oracle_integrators
 from tests.oracle.order_conditions import Tree, conditions, gamma, rho, trees
 

@@ -14,7 +14,7 @@ import kickdrift as kd
 from kickdrift import analysis
 from kickdrift.cli.main import app
 from kickdrift.integrators.asked import known_options
-from kickdrift.trajectory.reader import Run
+from kickdrift.trajectory.read.reader import Run
 from tests.folders import TOP
 
 PAGE = TOP / "docs" / "api.md"
@@ -221,7 +221,7 @@ OLD = {"--precision"}  # hidden: the old name of --store
 
 # Commands whose twins are not public names: those for kickdrift's developers, and the page of a view.
 DEVELOPERS = {
-    "bench lj-energy": "kickdrift.analysis.bench.lj_energy",
+    "bench lj-energy": "kickdrift.analysis.compare.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
     "validate": "kickdrift_validation.runner.validate",
 }

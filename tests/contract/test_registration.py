@@ -12,7 +12,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.registration import REGISTERED, unregister
+from kickdrift.integrators.own.registration import REGISTERED, unregister
 from kickdrift_validation.measures import fixed
 from kickdrift_validation.problems import henon_heiles, pendulum
 from tests.own_methods import NAMES, PAGE, page_code, registrations

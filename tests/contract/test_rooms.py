@@ -138,8 +138,8 @@ def test_an_import_the_wrong_way_is_seen():
     inside = "def f():\n    from kickdrift.cli import main\n"
     typing = "if TYPE_CHECKING:\n    from kickdrift import Simulation\n"
     for text in (top, inside, typing):
-        assert len(backwards({"forces/gravity.py": text})) == 1
-    assert backwards({"run/plan.py": "from kickdrift.forces.gravity import Gravity\nimport numpy\n"}) == []
+        assert len(backwards({"forces/gravity/direct.py": text})) == 1
+    assert backwards({"run/plan/plan.py": "from kickdrift.forces.gravity.direct import Gravity\nimport numpy\n"}) == []
 
 
 def test_no_modules_import_one_another():
@@ -151,25 +151,25 @@ def test_no_modules_import_one_another():
 @pytest.mark.parametrize(
     "back",
     [
-        "from kickdrift.forces.kernel import bind\n",
-        "from kickdrift.forces import kernel\n",
-        "import kickdrift.forces.kernel\n",
-        "def f():\n    from kickdrift.forces.kernel import bind\n",
-        "if TYPE_CHECKING:\n    from kickdrift.forces.kernel import Kernel\n",
+        "from kickdrift.forces.seam.kernel import bind\n",
+        "from kickdrift.forces.seam import kernel\n",
+        "import kickdrift.forces.seam.kernel\n",
+        "def f():\n    from kickdrift.forces.seam.kernel import bind\n",
+        "if TYPE_CHECKING:\n    from kickdrift.forces.seam.kernel import Kernel\n",
         "def f(name):\n    return import_module(f'kickdrift.forces.{name}')\n",
-        "def f():\n    return importlib.import_module('kickdrift.forces.kernel')\n",
+        "def f():\n    return importlib.import_module('kickdrift.forces.seam.kernel')\n",
     ],
 )
 def test_a_circle_is_seen(back):
     planted = {
-        "forces/__init__.py": "from kickdrift.forces.law import Law\n",
-        "forces/law.py": "from kickdrift.forces.list import List\nfrom kickdrift.model.box import Box\n",
+        "forces/__init__.py": "from kickdrift.forces.laws.law import Law\n",
+        "forces/laws/law.py": "from kickdrift.forces.list import List\nfrom kickdrift.model.box.box import Box\n",
         "forces/list.py": back,
-        "forces/kernel.py": "import numpy\nfrom kickdrift.forces.law import Law\n",
-        "model/box.py": "",
+        "forces/seam/kernel.py": "import numpy\nfrom kickdrift.forces.laws.law import Law\n",
+        "model/box/box.py": "",
     }
-    assert circles(planted) == [["kickdrift.forces.kernel", "kickdrift.forces.law", "kickdrift.forces.list"]]
-    assert circles(planted | {"forces/list.py": "from kickdrift.model import box\n"}) == []
+    assert circles(planted) == [["kickdrift.forces.seam.kernel", "kickdrift.forces.laws.law", "kickdrift.forces.list"]]
+    assert circles(planted | {"forces/list.py": "from kickdrift.model.box import box\n"}) == []
 
 
 def test_no_test_module_imports_another():

@@ -18,14 +18,14 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.many_body import ManyBodyForce
-from kickdrift.forces.pair_lists import with_room
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.lists import with_room
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
-from kickdrift.integrators.registration import REGISTERED
-from kickdrift.integrators.step_control import CONTROLLERS
-from kickdrift.trajectory.checkpoints import decoded, encoded
+from kickdrift.integrators.own.registration import REGISTERED
+from kickdrift.integrators.stepping.step_control import CONTROLLERS
+from kickdrift.trajectory.layout.checkpoints import decoded, encoded
 from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum

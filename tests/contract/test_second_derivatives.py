@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.mapped import has_map
+from kickdrift.analysis.tangents.mapped import has_map
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from tests.long import shortened

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import integrator, runge_kutta, splitting
-from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting, composed, in_turn
-from kickdrift.integrators.stability import (
+from kickdrift.integrators import integrator
+from kickdrift.integrators.runge_kutta import method as runge_kutta
+from kickdrift.integrators.runge_kutta.method import Tableau
+from kickdrift.integrators.splitting import method as splitting
+from kickdrift.integrators.splitting.method import Splitting, composed, in_turn
+from kickdrift.integrators.step_choice.stability import (
     half_trace,
     imaginary_interval,
     real_interval,

@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces import FORCES
-from kickdrift.forces.many_body import ManyBodyForce
+from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation.example_forces import crystal, example, topology

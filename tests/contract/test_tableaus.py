@@ -11,8 +11,9 @@ import pytest
 from scipy.integrate._ivp import dop853_coefficients, rk
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import integrator, runge_kutta
-from kickdrift.integrators.runge_kutta import Tableau, interpolant
+from kickdrift.integrators import integrator
+from kickdrift.integrators.runge_kutta import method as runge_kutta
+from kickdrift.integrators.runge_kutta.method import Tableau, interpolant
 from kickdrift_validation.rooted_trees import Conditions, gamma, trees
 
 NAMES = [row.name for row in runge_kutta.ROWS]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from tests.oracle.forces import interacting_pairs, lennard_jones, mixed_parameters, pair_oracle
 
 

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from kickdrift.integrators import Method
-from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stormer import Stormer
+from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.splitting.stormer import Stormer
 
 Acceleration = Callable[[float, np.ndarray], np.ndarray]
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from numba import typeof
 
-from kickdrift.forces.bound import BoundForces
-from kickdrift.jit.folders import folder
-from kickdrift.jit.sources import Sources, fingerprint
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.jit.cache.folders import folder
+from kickdrift.jit.cache.sources import Sources, fingerprint
 from kickdrift.model.system import System
 
 MEASURE = """
 import sys
 from pathlib import Path
-import kickdrift.jit.cache as code_cache
+import kickdrift.jit.cache.cache as code_cache
 code_cache.folder = lambda: Path(sys.argv[1])
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.system import System
 
 def measure(force, threads=1):
@@ -32,7 +32,7 @@ def measure(force, threads=1):
 """
 LAW = """
 from typing import NamedTuple
-from kickdrift.forces.pair_law import pair_law
+from kickdrift.forces.pairs.law import pair_law
 
 @pair_law
 class Quartic(NamedTuple):
@@ -43,7 +43,7 @@ class Quartic(NamedTuple):
 KERNEL = """
 from typing import NamedTuple
 import numpy as np
-from kickdrift.forces.kernel import kernel
+from kickdrift.forces.seam.kernel import kernel
 
 class Trap(NamedTuple):
     stiffness: float
@@ -216,7 +216,7 @@ HELPED_EDITS = {
 def law_of(tmp_path, text, name="users_law"):
     """NamedTuple class from a user's module."""
     path = tmp_path / f"{name}.py"
-    path.write_text(IMPORTS + "from kickdrift.forces.pair_law import pair_law\n" + textwrap.dedent(text))
+    path.write_text(IMPORTS + "from kickdrift.forces.pairs.law import pair_law\n" + textwrap.dedent(text))
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from kickdrift.trajectory import storage
-from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.file import storage
+from kickdrift.trajectory.layout.options import FileOptions
 from kickdrift_validation import file_prefixes
 from kickdrift_validation.file_prefixes import (
     Recorder,

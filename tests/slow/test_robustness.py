@@ -12,7 +12,7 @@ import sys
 import h5py
 import pytest
 
-from kickdrift.trajectory import layout
+from kickdrift.trajectory.layout import names as layout
 
 if sys.platform != "linux":
     pytest.skip("forks, and reads /proc", allow_module_level=True)

@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.bench import processor
+from kickdrift.analysis.compare.bench import processor
 from kickdrift_validation import processors
 from kickdrift_validation.arm_kinds import KINDS
 from kickdrift_validation.docs_tables import put, table

@@ -27,7 +27,7 @@ from time import process_time
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.starts.plummer import plummer as plummer_stars
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 from kickdrift_validation.performance.bodies import morton_order

@@ -22,8 +22,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.integrators import Method, integrator
-from kickdrift.integrators.splitting import Splitting
-from kickdrift.integrators.stormer import Stormer
+from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.splitting.stormer import Stormer
 from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.integrators import shipped

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate._ivp import rk
 
 from kickdrift.integrators import INTEGRATORS, integrator
-from kickdrift.integrators.registration import REGISTERED
+from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift_validation.claim import Claim, claim, largest, main
 from kickdrift_validation.rooted_trees import Conditions
 

@@ -28,10 +28,10 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.analysis import ensemble_checks
-from kickdrift.analysis.certificate import EnsembleChecks
-from kickdrift.analysis.certifying import checked
-from kickdrift.analysis.sampled_run import SampledRun, kinetic_groups, sampled_run
-from kickdrift.integrators import csvr, ornstein_uhlenbeck
+from kickdrift.analysis.certify.certificate import EnsembleChecks
+from kickdrift.analysis.certify.certifying import checked
+from kickdrift.analysis.certify.sampled_run import SampledRun, kinetic_groups, sampled_run
+from kickdrift.integrators.splitting.baths import csvr, ornstein_uhlenbeck
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.wrong_baths import gas, oscillators
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.chaos_report import verdict
+from kickdrift.analysis.chaos.report import verdict
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 YEAR = 2 * math.pi  # with G = 1, the Sun's mass and the astronomical unit

@@ -77,7 +77,7 @@ def show(claims: Iterable[Claim]) -> int:
 
 def where(*packages: str) -> str:
     """The processor, and the versions of kickdrift, numba and those of ``packages`` that are installed."""
-    from kickdrift.analysis.bench import processor  # loads numba, which most scripts' first lines do not need
+    from kickdrift.analysis.compare.bench import processor  # loads numba, which most scripts' first lines do not need
 
     found = [name for name in ("kickdrift", "numba", *packages) if find_spec(name)]
     return f"{processor()}; " + ", ".join(f"{name} {version(name)}" for name in found)

@@ -211,7 +211,7 @@ def to_pericentre(r: np.ndarray, u: np.ndarray, gm: float) -> float:
 
 def perihelion() -> list[Claim]:
     """A planet of no mass on Mercury's orbit, 400 revolutions."""
-    from kickdrift.model.unit_systems import unit_system
+    from kickdrift.model.units.unit_systems import unit_system
 
     units = unit_system("astro")
     gm, c = float(units.gravity or 0.0), float(units.light or 0.0)

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 
 DAY = 1 / 365.25

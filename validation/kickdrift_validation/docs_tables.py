@@ -46,8 +46,8 @@ def table(heading: list[str], rows: list[list[str]]) -> str:
 def options_table() -> str:
     """The options of the methods that ship, as the table of docs/integrators.md."""
     from kickdrift.integrators.asked import known_options, takers
-    from kickdrift.integrators.option import DT
-    from kickdrift.integrators.registration import REGISTERED
+    from kickdrift.integrators.options.option import DT
+    from kickdrift.integrators.own.registration import REGISTERED
 
     rows = [[f"`{DT.name}`", DT.words, DT.unit, "", "", DT.help, "all"]]
     for name, option in known_options().items():
@@ -71,7 +71,7 @@ def defaults(name: str, methods: list[str]) -> str:
 def whose(methods: list[str]) -> str:
     """Methods by name, or by family where all of a large one are among them."""
     from kickdrift.integrators import INTEGRATORS
-    from kickdrift.integrators.registration import REGISTERED
+    from kickdrift.integrators.own.registration import REGISTERED
 
     every = [each for name, each in INTEGRATORS.items() if name == each.name and name not in REGISTERED]
     families = {each.family: [other.name for other in every if other.family == each.family] for each in every}

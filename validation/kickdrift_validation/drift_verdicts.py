@@ -31,8 +31,8 @@ import numpy as np
 import kickdrift as kd
 from kickdrift import odes
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
-from kickdrift.run.energy_report import EnergyReport
-from kickdrift.run.report import Report
+from kickdrift.run.report.energy import EnergyReport
+from kickdrift.run.report.report import Report
 from kickdrift_validation.claim import Claim, claim, main
 
 SHORT, LONG = 2, 10  # starts

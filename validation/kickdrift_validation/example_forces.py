@@ -9,7 +9,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces import EmbeddedAtom
-from kickdrift.forces.bonded_law import BondedForce
+from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.systemfile.files import shipped
 

@@ -31,9 +31,11 @@ import numpy as np
 
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.trajectory import layout, openfile, reader, storage
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.file import openfile, storage
+from kickdrift.trajectory.layout import names as layout
+from kickdrift.trajectory.layout.options import FileOptions
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.write.h5md import Writer
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 SHORT, LONG = (20, 2), (70, 40)  # frames, kills that are resumed

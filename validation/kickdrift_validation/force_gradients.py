@@ -23,8 +23,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces import FORCES
-from kickdrift.forces.many_body import ManyBodyForce
-from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
+from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.lennard_jones import direct, frames_of

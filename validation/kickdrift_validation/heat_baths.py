@@ -29,7 +29,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main

@@ -21,9 +21,11 @@ from urllib.parse import quote
 
 import kickdrift as kd
 from kickdrift.errors import RunError
-from kickdrift.integrators import INTEGRATORS, Method, baths, integrator, respa
-from kickdrift.integrators.registration import REGISTERED
-from kickdrift.integrators.splitting import ALIASES
+from kickdrift.integrators import INTEGRATORS, Method, integrator
+from kickdrift.integrators.own.registration import REGISTERED
+from kickdrift.integrators.splitting import constant_temperature as baths
+from kickdrift.integrators.splitting import respa
+from kickdrift.integrators.splitting.method import ALIASES
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.docs_tables import put, table
 from kickdrift_validation.measures import (

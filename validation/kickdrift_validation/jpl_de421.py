@@ -21,7 +21,7 @@ import sys
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.model.unit_systems import AU
+from kickdrift.model.units.unit_systems import AU
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.folders import DATA
 

@@ -63,7 +63,8 @@ def run(path: str | None, observe: Callable[[Any], None] | None = None, method: 
 
 def child(path: str, where_it_is: mmap.mmap, method: str = PLAIN) -> None:
     """Run, and say all the time in which phase."""
-    from kickdrift.trajectory import h5md, openfile, storage
+    from kickdrift.trajectory.file import openfile, storage
+    from kickdrift.trajectory.write import h5md
 
     def phased(function: Callable[..., Any], phase: str, after: str) -> Callable[..., Any]:
         def inner(*arguments: Any, **options: Any) -> Any:

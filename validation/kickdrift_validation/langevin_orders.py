@@ -26,7 +26,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.kernel import OK, kernel
+from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift_validation.claim import Claim, claim, main
 
 STRONG = {"baoab": 1.0, "obabo": 1.0, "aboba": 1.0, "oabao": 1.0, "baoa": 1.0, "gjf": 1.0, "brownian": 0.5}

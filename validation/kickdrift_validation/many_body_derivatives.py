@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.stillinger_weber import SiliconOf1985
-from kickdrift.forces.tersoff import SiliconOf1988
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
+from kickdrift.forces.many_body.tersoff import SiliconOf1988
+from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.example_forces import crystal, example
 from kickdrift_validation.pair_derivatives import cost

@@ -21,8 +21,8 @@ import pytest
 from scipy import constants
 
 import kickdrift as kd
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.options import FileOptions
+from kickdrift.trajectory.layout.options import FileOptions
+from kickdrift.trajectory.write.h5md import Writer
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 REFERENCE = "MDAnalysisTests' H5MDReference"

@@ -227,9 +227,9 @@ def tolerance_slope(name: str, problem: str) -> float:
 def stable_steps(method: Method) -> tuple[float | None, float | None]:
     """The largest omega dt on the oscillator and the largest -lambda dt on a decay, from the coefficients; None where
     the method does not run it, or its steps are not known by numbers."""
-    from kickdrift.integrators.splitting import Splitting
-    from kickdrift.integrators.stability import imaginary_interval, real_interval, stability_interval
-    from kickdrift.integrators.stormer import Stormer
+    from kickdrift.integrators.splitting.method import Splitting
+    from kickdrift.integrators.splitting.stormer import Stormer
+    from kickdrift.integrators.step_choice.stability import imaginary_interval, real_interval, stability_interval
 
     if method.overdamped:  # no oscillation
         return None, None

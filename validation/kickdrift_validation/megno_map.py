@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.chaos_report import verdict
+from kickdrift.analysis.chaos.report import verdict
 from kickdrift_validation.chaos import SEEDS, Case, theirs
 from kickdrift_validation.claim import Claim, claim, main, not_run
 

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.model.internal import measured
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.model.molecules.internal import measured
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.own_laws import OwnCosine, OwnFene
 

@@ -16,7 +16,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
-from kickdrift.run.report import Report
+from kickdrift.run.report.report import Report
 from kickdrift_validation.claim import Claim, claim, largest, main
 
 PARTICLES, DENSITY, CUTOFF, DT = 1000, 0.8442, 2.5, 0.005

@@ -20,7 +20,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.runge_kutta import Tableau
+from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift_validation.claim import Claim, claim, main
 
 DIGITS = 40

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_law import TRUNCATIONS
-from kickdrift.forces.pushes import push_of_parameter
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.pairs.law import TRUNCATIONS
+from kickdrift.forces.slopes.pushes import push_of_parameter
+from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 
 REPULSIVE = 2.0 ** (1 / 6)  # a cutoff where the force is zero: Weeks, Chandler & Andersen 1971, doi:10.1063/1.1674820

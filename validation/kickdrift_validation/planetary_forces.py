@@ -124,7 +124,7 @@ def harmonics() -> Iterator[Claim]:
 
 
 def relativity() -> Iterator[Claim]:
-    from kickdrift.model.unit_systems import unit_system
+    from kickdrift.model.units.unit_systems import unit_system
 
     units = unit_system("astro")
     gm, c = float(units.gravity or 0.0), float(units.light or 0.0)

@@ -15,9 +15,9 @@ import numpy as np
 from mpmath import mp, mpf
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.spins import spinning as spinning_force
-from kickdrift.integrators.flow import flow_of
+from kickdrift.forces.around.spins import spinning as spinning_force
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.integrators.flows.flow import flow_of
 
 DIGITS = 50
 Bodies = list[Any]  # of vectors (3, 1)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import mpmath as mp
 
-from kickdrift.integrators.splitting import ROWS
+from kickdrift.integrators.splitting.method import ROWS
 from kickdrift_validation.claim import Claim, claim, main
 
 DIGITS = 50

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 BOUND, NEEDS = 1e-13, "pip install reboundx"

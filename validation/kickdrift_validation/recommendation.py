@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.recommendation import Choice, recommendation
-from kickdrift.analysis.reference import compared, distance, natural_scale
-from kickdrift.analysis.work_precision import work_precision
+from kickdrift.analysis.compare.recommendation import Choice, recommendation
+from kickdrift.analysis.compare.reference import compared, distance, natural_scale
+from kickdrift.analysis.compare.work_precision import work_precision
 from kickdrift.odes import kepler, robertson
 from kickdrift_validation.claim import Claim, claim, main
 

@@ -69,7 +69,7 @@ def _figures_of(path: Path) -> list[str]:
 
 
 def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) -> list[str]:
-    from kickdrift.analysis.bench import processor  # loads numba
+    from kickdrift.analysis.compare.bench import processor  # loads numba
 
     total = sum((outcome.count() for outcome in found), Counter[str]())
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -29,11 +29,11 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.forces import FORCES
-from kickdrift.forces.many_body import ManyBodyForce
-from kickdrift.forces.pair_law import TRUNCATIONS, PairForce
+from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
-from kickdrift.jit.team import team_of
+from kickdrift.jit.threads.team import team_of
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 
@@ -42,7 +42,7 @@ METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 DENSE = ("Rosenbrock", "SciPy")  # families whose Jacobians are dense
 LARGE = {f"lennard-jones {k} species, 4 chunks": k for k in (1, 2)}  # where the order of the chunks' sum shows
 FAULT = (
-    "forces/cluster_sums.py",
+    "forces/lists/sums.py",
     "        for c in range(chunks.number):\n            if touched",
     "        for k in range(chunks.number):\n            c = chunks.number - 1 - k if chunks.team else k\n"
     "            if touched",

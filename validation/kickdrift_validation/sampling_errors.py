@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.coupled_paths import CoupledPaths, difference, stretch_of, stretches
+from kickdrift.analysis.compare.coupled_paths import CoupledPaths, difference, stretch_of, stretches
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.heat_baths import LYAPUNOV, covariance
 

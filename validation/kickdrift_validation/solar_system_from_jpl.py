@@ -18,7 +18,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.starts.ephemeris import SOLAR_SYSTEM, EphemerisStates, calendar, ephemeris_states
-from kickdrift.model.unit_systems import AU, YEAR
+from kickdrift.model.units.unit_systems import AU, YEAR
 from kickdrift.systemfile.json_schema import NAMED
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation.claim import Claim, claim, not_run, show

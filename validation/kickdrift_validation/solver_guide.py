@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import kickdrift as kd
-from kickdrift.analysis.recommendation import Choice, Recommendation, recommendation
-from kickdrift.analysis.work_precision import equilibrated, work_precision
+from kickdrift.analysis.compare.recommendation import Choice, Recommendation, recommendation
+from kickdrift.analysis.compare.work_precision import equilibrated, work_precision
 from kickdrift_validation.claim import where
 from kickdrift_validation.docs_tables import put, table
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import sys
 
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.model.units import quantity
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 NEAR = 2e-9

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kickdrift.analysis.sampled_run import SampledRun, kinetic_groups
+from kickdrift.analysis.certify.sampled_run import SampledRun, kinetic_groups
 
 COPIES, PARTICLES, SETTLING, EVERY = 40, 12, 600, 20
 FRICTION, DT = 2.0, 0.02

@@ -9,43 +9,43 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.certificate import EnsembleChecks
-    from kickdrift.analysis.certifying import engine_checks, ensemble_checks
-    from kickdrift.analysis.force_certificate import ForceChecks
-    from kickdrift.analysis.force_testing import force_checks
-    from kickdrift.analysis.librations import Resonance
-    from kickdrift.analysis.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
-    from kickdrift.analysis.orbits import orbital_elements
-    from kickdrift.analysis.pressure import pressure_tensor
-    from kickdrift.analysis.sampling import SamplingComparison, SamplingRow
-    from kickdrift.analysis.secular_report import OrbitReport, ProperOrbit
-    from kickdrift.analysis.secular_run import orbit_report
-    from kickdrift.analysis.structure import radial_distribution, structure_factor
+    from kickdrift.analysis.certify.certificate import EnsembleChecks
+    from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
+    from kickdrift.analysis.certify.force_certificate import ForceChecks
+    from kickdrift.analysis.certify.force_testing import force_checks
+    from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
+    from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
+    from kickdrift.analysis.observables.pressure import pressure_tensor
+    from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
+    from kickdrift.analysis.orbits.librations import Resonance
+    from kickdrift.analysis.orbits.orbits import orbital_elements
+    from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit
+    from kickdrift.analysis.orbits.secular_run import orbit_report
     from kickdrift.statistics.blocks import block_average
     from kickdrift.statistics.quasi_periodic import Spectrum
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
-    "Diffusion": "analysis.motion",
-    "EnsembleChecks": "analysis.certificate",
-    "ForceChecks": "analysis.force_certificate",
-    "OrbitReport": "analysis.secular_report",
-    "ProperOrbit": "analysis.secular_report",
-    "Resonance": "analysis.librations",
-    "SamplingComparison": "analysis.sampling",
-    "SamplingRow": "analysis.sampling",
+    "Diffusion": "analysis.observables.motion",
+    "EnsembleChecks": "analysis.certify.certificate",
+    "ForceChecks": "analysis.certify.force_certificate",
+    "OrbitReport": "analysis.orbits.secular_report",
+    "ProperOrbit": "analysis.orbits.secular_report",
+    "Resonance": "analysis.orbits.librations",
+    "SamplingComparison": "analysis.compare.sampling",
+    "SamplingRow": "analysis.compare.sampling",
     "Spectrum": "statistics.quasi_periodic",
     "block_average": "statistics.blocks",
-    "engine_checks": "analysis.certifying",
-    "ensemble_checks": "analysis.certifying",
-    "force_checks": "analysis.force_testing",
-    "mean_squared_displacement": "analysis.motion",
-    "orbit_report": "analysis.secular_run",
-    "orbital_elements": "analysis.orbits",
-    "pressure_tensor": "analysis.pressure",
-    "radial_distribution": "analysis.structure",
-    "structure_factor": "analysis.structure",
-    "velocity_autocorrelation": "analysis.motion",
+    "engine_checks": "analysis.certify.certifying",
+    "ensemble_checks": "analysis.certify.certifying",
+    "force_checks": "analysis.certify.force_testing",
+    "mean_squared_displacement": "analysis.observables.motion",
+    "orbit_report": "analysis.orbits.secular_run",
+    "orbital_elements": "analysis.orbits.orbits",
+    "pressure_tensor": "analysis.observables.pressure",
+    "radial_distribution": "analysis.observables.structure",
+    "structure_factor": "analysis.observables.structure",
+    "velocity_autocorrelation": "analysis.observables.motion",
 }
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.display.showing import Lines
-from kickdrift.integrators.flow import flow_of
+from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.looks.doubts import digits_doubt, light_doubt, of_samples
 from kickdrift.looks.observers import Energies
 from kickdrift.model.doubles import doubtful_forces

@@ -20,17 +20,17 @@ from kickdrift.batch.sampling import by_member, momentum_scales, run_lanes, samp
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
-from kickdrift.integrators.batch_stepping import LaneStepper, from_lanes
-from kickdrift.integrators.step_length import start_warning
-from kickdrift.jit.notices import compiling_for
+from kickdrift.integrators.step_choice.step_length import start_warning
+from kickdrift.integrators.stepping.batch_stepping import LaneStepper, from_lanes
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.record import BOTH, Record, Series, even_stretch
-from kickdrift.model.capacity import check_room
-from kickdrift.model.limits import whole_number
+from kickdrift.model.checks.capacity import check_room
+from kickdrift.model.checks.limits import whole_number
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
-from kickdrift.run.plan import looks_at
+from kickdrift.run.plan.plan import looks_at
 from kickdrift.run.purpose import purpose_of
-from kickdrift.run.report import Report, report
+from kickdrift.run.report.report import Report, report
 
 LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one array
 

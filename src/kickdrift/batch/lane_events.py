@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.batch_gravity import LOOK
-from kickdrift.integrators.batch_trace import Reaches
+from kickdrift.forces.gravity.batch import LOOK
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.trace_state import COUNTS, PATH_COLUMNS, POINTS
+from kickdrift.integrators.trace.batch import Reaches
+from kickdrift.integrators.trace.state import COUNTS, PATH_COLUMNS, POINTS
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver
-from kickdrift.jit.vectors import WIDTH
-from kickdrift.model.events import CloseApproach, Crossing, Escape, Event
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.model.events.events import CloseApproach, Crossing, Escape, Event
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System

@@ -9,18 +9,18 @@ import numpy as np
 
 from kickdrift.batch.lane_events import refusal_of
 from kickdrift.errors import InputError
-from kickdrift.forces.central import gravitational_constant
-from kickdrift.forces.gravity import Gravity
+from kickdrift.forces.gravity.direct import Gravity
+from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
-from kickdrift.integrators.batch_stepping import Members, to_lanes
 from kickdrift.integrators.method import Method, checked_dt
-from kickdrift.integrators.option import DT, KERNEL, MIXED, STANDARD
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.options.option import DT, KERNEL, MIXED, STANDARD
+from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.stepping.batch_stepping import Members, to_lanes
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 
 MOST_BODIES = (
     32  # most bodies; side by side is 16 times as fast at 3, 4 at 16 and 2 at 32, where one system fills the lanes

@@ -4,7 +4,7 @@ ASE's units are angstrom, eV and u, so its unit of time is angstrom sqrt(u / eV)
 numbers are converted. In ``lj``, ``nbody`` and ``astro`` the numbers stay the same, as in ASE's Lennard-Jones examples
 and in our files: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
-Velocities are converted with our own constants (``model.units``), so that m v^2 is the same energy on both sides. ASE's
+Velocities are converted with our own constants (``model.units.quantities``), so that m v^2 is the same energy on both sides. ASE's
 fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 """
 
@@ -26,12 +26,12 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces import CalculatorForce, LennardJones
 from kickdrift.looks.blow_up import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
-from kickdrift.model.ase_units import Scale
-from kickdrift.model.box import Box, Oriented
+from kickdrift.model.box.box import Box, Oriented
+from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.topology import SIZES, Topology
-from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import choices, shown
 
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
@@ -273,7 +273,7 @@ class Calculator(AseCalculator):
         self, atoms: Any = None, properties: Iterable[str] = ("energy",), system_changes: Iterable[str] = all_changes
     ) -> None:
         """Fill ``results``; ASE calls this method."""
-        from kickdrift.forces.bound import BoundForces
+        from kickdrift.forces.bound.forces import BoundForces
 
         super().calculate(atoms, properties, system_changes)
         if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:

@@ -21,10 +21,10 @@ from kickdrift.bridges.rebound_snapshot import COLUMNS, described
 from kickdrift.bridges.rebound_system import UNITS, system_from, tell, unnamed
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, Hill
-from kickdrift.forces.central import gravitational_constant
-from kickdrift.integrators.option import HILL_RADII, INNER, JACOBI, PERICENTRE, STANDARD
+from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.integrators.options.option import HILL_RADII, INNER, JACOBI, PERICENTRE, STANDARD
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 
 TRACE = (HILL_RADII, PERICENTRE, INNER)
 ALL_ACTIVE = 2**64 - 1  # N_active if it was never set

@@ -14,7 +14,7 @@ from kickdrift.bridges.rebound import simulation_of
 from kickdrift.bridges.rebound_reading import snapshots_in
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 

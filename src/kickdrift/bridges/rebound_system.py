@@ -13,11 +13,11 @@ from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, PAS
 from kickdrift.bridges.rebound_snapshot import Snapshot
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Gravity
-from kickdrift.integrators.option import JACOBI, STANDARD
+from kickdrift.integrators.options.option import JACOBI, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import shown
 
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import typer
 
-from kickdrift.model.limits import whole_text
+from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.system import System
-from kickdrift.model.units import has_unit, time_in
+from kickdrift.model.units.quantities import has_unit, time_in
 from kickdrift.text import shown
 
 

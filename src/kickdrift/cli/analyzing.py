@@ -53,7 +53,7 @@ def analyze(
 ) -> None:
     """Find the proper frequencies of each orbit, their secular periods, and resonant angles that librate."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])
-    from kickdrift.analysis.secular_run import orbit_report
+    from kickdrift.analysis.orbits.secular_run import orbit_report
 
     with busy(f"analysing {run}", quiet):
         found = orbit_report(run, str(frame), str(plane), order, until)

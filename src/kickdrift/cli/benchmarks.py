@@ -46,8 +46,8 @@ def bench_lj_energy(
 ) -> None:
     """The Lennard-Jones energy benchmark: energy error and drift of integrators, at equal step and at equal cost."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite)
-    from kickdrift.analysis import bench
-    from kickdrift.forces.bound import check_threads
+    from kickdrift.analysis.compare import bench
+    from kickdrift.forces.bound.forces import check_threads
     from kickdrift.integrators import integrator as method_named
 
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))

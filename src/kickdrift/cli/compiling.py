@@ -8,7 +8,7 @@ from functools import wraps
 from typing import Any
 
 from kickdrift.cli.console import say
-from kickdrift.jit.notices import heard
+from kickdrift.jit.cache.notices import heard
 
 
 @contextmanager

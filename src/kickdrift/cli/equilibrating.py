@@ -7,7 +7,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options
-from kickdrift.model.limits import whole_text
+from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import shown

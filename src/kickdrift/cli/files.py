@@ -173,7 +173,7 @@ def _plot_methods(
 
 def name_columns(file: Path) -> None:
     """Name a run's own columns, which no figure but ``--column`` draws."""
-    from kickdrift.trajectory import reader
+    from kickdrift.trajectory.read import reader
 
     with reader.open(file) as run:
         if run.columns:
@@ -199,7 +199,7 @@ def export(
     quiet: QuietOption = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses."""
-    from kickdrift.trajectory.export import export as write
+    from kickdrift.trajectory.export.export import export as write
 
     with progress_bar(quiet) as bar:
         done = write(
@@ -248,9 +248,9 @@ def info(
         check_run(system)
         print_system(system)
         return
-    from kickdrift.trajectory.info import WIDTH, described
-    from kickdrift.trajectory.info import info as found
     from kickdrift.trajectory.overview import overview
+    from kickdrift.trajectory.read.info import WIDTH, described
+    from kickdrift.trajectory.read.info import info as found
 
     if all_ or json_file is not None:
         with busy(f"reading {file}"):

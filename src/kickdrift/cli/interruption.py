@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from kickdrift.errors import KickdriftError
-from kickdrift.model.limits import NEVER
+from kickdrift.model.checks.limits import NEVER
 from kickdrift.text import clean, counted
 
 if TYPE_CHECKING:

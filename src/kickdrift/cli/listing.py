@@ -53,7 +53,7 @@ def show(
 
 def frame_text(path: str, number: int | None) -> str:
     """Text of a system file of a frame of a run's file, at time 0."""
-    from kickdrift.trajectory.reader import open as opened
+    from kickdrift.trajectory.read.reader import open as opened
 
     with opened(path) as run:
         k = len(run) - 1 if number is None else number

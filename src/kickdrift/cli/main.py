@@ -30,7 +30,7 @@ from kickdrift.cli.viewing import view
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
-from kickdrift.model.other_names import other_name
+from kickdrift.model.checks.other_names import other_name
 
 COMMANDS = (  # in the order of --help
     new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,
@@ -84,7 +84,7 @@ def options(
     ] = False,
 ) -> None:
     """Options before the command."""
-    from kickdrift.integrators.registration import load_code
+    from kickdrift.integrators.own.registration import load_code
 
     for path in load or []:
         load_code(path)

@@ -22,7 +22,7 @@ from kickdrift.cli.printing import show_found
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
-from kickdrift.model.limits import whole_text
+from kickdrift.model.checks.limits import whole_text
 from kickdrift.text import shown
 
 
@@ -55,7 +55,7 @@ def compare(
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances. For methods
     with a heat bath: the errors of mean energies and pressure over steps; -o dt=X sets the longest step."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
-    from kickdrift.analysis.comparing import compared
+    from kickdrift.analysis.compare.comparing import compared
     from kickdrift.systemfile.python_file import load_or_run
 
     subject = load_or_run(system, seed)
@@ -98,8 +98,8 @@ def chaos(
     """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations, or the
     Lyapunov spectrum."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.chaos import megno
-    from kickdrift.analysis.lyapunov import lyapunov_spectrum
+    from kickdrift.analysis.chaos.lyapunov import lyapunov_spectrum
+    from kickdrift.analysis.chaos.megno import megno
     from kickdrift.systemfile.python_file import load_or_run
 
     subject = load_or_run(system)
@@ -153,7 +153,7 @@ def transits(
 ) -> None:
     """Find the times at which a planet passes in front of its star; --json has their derivatives by the start."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.transits import transits as transits_of
+    from kickdrift.analysis.derivatives.transits import transits as transits_of
     from kickdrift.systemfile.python_file import load_or_run
 
     subject: Any = load_or_run(system)
@@ -240,7 +240,7 @@ def certify(
     if plot is not None:
         raise InputError("--plot draws the tests of a system's forces, not those of runs")
     refuse_outputs({"json": json_file}, overwrite, list(runs))
-    from kickdrift.analysis.certifying import engine_checks, ensemble_checks
+    from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
 
     if engine is not None:
         from kickdrift.systemfile.python_file import load_or_run
@@ -252,7 +252,7 @@ def certify(
     else:
         sources: list[Any] = list(runs)
         if topology is not None:
-            from kickdrift.trajectory.universe import mdanalysis
+            from kickdrift.trajectory.read.universe import mdanalysis
 
             sources = [mdanalysis("--topology").Universe(str(topology), each) for each in runs]
         with busy("testing", quiet):
@@ -289,7 +289,7 @@ def _certify_forces(
     if further := [key for key, value in options.items() if value is not None and key != "dt"]:
         raise InputError(f"-o {further[0]}: the tests of forces take no options of an integrator")
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, systems)
-    from kickdrift.analysis.force_testing import STEPS, force_checks
+    from kickdrift.analysis.certify.force_testing import STEPS, force_checks
 
     with progress_bar(quiet) as bar:
         subject = _tested(systems[0], calculator)
@@ -316,8 +316,8 @@ def _tested(name: str, calculator: str | None) -> Any:
     from kickdrift.systemfile.python_file import load_or_run
 
     if calculator is not None:
-        from kickdrift.forces.external_calculator import CalculatorForce
-        from kickdrift.forces.external_code import found, load_module
+        from kickdrift.forces.external.calculator import CalculatorForce
+        from kickdrift.forces.seam.named import found, load_module
 
         load_module(calculator.rpartition(".")[0] or calculator)
         system: Any = load_or_run(name)

@@ -48,9 +48,9 @@ def relax(
     """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
     keeps the velocities of the file."""
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
-    from kickdrift.forces.bound import check_threads
+    from kickdrift.forces.bound.forces import check_threads
     from kickdrift.model.system import System
-    from kickdrift.run.minimization import minimum
+    from kickdrift.run.relax.minimization import minimum
     from kickdrift.systemfile.python_file import load_or_run
 
     start = load_or_run(system, seed, overlaps=True)

@@ -31,9 +31,9 @@ from kickdrift.errors import InputError
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
-    from kickdrift.run.report import Report
+    from kickdrift.run.report.report import Report
     from kickdrift.run.simulation import Simulation
-    from kickdrift.trajectory.options import FileOptions
+    from kickdrift.trajectory.layout.options import FileOptions
 
 
 TimesOption = Annotated[
@@ -141,8 +141,8 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = with_keys(load_or_run(system, seed), equilibrate or [])
 
-    from kickdrift.run.lengths import SHORTEN
-    from kickdrift.run.problem_outputs import check_suffix
+    from kickdrift.run.files.problem import check_suffix
+    from kickdrift.run.plan.lengths import SHORTEN
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of
 
@@ -182,7 +182,7 @@ def _refuse_both(**given: Any) -> None:
 
 def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
     """Options of the output file; None without any."""
-    from kickdrift.trajectory.options import FileOptions
+    from kickdrift.trajectory.layout.options import FileOptions
 
     asked = {key: value for key, value in given.items() if value is not None}
     if asked and output is None:
@@ -258,7 +258,7 @@ def _before(sim: Simulation) -> list[str]:
     from kickdrift.engines import ENGINES
     from kickdrift.model.doubles import doubtful_forces
     from kickdrift.model.system import System
-    from kickdrift.run.layer import pressure_warning, unused_warnings
+    from kickdrift.run.report.warnings import pressure_warning, unused_warnings
 
     system = sim.system
     if not isinstance(system, System):

@@ -74,7 +74,7 @@ def cite(
 def doctor(json_file: JsonOption = None, overwrite: OverwriteOption = False) -> None:
     """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
     refuse_outputs({"json": json_file}, overwrite)
-    from kickdrift.analysis.doctor import doctor as found_by
+    from kickdrift.analysis.compare.doctor import doctor as found_by
 
     found = found_by()
     print_lines(lines_of(found))

@@ -53,7 +53,7 @@ def watched(sim: Simulation, live: int | None, imd: int | None, imd_wait: bool, 
     from kickdrift.run.followers import watched_live
 
     if imd is not None:
-        from kickdrift.run.watch.imd import HOST
+        from kickdrift.run.watchers.imd import HOST
 
         say(f"streams to imd://{HOST}:{imd}{'; waits for a program that reads' if imd_wait else ''}", quiet)
     with silent(quiet), watched_live(sim, False if live is None else live):
@@ -62,6 +62,6 @@ def watched(sim: Simulation, live: int | None, imd: int | None, imd_wait: bool, 
 
 def _check_port(port: int, option: str) -> None:
     """Raise InputError if the port is taken or no port."""
-    from kickdrift.run.watch.imd import listening
+    from kickdrift.run.watchers.imd import listening
 
     listening(port, option).close()

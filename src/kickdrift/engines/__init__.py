@@ -17,8 +17,8 @@ from kickdrift.engines import heat_baths
 from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.option import MIXED, PRESSURE
-from kickdrift.model.other_names import other_name
+from kickdrift.integrators.options.option import MIXED, PRESSURE
+from kickdrift.model.checks.other_names import other_name
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:

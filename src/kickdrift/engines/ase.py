@@ -16,9 +16,9 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.many_body import many_body
 from kickdrift.engines.session import Session
-from kickdrift.forces.bound import Measured
-from kickdrift.forces.embedded_atom import EmbeddedAtom
-from kickdrift.forces.stillinger_weber import StillingerWeber
+from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
+from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.text import choices

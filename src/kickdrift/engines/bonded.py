@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from kickdrift.forces.bonded import (
+from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.bonded.shipped import (
     CosineAngle,
     Fene,
     HarmonicAngle,
@@ -18,7 +19,6 @@ from kickdrift.forces.bonded import (
     PeriodicImproper,
     RyckaertBellemans,
 )
-from kickdrift.forces.bonded_law import BondedForce
 from kickdrift.model.system import System
 
 

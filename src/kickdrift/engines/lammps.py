@@ -22,7 +22,7 @@ from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
 from kickdrift.engines.many_body import many_body, style_of, text_of
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
-from kickdrift.forces.bound import Measured
+from kickdrift.forces.bound.forces import Measured
 from kickdrift.model.state import Floats
 
 TAKES = "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it"

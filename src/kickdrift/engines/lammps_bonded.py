@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.bonded import LAWS, split, strange
-from kickdrift.model.internal import measured
+from kickdrift.model.molecules.internal import measured
+from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.topology import SIZES
 
 ROOM = 1.6  # particles of one item may come this much further apart than at the start
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kickdrift.engines.lammps_baths import BATH, FIXES
 from kickdrift.engines.lammps_bonded import Bonded, read_particles
 from kickdrift.engines.lammps_library import lammps_class
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import Floats
 
 AT_ONCE = 100_000  # particles in one Python list

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from kickdrift.engines.bonded import split
-from kickdrift.forces.lennard_jones import LennardJones
+from kickdrift.forces.pairs.lennard_jones import LennardJones
 from kickdrift.model.system import System
 
 

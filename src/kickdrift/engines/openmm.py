@@ -22,8 +22,8 @@ from kickdrift.engines.openmm_steps import integrator
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.forces.bound import Measured
-from kickdrift.forces.central import gravitational_constant
+from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.splitting.method import Splitting
 
 if TYPE_CHECKING:
     from kickdrift.engines.job import Job

@@ -20,7 +20,7 @@ from kickdrift.bridges.rebound_names import COORDINATES, SABA, key_of
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity
-from kickdrift.forces.bound import Measured
+from kickdrift.forces.bound.forces import Measured
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

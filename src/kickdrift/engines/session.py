@@ -18,13 +18,13 @@ import numpy as np
 from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError, KickdriftError, RunError
-from kickdrift.forces.bound import Measured
-from kickdrift.forces.kernel import OK
-from kickdrift.integrators.bath import bath_warnings, bathed
-from kickdrift.integrators.flow import Flow
-from kickdrift.integrators.option import FRICTION, RATE, SEED, TAU, TEMPERATURE
-from kickdrift.integrators.particle_states import ParticleStates
-from kickdrift.integrators.stepper import STOPPED, Counts
+from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.flows.flow import Flow
+from kickdrift.integrators.flows.particle_states import ParticleStates
+from kickdrift.integrators.options.option import FRICTION, RATE, SEED, TAU, TEMPERATURE
+from kickdrift.integrators.splitting.baths.bath import bath_warnings, bathed
+from kickdrift.integrators.stepping.stepper import STOPPED, Counts
 from kickdrift.looks.observers import take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.freedom import DRIFT, whole_motion

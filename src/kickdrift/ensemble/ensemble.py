@@ -24,17 +24,17 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import from_text, meant, unpacked
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.registration import REGISTERED
+from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.jit.compile import processor
-from kickdrift.model.capacity import PROCESS_BYTES, check_room
-from kickdrift.model.limits import whole_number
+from kickdrift.model.checks.capacity import PROCESS_BYTES, check_room
+from kickdrift.model.checks.limits import whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.run.plan import check_run
+from kickdrift.run.plan.plan import check_run
 from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.text import choices, suggestion
-from kickdrift.trajectory.layout import versions
+from kickdrift.trajectory.layout.names import versions
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -36,7 +36,7 @@ def of_file(text: str, data: Mapping[str, Any], folder: Path) -> str:
 
 def of_system(system: System | Problem) -> str:
     """Identity of a System or a Problem."""
-    from kickdrift.trajectory.record import record_of, run_record, to_json
+    from kickdrift.trajectory.layout.record import record_of, run_record, to_json
 
     if isinstance(system, Problem):
         said = to_json([system.name, system.equation, system.parameters, run_record(system.run), system.t0])

@@ -7,7 +7,7 @@ from copy import deepcopy
 from typing import Any
 
 from kickdrift.errors import InputError
-from kickdrift.model.limits import whole_text
+from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.run_defaults import REPLACED
 from kickdrift.systemfile.schema_run import is_run_key
 from kickdrift.text import shown, suggestion

@@ -16,11 +16,11 @@ from kickdrift.ensemble import identity
 from kickdrift.ensemble.keys import path_of, with_values
 from kickdrift.ensemble.members import Member
 from kickdrift.errors import InputError
-from kickdrift.forces.external_code import home_of, load_module
+from kickdrift.forces.seam.named import home_of, load_module
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import draws_noise, from_text
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.registration import load_file
+from kickdrift.integrators.own.registration import load_file
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System

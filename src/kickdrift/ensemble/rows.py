@@ -10,8 +10,8 @@ from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.chaos_report import ChaosReport
-    from kickdrift.run.report import Report
+    from kickdrift.analysis.chaos.report import ChaosReport
+    from kickdrift.run.report.report import Report
 
 Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"

@@ -27,7 +27,7 @@ from kickdrift.ensemble.recipe import Recipe
 from kickdrift.ensemble.rows import FAILED, LOST, Row, row_of
 from kickdrift.ensemble.work import COMPILING, check, packed, timed_members
 from kickdrift.errors import InputError, RunError
-from kickdrift.jit.notices import announce
+from kickdrift.jit.cache.notices import announce
 from kickdrift.text import counted
 
 PATIENCE = 10.0  # seconds to wait for a scheduler's answer

@@ -252,7 +252,7 @@ def _write_parquet(table: DataFrame, path: Path) -> None:
 def _write_hdf5(table: DataFrame, path: Path) -> None:
     import h5py
 
-    from kickdrift.trajectory.opening import created
+    from kickdrift.trajectory.file.opening import created
 
     with created(path) as file:
         file.attrs[PROVENANCE] = json.dumps(table.attrs[PROVENANCE])
@@ -279,7 +279,7 @@ def _dataset(name: str) -> str:
 
 
 def _read_hdf5(path: Path) -> DataFrame:
-    from kickdrift.trajectory.opening import open_to_read
+    from kickdrift.trajectory.file.opening import open_to_read
 
     with opened(path) as raw:
         whole, mark, seal = raw.read().rpartition(SEAL)

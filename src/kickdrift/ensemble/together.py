@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from kickdrift.analysis.chaos import carrier, length_of, megnos
-from kickdrift.analysis.deviations import cadence
+from kickdrift.analysis.chaos.megno import carrier, length_of, megnos
+from kickdrift.analysis.tangents.deviations import cadence
 from kickdrift.batch.batch import Batch
 from kickdrift.batch.members import refusal
 from kickdrift.ensemble.members import Member
@@ -16,9 +16,9 @@ from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_column
 from kickdrift.errors import KickdriftError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
-from kickdrift.integrators.options import Options
-from kickdrift.jit.vectors import WIDTH
-from kickdrift.model.limits import steps_in
+from kickdrift.integrators.options.options import Options
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 

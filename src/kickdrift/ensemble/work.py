@@ -13,7 +13,7 @@ from kickdrift.ensemble.members import Member
 from kickdrift.ensemble.recipe import MEGNO, VERSION, Recipe
 from kickdrift.ensemble.rows import DONE, FAILED, Row, last_columns, megno_columns, row_of, run_columns
 from kickdrift.errors import InputError, KickdriftError
-from kickdrift.jit.notices import heard
+from kickdrift.jit.cache.notices import heard
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import shown
@@ -70,7 +70,7 @@ def _tell(purpose: str, kept: bool) -> None:
 def _rows(recipe: Recipe, members: Sequence[Member]) -> tuple[list[Row], int]:
     """Return a row for each member, and the number of members for one task."""
     from kickdrift.ensemble.together import STOPPING, TOGETHER, side_by_side  # loads the compiler
-    from kickdrift.forces.external_turns import in_turns
+    from kickdrift.forces.external.turns import in_turns
 
     systems = {member.number: system for member in members if (system := _built(recipe, member)) is not None}
     if recipe.in_turns:
@@ -133,7 +133,7 @@ def _measured(measure: Any, sim: Any) -> Row:
 
 
 def _megno(recipe: Recipe, member: Member, system: System | Problem) -> Row:
-    from kickdrift.analysis.chaos import megno
+    from kickdrift.analysis.chaos.megno import megno
 
     rtol, atol = (system.run.options.get(key) for key in ("rtol", "atol"))
     return megno_columns(

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.forces.bonded import (
+from kickdrift.forces.around.central_potential import CentralPotential
+from kickdrift.forces.around.gas import DynamicalFriction, GasDrag
+from kickdrift.forces.around.mass_change import MassChange
+from kickdrift.forces.around.migration import Migration
+from kickdrift.forces.around.oblateness import Oblateness
+from kickdrift.forces.around.post_newtonian import EinsteinInfeldHoffmann, LenseThirring, RadiationReaction
+from kickdrift.forces.around.radiation import NonGravitational, RadiationPressure
+from kickdrift.forces.around.relativity import PostNewtonian
+from kickdrift.forces.around.tides import Tides
+from kickdrift.forces.around.tides_spin import TidesSpin
+from kickdrift.forces.bonded.shipped import (
     CosineAngle,
     Fene,
     HarmonicAngle,
@@ -16,27 +26,17 @@ from kickdrift.forces.bonded import (
     PeriodicImproper,
     RyckaertBellemans,
 )
-from kickdrift.forces.central_potential import CentralPotential
-from kickdrift.forces.embedded_atom import EmbeddedAtom
-from kickdrift.forces.external import PythonForce
-from kickdrift.forces.external_calculator import CalculatorForce
-from kickdrift.forces.fields import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
-from kickdrift.forces.gas import DynamicalFriction, GasDrag
-from kickdrift.forces.gravity import Gravity
-from kickdrift.forces.gravity_sheet import GravitySheet
-from kickdrift.forces.lennard_jones import LennardJones
-from kickdrift.forces.mass_change import MassChange
-from kickdrift.forces.migration import Migration
-from kickdrift.forces.oblateness import Oblateness
-from kickdrift.forces.post_newtonian import EinsteinInfeldHoffmann, LenseThirring, RadiationReaction
-from kickdrift.forces.radiation import NonGravitational, RadiationPressure
-from kickdrift.forces.registration import FORCES, registered
-from kickdrift.forces.relativity import PostNewtonian
-from kickdrift.forces.stillinger_weber import StillingerWeber
-from kickdrift.forces.tersoff import Tersoff
-from kickdrift.forces.tides import Tides
-from kickdrift.forces.tides_spin import TidesSpin
-from kickdrift.forces.tree import GravityTree
+from kickdrift.forces.external.calculator import CalculatorForce
+from kickdrift.forces.external.python import PythonForce
+from kickdrift.forces.fields.shipped import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
+from kickdrift.forces.gravity.direct import Gravity
+from kickdrift.forces.gravity.sheet import GravitySheet
+from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
+from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
+from kickdrift.forces.many_body.tersoff import Tersoff
+from kickdrift.forces.pairs.lennard_jones import LennardJones
+from kickdrift.forces.seam.registration import FORCES, registered
+from kickdrift.forces.tree.force import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,

@@ -5,25 +5,21 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import (
-    baths,
-    exact,
-    gauss_radau,
-    hermite,
-    implicit,
-    respa,
-    reversible,
-    rosenbrock,
-    runge_kutta,
-    scipy_methods,
-    sei,
-    splitting,
-    stormer,
-    trace,
-    wisdom_holman,
-)
+from kickdrift.integrators.exact import method as exact
+from kickdrift.integrators.gauss_radau import method as gauss_radau
+from kickdrift.integrators.hermite import method as hermite
+from kickdrift.integrators.implicit import method as implicit
+from kickdrift.integrators.implicit import rosenbrock
 from kickdrift.integrators.method import Method
-from kickdrift.model.other_names import other_name
+from kickdrift.integrators.runge_kutta import method as runge_kutta
+from kickdrift.integrators.runge_kutta import scipy_methods
+from kickdrift.integrators.sheet import method as sei
+from kickdrift.integrators.splitting import constant_temperature as baths
+from kickdrift.integrators.splitting import method as splitting
+from kickdrift.integrators.splitting import respa, reversible, stormer
+from kickdrift.integrators.trace import method as trace
+from kickdrift.integrators.wisdom_holman import method as wisdom_holman
+from kickdrift.model.checks.other_names import other_name
 from kickdrift.text import VALUE, shown
 
 INTEGRATORS: dict[str, Method] = {

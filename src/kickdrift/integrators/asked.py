@@ -11,11 +11,11 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, merged
-from kickdrift.integrators.options import Options
-from kickdrift.model.other_names import other_name
+from kickdrift.integrators.options.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, merged
+from kickdrift.integrators.options.options import Options
+from kickdrift.model.checks.other_names import other_name
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.units import UNIT_SYSTEMS, UnitSystem
+from kickdrift.model.units.quantities import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import VALUE, clean, shown
 
 FEW = 4  # most methods that a message names
@@ -61,8 +61,8 @@ class Integrator:
         A splitting has "omega dt" on an oscillator, and "omega^2 dt / friction" without inertia. A one-step method has
         "real lambda dt" and "imaginary lambda dt" on y' = lambda y. An InputError for a method without a stability
         function."""
-        from kickdrift.integrators import stability
-        from kickdrift.integrators.splitting import Splitting
+        from kickdrift.integrators.splitting.method import Splitting
+        from kickdrift.integrators.step_choice import stability
 
         method = self.method
         if method.overdamped and isinstance(method, Splitting):

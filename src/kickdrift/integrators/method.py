@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import (
+from kickdrift.integrators.options.option import (
     ATOL,
     COMPENSATED,
     CONTROLLER,
@@ -20,7 +20,7 @@ from kickdrift.integrators.option import (
     TEMPERATURE,
     Option,
 )
-from kickdrift.integrators.options import Options
+from kickdrift.integrators.options.options import Options
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
@@ -28,9 +28,9 @@ WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.batch_stepping import LaneStepper, Members
-    from kickdrift.integrators.flow import Flow
-    from kickdrift.integrators.stepper import Stepper
+    from kickdrift.integrators.flows.flow import Flow
+    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System
 
@@ -197,7 +197,7 @@ class Method:
             raise InputError(f"precision: {self.name} {self.float64_because}, and takes {DOUBLE} alone")
         options = Options(dt=checked_dt(dt), precision=precision, **kept)
         if self.adaptive:
-            from kickdrift.integrators.step_control import check_tolerances
+            from kickdrift.integrators.stepping.step_control import check_tolerances
 
             check_tolerances(*options.tolerances)
         return options

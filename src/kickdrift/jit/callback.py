@@ -7,7 +7,7 @@ from typing import Any
 
 from numba import types
 
-from kickdrift.jit.cache import CallbackCache
+from kickdrift.jit.cache.cache import CallbackCache
 from kickdrift.jit.compile import FAST_MATH, no_collection
 from kickdrift.jit.inner import OPTIONS
 from kickdrift.jit.numba_private import CFunc

@@ -12,7 +12,7 @@ from typing import Any
 from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.jit.cache import DriverCache
+from kickdrift.jit.cache.cache import DriverCache
 from kickdrift.jit.inner import OPTIONS, inner
 from kickdrift.jit.numba_private import CPUContext, CPUDispatcher, cpu_target
 

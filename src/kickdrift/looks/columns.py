@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.arguments import checked_arguments
+from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.text import shown
 
 # Potential energy, virial and pairs are adjacent, since the forces add to all three.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import unwarned
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.doubles import constant_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.looks.record import Stretch, even_looks
-from kickdrift.model.checks import unwarned
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.statistics.drift import ROUNDINGS, Drift, EnergyError, drift, rounding_of
 

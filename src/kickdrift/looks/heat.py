@@ -7,9 +7,9 @@ rounding changes no bit of a run. The mass array may be longer than the particle
 from __future__ import annotations
 
 from kickdrift.jit.compile import as_written, strict
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import flat, masked_load, masked_store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.freedom import BARELY, NONE, TURN
 
 VELOCITY, CENTRE, RATE, MOTION = 0, 3, 6, 9  # places in a motion: of the centre of mass, the centre, the rotation

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.evaluate import fill_accelerations
-from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.forces.bound.evaluate import fill_accelerations
+from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver, inlined, is_finite
 from kickdrift.jit.handle import handle, unowned
@@ -34,7 +34,7 @@ from kickdrift.model.freedom import NONE, apart_of, freedom_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.forces.bound import BoundForces
+    from kickdrift.forces.bound.forces import BoundForces
     from kickdrift.model.system import System
 
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of

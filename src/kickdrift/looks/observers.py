@@ -10,12 +10,12 @@ import numpy as np
 
 from kickdrift.errors import RunError
 from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
-from kickdrift.model.checks import unwarned
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.freedom import apart_of, freedom_of, whole_motion
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.forces.bound import Measured
+    from kickdrift.forces.bound.forces import Measured
     from kickdrift.model.system import System
 
 

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
-from kickdrift.forces.bonded_check import value_of
-from kickdrift.forces.bonded_law import BondedForce
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.bonded.check import value_of
+from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -51,7 +51,7 @@ def _pair_forces(force: object, system: System, x: Floats) -> Iterator[tuple[Flo
 
 
 def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Floats, Floats]]:
-    from kickdrift.forces.pair_terms import force_over_r
+    from kickdrift.forces.pairs.terms import force_over_r
 
     cutoff = float(force.cutoff or 0.0)
     # Slightly beyond the cutoff: the test below then decides alone, whatever the rounding in the search.

@@ -12,7 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING, Sample, Taken
 from kickdrift.looks.table import Looks
-from kickdrift.model.checks import unwarned
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.model.box import Box, Oriented
+from kickdrift.model.box.box import Box, Oriented
 from kickdrift.model.state import Floats
 
 UPRIGHT = 1e-6  # least part of a vector, relative to its length, perpendicular to the other vectors

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import listed, per_particle
+from kickdrift.model.checks.values import listed, per_particle
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown
 
 MOST_LETTERS = 255  # of a name

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import Floats
 
 CROWD = 3  # most particles in one cell; with more, a tree is faster

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.arguments import checked_arguments, misfit
-from kickdrift.model.checks import numbers
+from kickdrift.model.checks.arguments import checked_arguments, misfit
+from kickdrift.model.checks.values import numbers
 from kickdrift.model.described import ShownProblem
 from kickdrift.model.partial import arguments, with_args
 from kickdrift.model.run_defaults import RunDefaults

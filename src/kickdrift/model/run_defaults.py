@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
-from kickdrift.model.units import UnitSystem, time_in
+from kickdrift.model.units.quantities import UnitSystem, time_in
 
 # A key of ``[run]``, and the keys that it replaces.
 REPLACED = (

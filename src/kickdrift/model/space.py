@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
-from kickdrift.model.checks import numbers
+from kickdrift.model.box.box import Box
+from kickdrift.model.checks.values import numbers
 from kickdrift.model.state import Floats
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.state import Floats, State
-from kickdrift.model.topology import Topology
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import choices, shown, suggestion
 
 

@@ -11,24 +11,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.arguments import checked_arguments
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import body_names, body_radii, check_kinds, forces_of, listed_species, names_of
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import Bridged
 from kickdrift.model.bridging import SYSTEM_FILES
-from kickdrift.model.checks import no_overflow, per_particle, whole_number
+from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.model.checks.values import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.doubles import check_doubles
-from kickdrift.model.event_checks import checked_events
-from kickdrift.model.events import Event
+from kickdrift.model.events.checks import checked_events
+from kickdrift.model.events.events import Event
 from kickdrift.model.freedom import freedom_of
+from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
-from kickdrift.model.topology import Topology
-from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
 _KEPT = (

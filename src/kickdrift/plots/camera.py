@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number
+from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 

@@ -20,7 +20,7 @@ from kickdrift.plots.runs import (
     with_unit,
 )
 from kickdrift.text import choices, shown, suggestion
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

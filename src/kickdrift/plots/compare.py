@@ -14,8 +14,8 @@ from kickdrift.text import measured
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from kickdrift.analysis.comparison import Comparison
-    from kickdrift.analysis.sampling import SamplingComparison
+    from kickdrift.analysis.compare.comparison import Comparison
+    from kickdrift.analysis.compare.sampling import SamplingComparison
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 

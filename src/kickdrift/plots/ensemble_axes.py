@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.ensemble.rows import DONE
 from kickdrift.ensemble.table import PROVENANCE
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.plots import runs
 from kickdrift.plots.runs import INK
 

@@ -16,7 +16,7 @@ from kickdrift.plots.orbits import orbits_figure, orbits_in
 from kickdrift.plots.runs import run_figure, write_figure
 from kickdrift.plots.stability import stability_figure
 from kickdrift.text import shown, suggestion
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.orbits import gravity_of, paths
+from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.ellipses import axes_of
-from kickdrift.model.orbits import Paths, invariable_axes
+from kickdrift.model.orbits.ellipses import axes_of
+from kickdrift.model.orbits.orbits import Paths, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import symbol_of
+from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.plots.camera import Camera
 from kickdrift.plots.orbits import BODY_COLOURS
 from kickdrift.plots.runs import COLOURS, own_matplotlib_folder
 from kickdrift.plots.scene import Scene
 from kickdrift.text import clean, measured, shown, suggestion
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 
 BODIES = 30  # most bodies under gravity with a trail and a name each
 MOST = 20_000  # most spheres; of more particles, evenly chosen ones are shown

@@ -13,14 +13,14 @@ from kickdrift.disk.kinds import FILM
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number
+from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.plots.camera import Camera
 from kickdrift.plots.film_files import CODECS, program, write
 from kickdrift.plots.filmed import Bodies, Particles, has_trails
 from kickdrift.text import shown
-from kickdrift.trajectory import reader
 from kickdrift.trajectory.opened import is_problem
+from kickdrift.trajectory.read import reader
 
 LONGEST = 20.0  # seconds of a film that shows each frame of the run once
 SIZES = (64, 4096)  # least and most pixels of an edge

@@ -12,8 +12,12 @@ from warnings import warn
 
 import numpy as np
 
-from kickdrift.analysis.motion import MeanSquaredDisplacement, mean_squared_displacement, velocity_autocorrelation
-from kickdrift.analysis.structure import radial_distribution, structure_factor
+from kickdrift.analysis.observables.motion import (
+    MeanSquaredDisplacement,
+    mean_squared_displacement,
+    velocity_autocorrelation,
+)
+from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
 from kickdrift.plots.runs import (
@@ -28,7 +32,7 @@ from kickdrift.plots.runs import (
     write_figure,
 )
 from kickdrift.text import measured
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

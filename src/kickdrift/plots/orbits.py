@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.orbits import gravity_of, paths
+from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits import Orbits, Paths, invariable_axes, orbits_of
+from kickdrift.model.orbits.orbits import Orbits, Paths, invariable_axes, orbits_of
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.starts.universal import TAU
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.plots.runs import (
     COLOURS,
     GRID,
@@ -29,7 +29,7 @@ from kickdrift.plots.runs import (
     with_unit,
     write_figure,
 )
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

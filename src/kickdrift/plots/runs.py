@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.structure import radial_distribution
+from kickdrift.analysis.observables.structure import radial_distribution
 from kickdrift.disk import outputs
 from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
-from kickdrift.jit import folders
+from kickdrift.jit.cache import folders
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_of
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import measured
-from kickdrift.trajectory import reader
-from kickdrift.trajectory.room import Room, room_of
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.room import Room, room_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from kickdrift.run.report import Report
+    from kickdrift.run.report.report import Report
 
 RDF_FRAMES = 20  # most frames, spread evenly over the run
 RDF_NEIGHBOURS = 400  # g(r) reaches to this many neighbours, or to half the box

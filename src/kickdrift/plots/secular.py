@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from kickdrift.analysis.secular_report import OrbitReport
+    from kickdrift.analysis.orbits.secular_report import OrbitReport
 
 FEW = 12  # most bodies with a line each
 ANGLES = 4  # most angles that are drawn

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators import stability
 from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.step_choice import stability
 from kickdrift.plots.runs import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     """Draw the stability regions of the named methods. Return the figure's path.
 
     For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
-    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.stability``.
+    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.step_choice.stability``.
     """
     target = checked_target(output, overwrite)
     return save_figure(stability_figure(names), target)

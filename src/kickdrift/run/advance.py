@@ -15,17 +15,17 @@ from kickdrift.disk.interrupt import interruptible
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.kernel import OK
-from kickdrift.integrators.backward import BackwardStepper, mirrored
-from kickdrift.integrators.option import PRESSURE
-from kickdrift.integrators.options import Options
-from kickdrift.integrators.particle_flow import ParticleFlow
-from kickdrift.integrators.stepper import STOPPED, Stepper
-from kickdrift.jit.notices import compiling_for
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.flows.particle_flow import ParticleFlow
+from kickdrift.integrators.options.option import PRESSURE
+from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.stepping.backward import BackwardStepper, mirrored
+from kickdrift.integrators.stepping.stepper import STOPPED, Stepper
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
-from kickdrift.model.box import Box
-from kickdrift.model.checks import no_overflow
+from kickdrift.model.box.box import Box
+from kickdrift.model.checks.values import no_overflow
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
@@ -39,7 +39,7 @@ from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
-    from kickdrift.model.events import Event
+    from kickdrift.model.events.events import Event
 
 CHUNK_SECONDS = 0.1  # time in compiled code between two checks for Ctrl-C
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Protocol
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.stepper import Stepper
+from kickdrift.integrators.stepping.stepper import Stepper
 from kickdrift.looks.record import Record
-from kickdrift.model.box import Box
-from kickdrift.model.checks import unwarned
+from kickdrift.model.box.box import Box
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats, State
 
 if TYPE_CHECKING:

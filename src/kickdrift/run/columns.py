@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.spins import SPINS, spinning
+from kickdrift.forces.around.spins import SPINS, spinning
 from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
-from kickdrift.model.capacity import check_room
-from kickdrift.model.limits import NEVER
+from kickdrift.model.checks.capacity import check_room
+from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.model.units import unit_named
-from kickdrift.run.plan import Plan
-from kickdrift.run.watch.watcher import Watcher
+from kickdrift.model.units.quantities import unit_named
+from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.run.plan.plan import Plan
+from kickdrift.run.watcher import Watcher
 from kickdrift.text import shown
 
 if TYPE_CHECKING:

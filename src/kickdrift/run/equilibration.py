@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import DT, TEMPERATURE
-from kickdrift.jit.notices import compiling_for
+from kickdrift.integrators.options.option import DT, TEMPERATURE
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
-from kickdrift.model.checks import positive, unwarned, whole_number
+from kickdrift.model.checks.limits import steps_in
+from kickdrift.model.checks.values import positive, unwarned, whole_number
 from kickdrift.model.freedom import apart_of, disturbing, freedom_of, whole_motion
-from kickdrift.model.limits import steps_in
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.model.units import time_in
+from kickdrift.model.units.quantities import time_in
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:

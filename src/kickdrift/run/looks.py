@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import RunError
-from kickdrift.forces.kernel import OK
-from kickdrift.integrators.chosen_steps import ChosenSteps
-from kickdrift.integrators.stepper import STOPPED
-from kickdrift.integrators.stepping import Regular
-from kickdrift.jit.notices import compiling_for
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.stepping.chosen_steps import ChosenSteps
+from kickdrift.integrators.stepping.stepper import STOPPED
+from kickdrift.integrators.stepping.stepping import Regular
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.columns import COLUMNS, TIME
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import CHUNK_SECONDS, Integration
-from kickdrift.run.layer import begins_badly
-from kickdrift.run.plan import Plan
-from kickdrift.run.watch.file import File
-from kickdrift.run.watch.stability import Stability
+from kickdrift.run.plan.plan import Plan
+from kickdrift.run.report.warnings import begins_badly
+from kickdrift.run.watchers.file import File
+from kickdrift.run.watchers.stability import Stability
 
 MOST = 4096  # most looks in one series
 WAIT = -1  # status of a look, unlike those of forces: no other look before the file has got these

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.jit.notices import compiling_for
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.record import LOOKS, STEPPING
 from kickdrift.run.advance import Integration
-from kickdrift.run.lengths import CLOSE
 from kickdrift.run.looks import Sampler
-from kickdrift.run.plan import Plan
-from kickdrift.run.report import Report, seconds_of
+from kickdrift.run.plan.lengths import CLOSE
+from kickdrift.run.plan.plan import Plan
+from kickdrift.run.report.report import Report, seconds_of
 from kickdrift.run.times import go_to_next
-from kickdrift.run.watch.file import File
-from kickdrift.run.watch.watcher import Watcher
+from kickdrift.run.watcher import Watcher
+from kickdrift.run.watchers.file import File
 from kickdrift.text import shown
 
 Progress = Callable[[int, int], Any]

@@ -7,16 +7,16 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.spins import with_spins
+from kickdrift.forces.around.spins import with_spins
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.bodies import Body
-from kickdrift.model.orbit_table import OrbitTable, orbit_table
+from kickdrift.model.orbits.table import OrbitTable, orbit_table
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.forces import accelerations_at, forces_at
-from kickdrift.run.shown import ShownSimulation
+from kickdrift.run.report.shown import ShownSimulation
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine

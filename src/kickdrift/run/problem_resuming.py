@@ -9,16 +9,16 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies, Sample
-from kickdrift.model.event_checks import checked_crossings
+from kickdrift.model.events.checks import checked_crossings
 from kickdrift.model.problem import Problem
-from kickdrift.run.problem_outputs import slopes_of
-from kickdrift.trajectory.points import same
-from kickdrift.trajectory.problems.header import ENERGY
+from kickdrift.run.files.problem import slopes_of
+from kickdrift.trajectory.layout.points import same
+from kickdrift.trajectory.layout.problem_header import ENERGY
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.record import another_f, changed_functions, differences
 
 if TYPE_CHECKING:
-    from kickdrift.model.events import Event
+    from kickdrift.model.events.events import Event
     from kickdrift.run.simulation import Simulation
 
 

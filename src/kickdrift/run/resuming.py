@@ -16,30 +16,30 @@ import numpy as np
 
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
-from kickdrift.forces.bound import most_threads
+from kickdrift.forces.bound.forces import most_threads
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Sample
-from kickdrift.model.limits import NEVER
+from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.loop import go_to
-from kickdrift.run.plan import Plan, check_samples, whole_number
+from kickdrift.run.plan.plan import Plan, check_samples, whole_number
 from kickdrift.run.problem_resuming import check_f, other_y, sample_of, subject_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import plan_at, times_of
 from kickdrift.text import choices, counted, shown
 from kickdrift.trajectory import opened
-from kickdrift.trajectory.layout import versions
-from kickdrift.trajectory.named import about, method_of, options_of
-from kickdrift.trajectory.points import before, same
+from kickdrift.trajectory.layout.named import about, method_of, options_of
+from kickdrift.trajectory.layout.names import versions
+from kickdrift.trajectory.layout.points import before, same
+from kickdrift.trajectory.layout.record import changed_sources, differences, system_of
 from kickdrift.trajectory.problems.reader import CHANGED as PROBLEM_CHANGED
 from kickdrift.trajectory.problems.reader import ProblemRun
-from kickdrift.trajectory.reader import CHANGED, Run
-from kickdrift.trajectory.record import changed_sources, differences, system_of
-from kickdrift.trajectory.recorded import Recorded
+from kickdrift.trajectory.read.reader import CHANGED, Run
+from kickdrift.trajectory.read.recorded import Recorded
 
 if TYPE_CHECKING:
-    from kickdrift.model.events import Event
+    from kickdrift.model.events.events import Event
 
 CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
 _NEW = "a new run can begin at a frame"

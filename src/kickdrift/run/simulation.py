@@ -13,12 +13,12 @@ from kickdrift.engines import engine as engine_named
 from kickdrift.engines.hosts import on_this_machine, slots
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
-from kickdrift.forces.bound import check_threads
+from kickdrift.forces.bound.forces import check_threads
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
-from kickdrift.model.capacity import PROCESS_BYTES, check_room
-from kickdrift.model.checks import path_text, whole_number
-from kickdrift.model.event_checks import checked_crossings
+from kickdrift.model.checks.capacity import PROCESS_BYTES, check_room
+from kickdrift.model.checks.values import path_text, whole_number
+from kickdrift.model.events.checks import checked_crossings
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration
@@ -28,27 +28,27 @@ from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns, with_body_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.failed_atoms import keeping_failed_atoms
+from kickdrift.run.files.failed_atoms import keeping_failed_atoms
+from kickdrift.run.files.outputs import Outputs
 from kickdrift.run.followers import Follower, followed
-from kickdrift.run.lengths import Exact, begin, goal_of, steps_to, time_of
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
-from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
-from kickdrift.run.outputs import Outputs
-from kickdrift.run.plan import Plan, plan_of
+from kickdrift.run.plan.lengths import Exact, begin, goal_of, steps_to, time_of
+from kickdrift.run.plan.plan import Plan, plan_of
 from kickdrift.run.present import Present, alone
-from kickdrift.run.report import Report, report
+from kickdrift.run.relax.minimization import FORCE, METHOD, STEPS, Minimum, minimize
+from kickdrift.run.report.report import Report, report
+from kickdrift.run.report.work import work_columns
 from kickdrift.run.times import plan_at, refuse_beside, times_of
-from kickdrift.run.watch.imd import Imd
-from kickdrift.run.watch.stability import Stability
 from kickdrift.run.watch.watched_stepper import Events
-from kickdrift.run.watch.watcher import Observe, Watcher
-from kickdrift.run.work import work_columns
+from kickdrift.run.watcher import Observe, Watcher
+from kickdrift.run.watchers.imd import Imd
+from kickdrift.run.watchers.stability import Stability
 
 if TYPE_CHECKING:
     from kickdrift.looks.columns import Column
-    from kickdrift.model.events import Event
-    from kickdrift.trajectory.options import FileOptions
+    from kickdrift.model.events.events import Event
+    from kickdrift.trajectory.layout.options import FileOptions
 
 Observer = Callable[["Simulation"], Any]
 

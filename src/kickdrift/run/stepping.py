@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
-from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.option import MIXED, coupling_of
-from kickdrift.integrators.particle_flow import ParticleFlow
+from kickdrift.integrators.flows.flow import flow_of
+from kickdrift.integrators.flows.particle_flow import ParticleFlow
+from kickdrift.integrators.options.option import MIXED, coupling_of
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine

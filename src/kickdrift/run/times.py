@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import number
+from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
-from kickdrift.run.backward import check_backward
-from kickdrift.run.lengths import CLOSE, SHORTEN, Exact, Planned, grid_from, steps_to, time_of, whole_steps
-from kickdrift.run.plan import Plan, check_samples
+from kickdrift.run.plan.backward import check_backward
+from kickdrift.run.plan.lengths import CLOSE, SHORTEN, Exact, Planned, grid_from, steps_to, time_of, whole_steps
+from kickdrift.run.plan.plan import Plan, check_samples
 from kickdrift.text import shown
 
 

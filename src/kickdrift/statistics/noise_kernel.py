@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import load, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.vectors import WIDTH
 
 INDEPENDENT = 1e-3  # sine of the angle between a row and those before, from which sums of products are exact enough
 CONDITION = 1e10  # of a matrix of products, up to which its inverse by elimination is exact enough

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import numbers, whole_number
+from kickdrift.model.checks.values import numbers, whole_number
 from kickdrift.model.state import Floats
 from kickdrift.statistics.spectral_lines import turns
 from kickdrift.text import shown, suggestion

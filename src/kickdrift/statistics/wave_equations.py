@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from kickdrift.jit.compile import jit
-from kickdrift.jit.memory import load, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.vectors import WIDTH
 
 HIDDEN = 1e-10  # squared sine of the angle between a column and those before; rounding hides a column below
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import load, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.statistics.wave_equations import HIDDEN, backward, factor, forward, gauss_newton
 from kickdrift.statistics.wave_sums import fill_products, fill_turns
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.jit.compile import inlined, jit
-from kickdrift.jit.lanes import lane_numbers, splat
-from kickdrift.jit.masks import mask_bits, select
-from kickdrift.jit.memory import aligned, load, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_numbers, splat
+from kickdrift.jit.lanes.masks import mask_bits, select
+from kickdrift.jit.lanes.memory import aligned, load, store
+from kickdrift.jit.lanes.vectors import WIDTH
 
 NEAR = 0.3  # n |sin(w / 2)| below which the closed forms cancel
 MOMENTS = 8  # powers of the series for these

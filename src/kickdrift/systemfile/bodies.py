@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.capacity import check_particles
+from kickdrift.model.checks.capacity import check_particles
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import Structure, generator
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_bodies import ORBIT, BodiesTable, BodyTable, PlummerTable
 from kickdrift.text import choices, shown, suggestion
 

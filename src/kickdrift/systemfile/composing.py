@@ -10,14 +10,14 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.model.bodies import primary_row
-from kickdrift.model.checks import listed, no_overflow
-from kickdrift.model.orbit_table import gravity_of
-from kickdrift.model.orbits import G_given
+from kickdrift.model.checks.values import listed, no_overflow
+from kickdrift.model.orbits.orbits import G_given
+from kickdrift.model.orbits.table import gravity_of
 from kickdrift.model.starts.builders import check_overlaps, generator
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UnitSystem, unit_system
+from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.systemfile.bodies import on_orbits, orbit_of
 from kickdrift.systemfile.files import prefixed
 from kickdrift.systemfile.plain import plain

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
-from kickdrift.forces.external_code import found_function
-from kickdrift.model.collision import C_STAR, MU_BAR, NEW_BODIES
-from kickdrift.model.event_checks import checked_events
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
-from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.model.units import quantity
+from kickdrift.forces.seam.named import found_function
+from kickdrift.model.events.checks import checked_events
+from kickdrift.model.events.collision import C_STAR, MU_BAR, NEW_BODIES
+from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Edge, In, Table
 from kickdrift.text import shown, suggestion

@@ -15,11 +15,13 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from kickdrift.forces import FORCES, mass_change, pair_law, radiation, relativity, tides
+from kickdrift.forces import FORCES
+from kickdrift.forces.around import mass_change, radiation, relativity, tides
+from kickdrift.forces.pairs import law as pair_law
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options
-from kickdrift.model.unit_systems import UNIT_SYSTEMS, powers
-from kickdrift.model.units import EXAMPLES
+from kickdrift.model.units.quantities import EXAMPLES
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, powers
 from kickdrift.systemfile import events, schema, schema_run, topology
 from kickdrift.systemfile.schema_base import In
 from kickdrift.systemfile.schema_bodies import Spread

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
-from kickdrift.model.capacity import check_particles
+from kickdrift.model.box.box import Box
+from kickdrift.model.checks.capacity import check_particles
 from kickdrift.model.starts.builders import LATTICES, Structure, lattice, mixture
 from kickdrift.model.starts.plane import PLANE_LATTICES, plane_lattice
 from kickdrift.model.system import body_names
-from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.model.units import number_density
+from kickdrift.model.units.quantities import number_density
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
 from kickdrift.text import shown
 

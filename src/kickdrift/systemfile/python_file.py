@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.registration import executed
-from kickdrift.model.checks import numbers
+from kickdrift.integrators.own.registration import executed
+from kickdrift.model.checks.values import numbers
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.systemfile.files import prefixed

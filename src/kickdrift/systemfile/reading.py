@@ -15,11 +15,11 @@ from kickdrift.disk.kinds import is_archive
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators.asked import draws_noise
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.bridging import bridge
-from kickdrift.model.checks import no_overflow, whole_number
-from kickdrift.model.orbits import G_given
-from kickdrift.model.other_names import other_name
+from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.values import no_overflow, whole_number
+from kickdrift.model.orbits.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import (
     Structure,
@@ -30,7 +30,7 @@ from kickdrift.model.starts.builders import (
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, prefixed, toml_table

@@ -26,12 +26,12 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
-from kickdrift.forces.bonded_law import BondedForce
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators.asked import known_options
-from kickdrift.model import checks
+from kickdrift.model.checks import values as checks
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
     GravitationalParameter,

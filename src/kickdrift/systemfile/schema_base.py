@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationIn
 from pydantic_core import PydanticCustomError
 
 from kickdrift.errors import InputError
-from kickdrift.model.units import quantity
+from kickdrift.model.units.quantities import quantity
 from kickdrift.text import choices, shown, suggestion
 
 

@@ -13,11 +13,11 @@ from pydantic import BeforeValidator, Discriminator, Field, PositiveFloat, Tag, 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
-from kickdrift.integrators.option import DT, OPTIONS, Option
-from kickdrift.model.limits import MOST_STEPS
-from kickdrift.model.other_names import other_name
+from kickdrift.integrators.options.option import DT, OPTIONS, Option
+from kickdrift.model.checks.limits import MOST_STEPS
+from kickdrift.model.checks.other_names import other_name
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
-from kickdrift.model.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import In, Table, Temperature, Time
 

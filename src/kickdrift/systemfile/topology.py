@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import PositiveInt
 
 from kickdrift.errors import InputError
-from kickdrift.model.starts.molecules import from_file, replaced
-from kickdrift.model.topology import SIZES, Topology
+from kickdrift.model.molecules.listed import from_file, replaced
+from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.systemfile.schema_base import Table
 
 

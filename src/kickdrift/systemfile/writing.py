@@ -11,13 +11,13 @@ import numpy as np
 from kickdrift.disk.files import SYSTEM_FILE_BYTES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.external_code import named_function, path_of
-from kickdrift.forces.pair_law import PairForce
-from kickdrift.model.box import Box
-from kickdrift.model.events import Between, CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.named import named_function, path_of
+from kickdrift.model.box.box import Box
+from kickdrift.model.events.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.events import PASSAGES
 from kickdrift.systemfile.files import toml_table
 from kickdrift.systemfile.plain import plain

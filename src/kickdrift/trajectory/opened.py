@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import path_text
-from kickdrift.trajectory import reader
+from kickdrift.model.checks.values import path_text
 from kickdrift.trajectory.problems import table
 from kickdrift.trajectory.problems.reader import ProblemRun, is_problem_run
+from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.problems.table import ProblemTable

@@ -15,19 +15,19 @@ from kickdrift.integrators.method import Method
 from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
-from kickdrift.model.checks import unwarned
+from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import symbol_of
+from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
-from kickdrift.trajectory.info import alarms, goal, info_of, room_lines, warnings_of
-from kickdrift.trajectory.problems.header import ENERGY, Y
+from kickdrift.trajectory.layout.problem_header import ENERGY, Y
 from kickdrift.trajectory.problems.info import MOST, table_rows
 from kickdrift.trajectory.problems.info import info as info_of_problem
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
-from kickdrift.trajectory.reader import Run, open
-from kickdrift.trajectory.recorded import Samples
+from kickdrift.trajectory.read.info import alarms, goal, info_of, room_lines, warnings_of
+from kickdrift.trajectory.read.reader import Run, open
+from kickdrift.trajectory.read.recorded import Samples
 
 Lines = list[tuple[str, str]]
 _CHOICES = ("dt", "rtol", "atol")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.fields import Springs
+from kickdrift.forces.fields.shipped import Springs
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.view.packing import packed
 

@@ -17,7 +17,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, TEMPERATURE, TIME, TOTAL
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import symbol_of
+from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import duration

@@ -13,7 +13,7 @@ from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import last_stage
 from kickdrift.run.simulation import Simulation
-from kickdrift.trajectory import reader
+from kickdrift.trajectory.read import reader
 from kickdrift.view.scene import Scene, scene_of
 
 # A page may run its own two scripts and styles, and may load nothing.

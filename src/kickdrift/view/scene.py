@@ -19,21 +19,21 @@ from numpy.typing import NDArray
 
 from kickdrift.display.showing import stage
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.patch import patch_of
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
 from kickdrift.text import choices, counted, measured, shown, suggestion
-from kickdrift.trajectory import reader
-from kickdrift.trajectory.chosen import BLOCK_BYTES
-from kickdrift.trajectory.merged import masses_held
-from kickdrift.trajectory.opening import BEING_WRITTEN
+from kickdrift.trajectory.export.chosen import BLOCK_BYTES
+from kickdrift.trajectory.file.opening import BEING_WRITTEN
 from kickdrift.trajectory.overview import overview_of
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.merged import masses_held
 from kickdrift.view.curves import curves_of
 from kickdrift.view.stage import Stage
 

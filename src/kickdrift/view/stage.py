@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.model import ellipses
-from kickdrift.model.box import Box
-from kickdrift.model.orbits import G_given, Paths, central_row, invariable_axes
+from kickdrift.model.box.box import Box
+from kickdrift.model.orbits import ellipses
+from kickdrift.model.orbits.orbits import G_given, Paths, central_row, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem, symbol_of
+from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
 from kickdrift.view.bonds import molecules_of, pairs_of
 from kickdrift.view.packing import packed, quantised, scaled, unpacked
 from kickdrift.view.sizes import pixels_of, radii_of

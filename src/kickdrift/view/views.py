@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from kickdrift.model.checks import whole_number
+from kickdrift.model.checks.values import whole_number
 from kickdrift.run.simulation import Simulation
 from kickdrift.view.scene import scene_of
 from kickdrift.view.shown import HEIGHT, View

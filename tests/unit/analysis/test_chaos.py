@@ -12,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import chaos, deviations
-from kickdrift.analysis.chaos import megno
-from kickdrift.analysis.chaos_report import ChaosReport, mean_megno, verdict
+from kickdrift.analysis.chaos import megno as chaos
+from kickdrift.analysis.chaos.megno import megno
+from kickdrift.analysis.chaos.report import ChaosReport, mean_megno, verdict
+from kickdrift.analysis.tangents import deviations
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.problems import kepler
 from tests.compiled import without_compiling
 from tests.long import shortened

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.chaos import megno
-from kickdrift.analysis.deviations import direction
+from kickdrift.analysis.chaos.megno import megno
+from kickdrift.analysis.tangents.deviations import direction
 from kickdrift.errors import InputError
-from kickdrift.forces.problem_variations import varied_problem
+from kickdrift.forces.slopes.problem_variations import varied_problem
 from kickdrift.odes import ODES
 
 LORENZ = 0.9056  # Viswanath 1998, thesis, Cornell; Sprott 2003, Chaos and Time-Series Analysis, appendix A

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compared_methods import default_integrators
-from kickdrift.analysis.ladder import Bench, Row
-from kickdrift.analysis.local_error import slope
-from kickdrift.analysis.recommendation import SAFETY, recommendation
-from kickdrift.analysis.reference import MODERATE, TIGHT, Reference
+from kickdrift.analysis.compare.compared_methods import default_integrators
+from kickdrift.analysis.compare.ladder import Bench, Row
+from kickdrift.analysis.compare.local_error import slope
+from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
+from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
+from kickdrift.analysis.compare.work_precision import Comparison, work_precision
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
-from kickdrift.analysis.work_precision import Comparison, work_precision
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 from kickdrift.plots.shadow import plot_shadow
@@ -288,7 +288,7 @@ def call(monkeypatch, *arguments):
 
 
 def test_command_line(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("kickdrift.analysis.work_precision.work_precision.__kwdefaults__", {
+    monkeypatch.setattr("kickdrift.analysis.compare.work_precision.work_precision.__kwdefaults__", {
         **work_precision.__kwdefaults__, "budget": 3.0,
     })  # fmt: skip
     out, figure = tmp_path / "compare.json", tmp_path / "compare.png"
@@ -309,7 +309,7 @@ def test_command_line(monkeypatch, capsys, tmp_path):
 
 
 def test_a_refusal_is_exit_status_1(monkeypatch, capsys):
-    monkeypatch.setattr("kickdrift.analysis.work_precision.work_precision.__kwdefaults__", {
+    monkeypatch.setattr("kickdrift.analysis.compare.work_precision.work_precision.__kwdefaults__", {
         **work_precision.__kwdefaults__, "budget": 1.0,
     })  # fmt: skip
     arguments = ("ode-pendulum", "--time", 5, "--integrator", "rk4", "--accuracy", 1e-3, "--quiet")

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.analysis.ladder import Row
+from kickdrift.analysis.compare.ladder import Row
 from kickdrift.cli.main import app
 from kickdrift.systemfile.python_file import from_python, load_or_run
 

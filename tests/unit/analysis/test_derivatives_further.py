@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.element_slopes import named, slopes_of
+from kickdrift.analysis.tangents.element_slopes import named, slopes_of
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.model.starts.elements import states

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.chaos import megnos
-from kickdrift.analysis.secular_run import orbit_report
+from kickdrift.analysis.chaos.megno import megnos
+from kickdrift.analysis.orbits.secular_run import orbit_report
 from kickdrift.ensemble.rows import megno_columns
-from kickdrift.trajectory.info import warnings_of
+from kickdrift.trajectory.read.info import warnings_of
 
 OFF = "the energy is off by"
 

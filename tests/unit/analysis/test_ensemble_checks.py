@@ -13,12 +13,13 @@ import pytest
 from scipy import stats
 
 import kickdrift as kd
-from kickdrift.analysis import canonical, ensemble_checks
-from kickdrift.analysis.canonical import Point, distribution, independent, mean_and_width, ratio
-from kickdrift.analysis.certifying import checked, engine_checks
-from kickdrift.analysis.sampled_run import SampledRun, kinetic_groups, sampled_run
+from kickdrift.analysis import ensemble_checks
+from kickdrift.analysis.certify import canonical
+from kickdrift.analysis.certify.canonical import Point, distribution, independent, mean_and_width, ratio
+from kickdrift.analysis.certify.certifying import checked, engine_checks
+from kickdrift.analysis.certify.sampled_run import SampledRun, kinetic_groups, sampled_run
 from kickdrift.errors import InputError
-from kickdrift.integrators import ornstein_uhlenbeck
+from kickdrift.integrators.splitting.baths import ornstein_uhlenbeck
 from tests.refusals import assert_refused
 from tests.systems import liquid
 

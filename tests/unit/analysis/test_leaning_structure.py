@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.analysis import pressure_tensor, radial_distribution, structure_factor
-from kickdrift.analysis.waves import reciprocal
+from kickdrift.analysis.observables.waves import reciprocal
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 
 LEANING = Box(matrix=[[9.0, 0.0, 0.0], [-4.5, 10.0, 0.0], [3.0, 5.0, 11.0]])
 PLANE = (True, True, False)
@@ -139,7 +139,7 @@ def test_waves_of_a_plane_lie_in_it():
 def test_mdanalysis_has_the_same_g():
     rdf = pytest.importorskip("MDAnalysis.lib.distances")
     x = np.random.default_rng(3).uniform(0, 20, (300, 3)).astype("f4").astype("f8")
-    from kickdrift.trajectory.universe import dimensions
+    from kickdrift.trajectory.read.universe import dimensions
 
     r_max = float(LEANING.heights.min()) / 2
     theirs = rdf.self_distance_array(x.astype("f4"), box=np.array(dimensions(LEANING, 1.0), "f4"))

@@ -12,11 +12,12 @@ from scipy.signal import lfilter
 from scipy.special import erfc
 
 import kickdrift as kd
-from kickdrift.analysis import mean_squared_displacement, vectors, velocity_autocorrelation
-from kickdrift.analysis.motion import CUBE
+from kickdrift.analysis import mean_squared_displacement, velocity_autocorrelation
+from kickdrift.analysis.observables import vectors
+from kickdrift.analysis.observables.motion import CUBE
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 
 DT = 0.25
 

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.analysis import orbits as of
+from kickdrift.analysis.orbits import orbits as of
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.model.orbits import invariable_axes
+from kickdrift.model.orbits.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
@@ -21,8 +21,8 @@ from kickdrift.plots import figures
 from kickdrift.plots import orbits as plots_orbits
 from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
-from kickdrift.trajectory import reader
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
 
 G, SUN = 1.0, 1.0

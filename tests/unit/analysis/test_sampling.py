@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.analysis.coupled_paths import CoupledPaths, difference, stretch_of, stretches
-from kickdrift.analysis.sampling import SamplingComparison, SamplingRow, advice
+from kickdrift.analysis.compare.coupled_paths import CoupledPaths, difference, stretch_of, stretches
+from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow, advice
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift_validation.heat_baths import covariance

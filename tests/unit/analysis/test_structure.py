@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import radial_distribution, structure_factor, waves
+from kickdrift.analysis import radial_distribution, structure_factor
+from kickdrift.analysis.observables import waves
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.state import State
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 
 LENGTHS = (8.0, 9.0, 11.0)
 

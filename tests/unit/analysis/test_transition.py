@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.columns import Columns
-from kickdrift.analysis.varied_run import VariedRun
+from kickdrift.analysis.tangents.columns import Columns
+from kickdrift.analysis.tangents.varied_run import VariedRun
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from tests.long import rest
@@ -183,7 +183,7 @@ def test_a_tangent_map_is_symplectic_over_long_runs():
 
 def test_a_scaled_deviation_is_the_same(monkeypatch):
     plain = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
-    monkeypatch.setattr("kickdrift.analysis.varied_run.LARGEST", 2.0)
+    monkeypatch.setattr("kickdrift.analysis.tangents.varied_run.LARGEST", 2.0)
     scaled = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
     np.testing.assert_array_equal(scaled.matrix, plain.matrix)
 

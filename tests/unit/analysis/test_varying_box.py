@@ -7,11 +7,11 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis import mean_squared_displacement, pressure_tensor, radial_distribution, structure_factor
-from kickdrift.analysis.travel import travelled
+from kickdrift.analysis.observables.travel import travelled
 from kickdrift.errors import InputError
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.state import State
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 from tests.run_files import breathing, states, write
 from tests.systems import liquid
 

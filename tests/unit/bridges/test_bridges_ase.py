@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.ase import Calculator, Scale
 from kickdrift.model.bridging import bridge
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.model.units import quantity
-from kickdrift.trajectory.export import export
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from kickdrift.trajectory.export.export import export
+from kickdrift.trajectory.write.h5md import Writer
 
 EPSILON, SIGMA, RC = 0.0103, 3.4, 8.0  # values for argon in eV and angstrom
 ARGON = kd.LennardJones(epsilon=EPSILON, sigma=SIGMA, cutoff=RC)  # shifted, as in ASE
@@ -187,7 +187,7 @@ def test_the_calculator_agrees_with_ases_in_clusters(seed):
 
 
 def test_what_is_compiled_and_bound_is_kept_until_the_atoms_are_others(monkeypatch):
-    from kickdrift.forces import bound
+    from kickdrift.forces.bound import forces as bound
 
     made = []
     plain = bound.BoundForces.__init__

@@ -22,10 +22,11 @@ from kickdrift.disk.interrupt import heard_everywhere, whole
 from kickdrift.ensemble.keys import with_values
 from kickdrift.ensemble.members import members_of
 from kickdrift.errors import InputError, RunError
-from kickdrift.model import capacity, checks
-from kickdrift.model.limits import MOST_STEPS
+from kickdrift.model.checks import capacity
+from kickdrift.model.checks import values as checks
+from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.odes import harmonic_oscillator
-from kickdrift.run.plan import check_run, plan_of
+from kickdrift.run.plan.plan import check_run, plan_of
 from kickdrift.text import LINE, clean, shown
 from tests.refusals import assert_refused
 

@@ -123,11 +123,11 @@ def test_doctor_says_what_is_here(kickdrift, folder):
 
 
 def test_doctor_finds_what_is_missing(monkeypatch):
-    from kickdrift.analysis import doctor as module
+    from kickdrift.analysis.compare import doctor as module
 
     monkeypatch.setattr(module, "_version", lambda name: "not installed" if name == "h5py" else "1")
     assert "h5py is not installed: pip install h5py" in kd.doctor().problems
-    monkeypatch.setattr("kickdrift.jit.folders.folder", lambda: None)
+    monkeypatch.setattr("kickdrift.jit.cache.folders.folder", lambda: None)
     assert any("every run compiles anew" in line for line in kd.doctor().problems)
 
 

@@ -21,7 +21,7 @@ from kickdrift.disk.outputs import checked_target, refuse_outputs, settle, write
 from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.lock import Lock
 from kickdrift.errors import InputError, RunError
-from kickdrift.trajectory import storage
+from kickdrift.trajectory.file import storage
 from tests import run_files
 from tests.refusals import assert_refused
 

@@ -14,8 +14,8 @@ from ase.calculators.lj import LennardJones
 import kickdrift as kd
 from kickdrift.ensemble import Ensemble
 from kickdrift.ensemble.work import packed, timed_members
-from kickdrift.forces.external_code import _NAMED
-from kickdrift.forces.external_turns import in_turns
+from kickdrift.forces.external.turns import in_turns
+from kickdrift.forces.seam.named import _NAMED
 from kickdrift.systemfile.reading import loads
 
 SIZES: list[int] = []  # replicas in each call

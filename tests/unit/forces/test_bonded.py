@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces import pair_binding
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.row_lanes import Narrow, NarrowSingle, WideSingle
-from kickdrift.trajectory.info import describe, info
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.lists.row_lanes import Narrow, NarrowSingle, WideSingle
+from kickdrift.forces.pairs import binding as pair_binding
+from kickdrift.trajectory.read.info import describe, info
 from kickdrift_validation.own_laws import OwnCosine, OwnFene
 
 CUTOFF = 2.5

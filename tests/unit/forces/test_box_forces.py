@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.clusters import N_CLUSTERS, SHIFT_BITS
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFT_BITS
 from kickdrift.looks.pressure import instantaneous_pressure
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation.folders import DATA
 from tests.long import rest

@@ -18,9 +18,9 @@ from ase.io import read
 from ase.md.verlet import VelocityVerlet
 
 import kickdrift as kd
-from kickdrift.forces.external_code import _MODULES, _NAMED
-from kickdrift.integrators.registration import load_code
-from kickdrift.model.ase_units import Scale
+from kickdrift.forces.seam.named import _MODULES, _NAMED
+from kickdrift.integrators.own.registration import load_code
+from kickdrift.model.units.ase_units import Scale
 from kickdrift.systemfile.reading import loads
 
 DT = 0.005

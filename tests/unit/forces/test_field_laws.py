@@ -12,7 +12,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces import FORCES, registration
+from kickdrift.forces import FORCES
+from kickdrift.forces.seam import registration
 
 X = np.array([[0.1, 0.0, 0.0], [1.0, 0.5, 0.2], [0.3, -1.0, 0.4]])
 

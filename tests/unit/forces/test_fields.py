@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import DrivenField, HarmonicTrap, LinearDrag, Springs, UniformField
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.group import InText
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.seam.group import InText
 from kickdrift.model.state import State
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import loads
 from tests.oracle.forces import interacting_pairs, pair_oracle
 

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 import kickdrift
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, GravityTree, LennardJones, UniformField
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.run.simulation import Simulation
 from tests.oracle.forces import gravity_accelerations, interacting_pairs, pair_oracle
 from tests.processes import python

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces import gravity_directions
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.gravity_directions import prefers_bodies
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.slopes import gravity_directions
+from kickdrift.forces.slopes.gravity_directions import prefers_bodies
+from kickdrift.forces.slopes.variations import varied
 
 
 def by_mpmath(mp, force, x, m, dx, dm):

@@ -11,11 +11,11 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.setfl import hermite
-from kickdrift.forces.stillinger_weber import SiliconOf1985
-from kickdrift.forces.tersoff import SiliconOf1988
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.many_body.setfl import hermite
+from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
+from kickdrift.forces.many_body.tersoff import SiliconOf1988
+from kickdrift.forces.slopes.variations import varied
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation import zhou_copper
 from kickdrift_validation.example_forces import crystal, example

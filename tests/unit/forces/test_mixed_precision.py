@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
-from kickdrift.forces import list_code
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.lists import list_code
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.run_defaults import RunDefaults
 from tests.systems import fluid, make_system

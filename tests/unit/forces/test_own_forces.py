@@ -10,7 +10,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces import FORCES, registration
+from kickdrift.forces import FORCES
+from kickdrift.forces.seam import registration
 
 FORCE = """
 import math

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_law import TRUNCATIONS, pair_law
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.pairs.law import TRUNCATIONS, pair_law
 from kickdrift.model.system import System
 from kickdrift_validation.folders import DATA
 from tests.long import rest

@@ -12,9 +12,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.pair_law import TRUNCATIONS
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.pairs.law import TRUNCATIONS
+from kickdrift.forces.slopes.variations import varied
 from kickdrift.model.starts.builders import lattice
 from tests.long import shortened
 from tests.oracle.forces import pair_slopes

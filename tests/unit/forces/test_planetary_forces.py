@@ -9,7 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation import planetary_formulas
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces.external_code import _NAMED
-from kickdrift.integrators.registration import load_code
+from kickdrift.forces.seam.named import _NAMED
+from kickdrift.integrators.own.registration import load_code
 from kickdrift.systemfile.reading import loads
 
 X = np.array([[0.0, 0, 0], [1.1, 0, 0], [2.0, 0.3, 0], [3.0, 0, 0.2]])

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, PostNewtonian
-from kickdrift.forces.bound import BoundForces
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import loads
 
 

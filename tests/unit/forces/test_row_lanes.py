@@ -8,16 +8,17 @@ import platform
 import numpy as np
 import pytest
 
-from kickdrift.forces import pair_binding, row_lanes
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.clusters import N_CLUSTERS, SHIFTS, STRIDE, table_place
-from kickdrift.forces.pair_rows import in_float64
-from kickdrift.forces.row_lanes import LANES, Narrow, NarrowSingle, Wide, WideSingle, blocks, nothing
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.lists import row_lanes
+from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFTS, STRIDE, table_place
+from kickdrift.forces.lists.pair_rows import in_float64
+from kickdrift.forces.lists.row_lanes import LANES, Narrow, NarrowSingle, Wide, WideSingle, blocks, nothing
+from kickdrift.forces.pairs import binding as pair_binding
 from kickdrift.jit.compile import features, jit
-from kickdrift.jit.lanes import lanes_like, multiply_add
-from kickdrift.jit.masks import select
-from kickdrift.jit.memory import broadcast, load_like, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lanes_like, multiply_add
+from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.memory import broadcast, load_like, store
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift_validation import processors
 from tests.oracle.agreement import assert_right
 from tests.processes import python

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces import sorted_steps
-from kickdrift.forces.bound import most_threads
+from kickdrift.forces.bound.forces import most_threads
+from kickdrift.forces.pairs import sorted_steps
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.splitting.method import Splitting
 from tests.systems import fluid, make_system
 
 STEPS = 60

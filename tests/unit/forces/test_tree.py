@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, GravityTree
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.systemfile.reading import loads
 from tests.oracle.forces import gravity_accelerations
 from tests.processes import python

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.variations import varied
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.slopes.variations import varied
 from tests.long import shortened
 
 N, ALONG = 5, 11

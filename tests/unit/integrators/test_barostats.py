@@ -10,7 +10,7 @@ from scipy import stats
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import in_box
 from tests.systems import SPECIES, liquid, needed

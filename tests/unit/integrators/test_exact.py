@@ -12,9 +12,10 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.pair_law import pair_law
-from kickdrift.integrators import exact_stepper, loops
-from kickdrift.integrators.lattice import Lattice
+from kickdrift.forces.pairs.law import pair_law
+from kickdrift.integrators.exact import stepper as exact_stepper
+from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.stepping import loops
 from kickdrift.jit.compile import jit
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift_validation.problems import kepler
@@ -83,7 +84,7 @@ BACK = """
 import sys
 import numpy as np
 import kickdrift as kd
-from kickdrift.integrators.lattice import Lattice
+from kickdrift.integrators.exact.lattice import Lattice
 lattice = Lattice(**np.load(sys.argv[1]))
 edges = lattice.spacing * 2.0**64
 x = (lattice.positions * lattice.spacing[:, None] + lattice.images * edges[:, None]).T

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.gauss_radau_loop import LOST_TIME, TIME
-from kickdrift.integrators.gauss_radau_series import LOST_X, X
-from kickdrift.integrators.gauss_radau_tables import nodes, tables
+from kickdrift.integrators.gauss_radau.loop import LOST_TIME, TIME
+from kickdrift.integrators.gauss_radau.series import LOST_X, X
+from kickdrift.integrators.gauss_radau.tables import nodes, tables
 from kickdrift.odes import ODES
 from kickdrift.systemfile.files import shipped
 from kickdrift.systemfile.reading import load

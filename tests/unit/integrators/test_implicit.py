@@ -9,12 +9,14 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators import implicit, integrator, rosenbrock
-from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.implicit import ImplicitTableau
-from kickdrift.integrators.implicit_stepper import ImplicitStepper
-from kickdrift.integrators.jacobian import difference_jacobian
-from kickdrift.integrators.tableaus import lower
+from kickdrift.integrators import integrator
+from kickdrift.integrators.flows.flow import flow_of
+from kickdrift.integrators.flows.jacobian import difference_jacobian
+from kickdrift.integrators.implicit import method as implicit
+from kickdrift.integrators.implicit import rosenbrock
+from kickdrift.integrators.implicit.method import ImplicitTableau
+from kickdrift.integrators.implicit.stepper import ImplicitStepper
+from kickdrift.integrators.runge_kutta.tableaus import lower
 
 GAUSS = ("implicit-midpoint", "gauss-legendre4")
 IMPLICIT = ("backward-euler", *GAUSS)
@@ -491,7 +493,7 @@ def test_a_tableau_of_ones_own_runs():
 
 
 def _nothing():
-    from kickdrift.integrators.options import Options
+    from kickdrift.integrators.options.options import Options
 
     return Options()
 
@@ -512,7 +514,7 @@ def test_difference_jacobian_is_good_to_nine_digits():
 
 def test_derivatives_of_states_that_lie_scattered_in_memory():
     """SciPy's differences pass columns of a matrix."""
-    from kickdrift.integrators.flow import flow_of
+    from kickdrift.integrators.flows.flow import flow_of
 
     for problem in (
         kd.Problem(lambda t, y: [y[1], -2 * y[0], 3 * y[2]], [1.0, 2.0, 5.0]),

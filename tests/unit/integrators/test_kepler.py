@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift.integrators.kepler import kepler_step, lanes_increments
+from kickdrift.integrators.wisdom_holman.kepler import kepler_step, lanes_increments
 from kickdrift.jit.compile import jit
-from kickdrift.jit.masks import mask_bits
-from kickdrift.jit.memory import aligned, load
-from kickdrift.jit.vector3 import load3, store3
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.masks import mask_bits
+from kickdrift.jit.lanes.memory import aligned, load
+from kickdrift.jit.lanes.vector3 import load3, store3
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift_validation.problems import kepler
 from tests.oracle.kepler import moved
 

@@ -10,7 +10,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.registration import unregister
+from kickdrift.integrators.own.registration import unregister
 
 WORDS = ("baoab", "obabo", "aboba", "oabao", "baoa")
 BATH = {"temperature": 1.5, "friction": 1.3, "seed": 7}

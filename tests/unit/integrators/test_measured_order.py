@@ -7,10 +7,10 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.measured_order import measured_order
-from kickdrift.integrators.registration import unregister
-from kickdrift.integrators.runge_kutta import Tableau
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.own.measured_order import measured_order
+from kickdrift.integrators.own.registration import unregister
+from kickdrift.integrators.runge_kutta.method import Tableau
+from kickdrift.integrators.splitting.method import Splitting
 
 SHIPPED = {
     m.name: m for m in INTEGRATORS.values() if isinstance(m, Splitting | Tableau) and len(m.source) > 10 and not m.bath

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compared_methods import chosen_methods
-from kickdrift.analysis.work_precision import work_precision
+from kickdrift.analysis.compare.compared_methods import chosen_methods
+from kickdrift.analysis.compare.work_precision import work_precision
 from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import known_options
-from kickdrift.integrators.option import OPTIONS
-from kickdrift.integrators.registration import unregister
-from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
-from kickdrift.integrators.subflows import FLOWS, Subflow
+from kickdrift.integrators.options.option import OPTIONS
+from kickdrift.integrators.own.registration import unregister
+from kickdrift.integrators.splitting.subflows import FLOWS, Subflow
+from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift_validation.docs_tables import BEGIN, END, options_table
 from tests.folders import DOCS
 

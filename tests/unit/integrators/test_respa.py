@@ -9,7 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.words import letters_of, nested
+from kickdrift.integrators.splitting.words import letters_of, nested
 
 STIFF = """
 units = "lj"
@@ -114,7 +114,7 @@ def test_a_users_word_is_the_shipped_method(system):
         shipped.run(50)
         assert np.array_equal(mine.state.phase, shipped.state.phase)
     finally:
-        from kickdrift.integrators.registration import unregister
+        from kickdrift.integrators.own.registration import unregister
 
         unregister("twice")
 
@@ -162,7 +162,7 @@ def test_a_group_without_kicks_is_refused(system):
         with pytest.raises(kd.InputError, match="kicks by groups 0 to 1, and force uniform-field has group = 2"):
             kd.Simulation(three, "twice", dt=0.01).run(1)
     finally:
-        from kickdrift.integrators.registration import unregister
+        from kickdrift.integrators.own.registration import unregister
 
         unregister("twice")
     with pytest.raises(kd.InputError, match="force harmonic-trap: group must be a whole number"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.sampled_run import sampled_run
+from kickdrift.analysis.certify.sampled_run import sampled_run
 from kickdrift.model.freedom import DRIFT, NONE, TURN, apart_of, freedom_of, turning, whole_motion
 
 RISE = np.array([0.5, -2.0, 30.0])

@@ -9,7 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators.trace import METHODS, WAYS
+from kickdrift.integrators.trace.method import METHODS, WAYS
 
 DT = 0.4  # of the giants, whose shortest period is 70
 INNER = pytest.mark.parametrize("inner", METHODS)

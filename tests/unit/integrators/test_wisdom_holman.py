@@ -12,9 +12,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.option import HELIOCENTRIC, JACOBI
-from kickdrift.integrators.wisdom_holman import CORRECTORS, LEAPFROG, SABA
-from kickdrift.integrators.wisdom_holman_corrector import corrector, undone
+from kickdrift.integrators.options.option import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
+from kickdrift.integrators.wisdom_holman.method import CORRECTORS, LEAPFROG, SABA
 from tests.folders import DATA
 from tests.oracle.kepler import moved
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets

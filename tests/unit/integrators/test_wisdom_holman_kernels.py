@@ -7,9 +7,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators.option import COMPOSITION, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
-from kickdrift.integrators.wisdom_holman import CORRECTORS
-from kickdrift.integrators.wisdom_holman_corrector import corrector
+from kickdrift.integrators.options.option import COMPOSITION, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
+from kickdrift.integrators.wisdom_holman.corrector import corrector
+from kickdrift.integrators.wisdom_holman.method import CORRECTORS
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets
 
 KERNELS = LAZY, COMPOSITION, MODIFIED_KICK

@@ -10,12 +10,12 @@ from scipy.linalg import expm
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.kernel import BLOWN_UP, OK
+from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators import INTEGRATORS, integrator
-from kickdrift.integrators.registration import unregister
-from kickdrift.integrators.splitting import Splitting, even_weights
-from kickdrift.integrators.subflow_code import BoundSubflow, subflow_body
-from kickdrift.integrators.subflows import FLOWS, Subflow
+from kickdrift.integrators.own.registration import unregister
+from kickdrift.integrators.splitting.method import Splitting, even_weights
+from kickdrift.integrators.splitting.subflows import FLOWS, Subflow
+from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 
 FIELD = np.array([0.3, -0.2, 1.1])  # angular velocity of the rotation of every particle's velocity in a magnetic field
 

@@ -19,14 +19,15 @@ import pytest
 from numba import njit, typeof, types, vectorize
 
 import kickdrift as kd
-from kickdrift.forces import kernel
-from kickdrift.jit import cache as code_cache
-from kickdrift.jit import masks, package_files
+from kickdrift.forces.seam import kernel
+from kickdrift.jit.cache import cache as code_cache
+from kickdrift.jit.cache import package_files
+from kickdrift.jit.cache.described import Description
+from kickdrift.jit.cache.package_files import UnknownSource, imports, reach, sources_hash
+from kickdrift.jit.cache.sources import Sources, fingerprint
 from kickdrift.jit.compile import driver, never_inline
-from kickdrift.jit.described import Description
-from kickdrift.jit.lanes import splat
-from kickdrift.jit.package_files import UnknownSource, imports, reach, sources_hash
-from kickdrift.jit.sources import Sources, fingerprint
+from kickdrift.jit.lanes import masks
+from kickdrift.jit.lanes.functions import splat
 
 PACKAGE = Path(kd.__file__).parent
 
@@ -40,10 +41,10 @@ def planted(x):
     return 2.0 * x
 """
 FILES = {  # text that is added to files in a copy of the package
-    "jit/masks.py": PLANTED,
-    "forces/truncation.py": PLANTED,
-    "integrators/kepler.py": PLANTED,
-    "model/units.py": "\nPLANTED = 2.0\n",
+    "jit/lanes/masks.py": PLANTED,
+    "forces/pairs/truncation.py": PLANTED,
+    "integrators/wisdom_holman/kepler.py": PLANTED,
+    "model/units/quantities.py": "\nPLANTED = 2.0\n",
     "forces/deep/__init__.py": "",
     "forces/deep/er/__init__.py": "",
     "forces/deep/er/code.py": PLANTED,
@@ -63,12 +64,12 @@ def _stub(x):
     return lambda x: 2.0 * x
 """,
     "forces/deep/er/drivers.py": """
-from kickdrift.model import units
-from kickdrift.forces import truncation
+from kickdrift.model.units import quantities as units
+from kickdrift.forces.pairs import truncation
 from kickdrift.forces.deep.er.code import planted
 from kickdrift.forces.deep.stub import stub
-from kickdrift.integrators.kepler import planted as of_kepler
-from kickdrift.jit import masks
+from kickdrift.integrators.wisdom_holman.kepler import planted as of_kepler
+from kickdrift.jit.lanes import masks
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.inner import overload
 
@@ -112,11 +113,11 @@ SCRIPT = """
 import sys
 from pathlib import Path
 import numpy as np
-import kickdrift.jit.cache as code_cache
+import kickdrift.jit.cache.cache as code_cache
 code_cache.folder = lambda: Path(sys.argv[1])
 import kickdrift.forces.deep.far
-from kickdrift.analysis.pair_counts import pair_counts
-from kickdrift.model.box import Box
+from kickdrift.analysis.observables.pair_counts import pair_counts
+from kickdrift.model.box.box import Box
 from kickdrift.forces.deep.er import drivers as d
 from kickdrift.forces.deep.kind import Kind
 counts = pair_counts(np.eye(3)[:2], Box((9.0, 9.0, 9.0)), np.zeros(2, int), False, 2.0, 1)
@@ -124,14 +125,14 @@ print(d.by_jit(1.0), d.by_forces(1.0), d.by_integrators(1.0), d.by_constant(1.0)
 print(d.by_class(Kind(1.0)), d.by_far(1.0), counts[0])
 """
 EDITS = [  # file, old, new, index of the number that changes
-    ("jit/masks.py", "2.0 * x", "3.0 * x", 0),
-    ("forces/truncation.py", "2.0 * x", "3.0 * x", 1),
-    ("integrators/kepler.py", "2.0 * x", "3.0 * x", 2),
-    ("model/units.py", "PLANTED = 2.0", "PLANTED = 3.0", 3),
+    ("jit/lanes/masks.py", "2.0 * x", "3.0 * x", 0),
+    ("forces/pairs/truncation.py", "2.0 * x", "3.0 * x", 1),
+    ("integrators/wisdom_holman/kepler.py", "2.0 * x", "3.0 * x", 2),
+    ("model/units/quantities.py", "PLANTED = 2.0", "PLANTED = 3.0", 3),
     ("forces/deep/er/code.py", "2.0 * x", "3.0 * x", 4),
     ("forces/deep/kind.py", "2.0 * p.k", "3.0 * p.k", 5),
     ("forces/deep/far.py", "2.0 * x", "3.0 * x", 6),
-    ("analysis/pair_counts.py", "bins - 1)] += 1", "bins - 1)] += 7", 7),
+    ("analysis/observables/pair_counts.py", "bins - 1)] += 1", "bins - 1)] += 7", 7),
 ]
 
 
@@ -174,7 +175,7 @@ def test_edits_of_the_package(tmp_path):
         "cli/main.py",
         "plots/runs.py",
         "run/simulation.py",
-        "forces/gravity_kernel.py",
+        "forces/gravity/kernel.py",
     ):  # from which none of these comes
         copy.edit(path, "from __future__ import annotations\n", "from __future__ import annotations\n\nPLANTED = 1\n")
     assert copy.run() == (wanted, [])
@@ -193,7 +194,7 @@ def modules():
 
 def test_every_module_is_known():
     assert set(modules().values()) == set(PACKAGE.rglob("*.py"))
-    assert modules()["kickdrift.analysis.pair_counts"] == PACKAGE / "analysis" / "pair_counts.py"
+    assert modules()["kickdrift.analysis.observables.pair_counts"] == PACKAGE / "analysis" / "pair_counts.py"
     assert modules()["kickdrift.forces"] == PACKAGE / "forces" / "__init__.py"
 
 
@@ -223,12 +224,33 @@ def test_code_comes_from_what_a_module_imports():
     def of(name):
         return {each.removeprefix("kickdrift.") for each in reach(frozenset([f"kickdrift.{name}"]))}
 
-    assert of("analysis.pair_counts") > {"analysis.pair_counts", "jit.compile", "jit.inner", "model.box"}
-    assert of("forces.pair_terms") > {"forces.pair_terms", "forces.law_lanes", "forces.truncation", "jit.lanes"}
-    for name in ("forces.pair_terms", "integrators.loops", "integrators.wisdom_holman_loop", "forces.tree_kernel"):
-        assert not of(name) & {"cli.main", "plots.runs", "run.simulation", "run.report", "trajectory.layout"}
+    assert of("analysis.observables.pair_counts") > {
+        "analysis.observables.pair_counts",
+        "jit.compile",
+        "jit.inner",
+        "model.box.box",
+    }
+    assert of("forces.pairs.terms") > {
+        "forces.pairs.terms",
+        "forces.pairs.lanes",
+        "forces.pairs.truncation",
+        "jit.lanes.functions",
+    }
+    for name in (
+        "forces.pairs.terms",
+        "integrators.stepping.loops",
+        "integrators.wisdom_holman.loop",
+        "forces.tree.kernel",
+    ):
+        assert not of(name) & {
+            "cli.main",
+            "plots.runs",
+            "run.simulation",
+            "run.report.report",
+            "trajectory.layout.names",
+        }
         # The first imports from numba, the second a user's functions, which no compiled code calls.
-        for module in of(name) - {"jit.numba_private", "forces.external_code"}:
+        for module in of(name) - {"jit.numba_private", "forces.seam.named"}:
             text = modules()[f"kickdrift.{module}"].read_text()
             assert not {"import_module", "__import__"} & set(text.replace("(", " ").split()), module
 
@@ -483,9 +505,7 @@ def test_different_values_are_described_differently(what):
 
 def test_a_description_is_the_same_in_every_process(user, tmp_path):
     wanted = described(user().everything)
-    script = (
-        "import sys; sys.dont_write_bytecode = True; import mine\nfrom kickdrift.jit.described import Description\n"
-    )
+    script = "import sys; sys.dont_write_bytecode = True; import mine\nfrom kickdrift.jit.cache.described import Description\n"
     script += "print(repr(Description().of(mine.everything)))"
     for seed in ("1", "2"):
         environment = os.environ | {"PYTHONHASHSEED": seed}
@@ -578,7 +598,7 @@ def test_what_a_users_code_takes_from_the_package_is_in_its_key():
 
     description = Description()
     description.of(kernel)
-    wanted = {"jit.compile", "integrators.custom", "jit.masks", "jit.lanes"}
+    wanted = {"jit.compile", "integrators.own.custom", "jit.lanes.masks", "jit.lanes.functions"}
     assert {f"kickdrift.{name}" for name in wanted} <= description.modules
 
 

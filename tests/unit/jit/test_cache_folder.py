@@ -12,11 +12,11 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from kickdrift.jit import cache as code_cache
-from kickdrift.jit import folders
-from kickdrift.jit.code_files import DIGEST, load, save
+from kickdrift.jit.cache import cache as code_cache
+from kickdrift.jit.cache import folders
+from kickdrift.jit.cache.code_files import DIGEST, load, save
+from kickdrift.jit.cache.folders import make_private
 from kickdrift.jit.compile import driver
-from kickdrift.jit.folders import make_private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions of a kind that this system has not")
 
@@ -248,7 +248,7 @@ def test_a_process_without_a_home_leaves_nothing(tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "XDG_CACHE_HOME")}
     environment |= {"TMPDIR": str(tmp_path / "tmp"), "HOME": "relative"}
     code = (
-        "import kickdrift.jit.folders as folders; folders.__file__ = '/dev/null/jit/folders.py';"
+        "import kickdrift.jit.cache.folders as folders; folders.__file__ = '/dev/null/jit/cache/folders.py';"
         "made = folders.folder(); (made / 'x').touch(); print(made)"
     )
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift.jit import dual_arrays as dual_arrays
 from kickdrift.jit.compile import as_written, driver
-from kickdrift.jit.dual import SLOT, dual, dual_rows
-from kickdrift.jit.lanes import lane_numbers, splat
-from kickdrift.jit.memory import store
+from kickdrift.jit.duals.dual import SLOT, dual, dual_rows
+from kickdrift.jit.lanes.functions import lane_numbers, splat
+from kickdrift.jit.lanes.memory import store
 
 
 @as_written

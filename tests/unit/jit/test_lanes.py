@@ -13,10 +13,10 @@ from numba import njit, types
 from numba.core.errors import TypingError
 
 from kickdrift.jit.compile import as_written, jit
-from kickdrift.jit.lanes import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
-from kickdrift.jit.masks import any_lane, mask_bits, select
-from kickdrift.jit.memory import aligned, flat, load, masked_load, masked_store, store
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
+from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
+from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_store, store
+from kickdrift.jit.lanes.vectors import WIDTH
 from tests.processes import python
 
 POWERS = (1, 2, 3, 5, 6, 12, 31, 32)
@@ -283,8 +283,8 @@ def test_other_powers_are_refused(exponent):
 WITHOUT_AVX = """
 import numpy as np
 from kickdrift.jit.compile import features, jit
-from kickdrift.jit.lanes import inverse_sqrt
-from kickdrift.jit.memory import load, store
+from kickdrift.jit.lanes.functions import inverse_sqrt
+from kickdrift.jit.lanes.memory import load, store
 
 @jit
 def quotient(a, out):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from kickdrift.cli.compiling import compilation_said
+from kickdrift.jit.cache.notices import announce, compiling_for, heard
 from kickdrift.jit.compile import driver
-from kickdrift.jit.notices import announce, compiling_for, heard
 
 
 def twice(x):
@@ -12,8 +12,8 @@ def twice(x):
 
 
 def test_whoever_listens_hears_of_code_that_is_compiled_and_of_no_other(monkeypatch):
-    monkeypatch.setattr("kickdrift.jit.cache.folder", lambda: None)  # nothing is on disk, and nothing is kept
-    monkeypatch.setattr("kickdrift.jit.cache.warm", lambda: ())
+    monkeypatch.setattr("kickdrift.jit.cache.cache.folder", lambda: None)  # nothing is on disk, and nothing is kept
+    monkeypatch.setattr("kickdrift.jit.cache.cache.warm", lambda: ())
     compiled, said = driver(twice), []
     with heard(lambda *what: said.append(what)), compiling_for("a test"):
         assert compiled(np.array([2.0])) == 4.0

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.jit import team
-from kickdrift.jit.atomic import add, read
-from kickdrift.jit.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.compile import driver
 from kickdrift.jit.handle import handle
-from kickdrift.jit.numba_threads import NumbaTeam
-from kickdrift.jit.team import Team, team_of
+from kickdrift.jit.threads import team
+from kickdrift.jit.threads.atomic import add, read
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.threads.numba_threads import NumbaTeam
+from kickdrift.jit.threads.team import Team, team_of
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from tests.processes import python
 

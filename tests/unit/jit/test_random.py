@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from kickdrift.jit.compile import driver
-from kickdrift.jit.memory import load, store
-from kickdrift.jit.random import cosine, logarithm, normals, sine, uniforms
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.random import cosine, logarithm, normals, sine, uniforms
 
 
 @driver

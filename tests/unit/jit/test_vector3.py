@@ -10,9 +10,9 @@ from numba import types
 from numba.core.errors import TypingError
 
 from kickdrift.jit.compile import as_written, in_order, inlined, jit, strict
-from kickdrift.jit.lanes import lane_sum, splat
-from kickdrift.jit.memory import load
-from kickdrift.jit.vector3 import (
+from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.memory import load
+from kickdrift.jit.lanes.vector3 import (
     cross,
     dot,
     lane_sums,
@@ -25,8 +25,8 @@ from kickdrift.jit.vector3 import (
     thrice,
     vector3,
 )
-from kickdrift.jit.vector3_operators import Vector3
-from kickdrift.jit.vectors import WIDTH, lanes_type
+from kickdrift.jit.lanes.vector3_operators import Vector3
+from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
 from tests.long import shortened
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict, "as_written": as_written}

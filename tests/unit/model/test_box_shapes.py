@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift.model.nearness import any_nearer, nearest_pair, pairs_nearer
 from kickdrift.systemfile.reading import loads
 

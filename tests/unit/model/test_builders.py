@@ -20,7 +20,7 @@ from kickdrift.model.starts.builders import (
     read_structure,
 )
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 
 METAL = UNIT_SYSTEMS["metal"]
 NEIGHBOURS = {

@@ -9,7 +9,7 @@ import pytest
 
 from kickdrift.errors import InputError
 from kickdrift.model.starts.ephemeris import BODIES, calendar, ephemeris_states, julian_date
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import load, loads
 from kickdrift_validation.folders import DATA
 

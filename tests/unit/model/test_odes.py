@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.flow import flow_of
-from kickdrift.integrators.step_control import first_step
+from kickdrift.integrators.flows.flow import flow_of
+from kickdrift.integrators.stepping.step_control import first_step
 from kickdrift.odes import ODES
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import load

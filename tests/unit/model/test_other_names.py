@@ -14,9 +14,9 @@ from kickdrift.forces import FORCES
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
-from kickdrift.model.other_names import ROWS, TEMPERATURE, other_name
-from kickdrift.model.unit_systems import UNIT_SYSTEMS, unit_system
-from kickdrift.model.units import quantity
+from kickdrift.model.checks.other_names import ROWS, TEMPERATURE, other_name
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, unit_system
 from kickdrift.systemfile.files import shipped
 from kickdrift.systemfile.schema_bodies import AddedTable
 from kickdrift.systemfile.schema_run import run_keys

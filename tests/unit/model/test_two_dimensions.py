@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.structure import radial_distribution
+from kickdrift.analysis.observables.structure import radial_distribution
 from kickdrift.errors import InputError
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.starts.builders import maxwell_boltzmann

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
-from kickdrift.model import constants
-from kickdrift.model.unit_systems import DIMENSIONS, UNIT_SYSTEMS, unit_system
-from kickdrift.model.units import number_density, quantity
+from kickdrift.model.units import constants
+from kickdrift.model.units.quantities import number_density, quantity
+from kickdrift.model.units.unit_systems import DIMENSIONS, UNIT_SYSTEMS, unit_system
 from kickdrift.text import suggestion
 
 METAL, LJ = UNIT_SYSTEMS["metal"], UNIT_SYSTEMS["lj"]
@@ -154,7 +154,7 @@ def test_unknown_names():
 
 def test_pint_is_imported_only_for_text():
     code = (
-        "import sys; from kickdrift.model.units import *; quantity(1.0, 'length', UNIT_SYSTEMS['metal'])\n"
+        "import sys; from kickdrift.model.units.quantities import *; quantity(1.0, 'length', UNIT_SYSTEMS['metal'])\n"
         "assert 'pint' not in sys.modules and 'numba' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -12,12 +12,12 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.jit import folders
+from kickdrift.jit.cache import folders
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.plots import orbits
 from kickdrift.plots import runs as plots
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
 
 

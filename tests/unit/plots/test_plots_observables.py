@@ -15,7 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.plots import observables as of
 from kickdrift.plots import runs
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.sampled_run import sampled_run
+from kickdrift.analysis.certify.sampled_run import sampled_run
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import PRECISIONS
-from kickdrift.trajectory.info import info
+from kickdrift.trajectory.read.info import info
 from tests.systems import liquid
 
 PRESSED = {

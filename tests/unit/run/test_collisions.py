@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces import external_code
+from kickdrift.forces.seam import named as external_code
 from kickdrift.run.watch import contacts, watched_stepper
 from kickdrift.run.watch.contacts import Contacts
 from kickdrift.run.watch.fragments import fragmented

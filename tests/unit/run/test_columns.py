@@ -11,7 +11,7 @@ from kickdrift.cli.main import app
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks import observers
 from kickdrift.looks.columns import KNOWN, OWN
-from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.read.info import describe, info
 from tests.systems import liquid
 
 

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.looks.doubts import digits_doubt, energy_doubt
-from kickdrift.trajectory.info import describe, info
 from kickdrift.trajectory.overview import overview
+from kickdrift.trajectory.read.info import describe, info
 from tests.systems import liquid
 
 OFF = "the energy is off by"

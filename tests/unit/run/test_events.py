@@ -605,7 +605,7 @@ def test_a_file_holds_the_events_and_n_bodies(tmp_path):
         universe = run.universe()
         assert len(universe.trajectory) == len(run) == 7
         assert universe.trajectory[-1].positions.shape == (3, 3)
-    from kickdrift.trajectory.info import describe, info
+    from kickdrift.trajectory.read.info import describe, info
 
     text = describe(info(path))
     assert "collision" in text

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 import kickdrift as kd
 from kickdrift.cli.main import app
-from kickdrift.model import constants
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.run.watch import imd
-from kickdrift.run.watch.imd_packets import Frame, Kind, Units, greeting, head, packets
+from kickdrift.model.units import constants
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from kickdrift.run.watchers import imd
+from kickdrift.run.watchers.imd_packets import Frame, Kind, Units, greeting, head, packets
 from tests.systems import liquid
 
 imdclient = pytest.importorskip("imdclient.IMDClient")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.integrators import particle_flow
+from kickdrift.integrators.flows import particle_flow
 from kickdrift.looks.observers import Energies, Sample, Taken, take_sample
 from kickdrift.looks.table import Looks
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
-from kickdrift.run import energy_report as reports
-from kickdrift.run.plan import looks_at
+from kickdrift.run.plan.plan import looks_at
+from kickdrift.run.report import energy as reports
 
 VALUES = ("energies", "momentum", "angular_momentum", "centre_of_mass", "centre_of_mass_velocity")
 
@@ -162,7 +162,7 @@ def test_looks_change_no_bit_of_steps_that_differ(name):
 
 
 def test_lists_that_grow_in_a_series_of_looks():
-    from kickdrift.forces.pair_lists import with_room
+    from kickdrift.forces.pairs.lists import with_room
 
     ends = []
     for room in (None, 40):
@@ -179,7 +179,7 @@ def test_lists_that_grow_in_a_series_of_looks():
 
 
 def test_what_is_not_finite_is_seen():
-    from kickdrift.forces.kernel import BLOWN_UP, OK
+    from kickdrift.forces.seam.kernel import BLOWN_UP, OK
     from kickdrift.looks.looking import NO_ENERGY
 
     system = planets()

@@ -11,8 +11,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.run import descent
-from kickdrift.run.minimization import minimum
+from kickdrift.run.relax import descent
+from kickdrift.run.relax.minimization import minimum
 from tests.oracle.forces import pair_oracle
 from tests.refusals import assert_refused
 from tests.systems import liquid

@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.trajectory.frames import FrameSystem
+from kickdrift.trajectory.read.frames import FrameSystem
 from tests.systems import liquid
 
 

@@ -17,11 +17,11 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.run import resuming as restart
 from kickdrift.run.advance import Integration
-from kickdrift.trajectory import cadence
-from kickdrift.trajectory.checkpoints import decoded, encoded
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
-from kickdrift.trajectory.record import changed_sources, system_of
+from kickdrift.trajectory.layout.checkpoints import decoded, encoded
+from kickdrift.trajectory.layout.record import changed_sources, system_of
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write import cadence
+from kickdrift.trajectory.write.h5md import Writer
 from tests.long import rest
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 
 STEPS = 300
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import DOP853, RK45, solve_ivp
 
 import kickdrift as kd
-from kickdrift.forces import equation_code
+from kickdrift.forces.equations import code as equation_code
 from tests.long import rest
 
 # Methods and their options; how far the oscillator may be off after ten units of time, and inside steps.

@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.model.changing import remaining
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.reading import loads
 from tests.refusals import assert_refused
 from tests.systems import liquid

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.integrators.step_length import TOO_LONG, bound_by_gravity, fastest
-from kickdrift.model import capacity, checks
+from kickdrift.integrators.step_choice.step_length import TOO_LONG, bound_by_gravity, fastest
+from kickdrift.model.checks import capacity
+from kickdrift.model.checks import values as checks
 from kickdrift.model.run_defaults import RunDefaults
-from kickdrift.model.unit_systems import unit_system
-from kickdrift.model.units import quantity
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import unit_system
 from kickdrift.systemfile.reading import loads
 from kickdrift.text import LINE, clean
 

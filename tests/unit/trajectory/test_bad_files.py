@@ -14,8 +14,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write.h5md import Writer
 
 try:
     import resource

@@ -15,12 +15,12 @@ from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.systemfile.files import shipped
-from kickdrift.trajectory import checksums
-from kickdrift.trajectory.checkpoints import decoded, encoded
-from kickdrift.trajectory.contents import MOST_NESTED
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
-from kickdrift.trajectory.opening import open_to_read
+from kickdrift.trajectory.file.opening import open_to_read
+from kickdrift.trajectory.layout import checksums
+from kickdrift.trajectory.layout.checkpoints import decoded, encoded
+from kickdrift.trajectory.layout.contents import MOST_NESTED
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write.h5md import Writer
 
 FRAMES, N = 6, 5
 VALUE = "particles/trajectory/position/value"

@@ -18,7 +18,7 @@ from kickdrift.cli.main import main
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.trajectory import formats, to_mdanalysis
+from kickdrift.trajectory.export import formats, to_mdanalysis
 from tests.folders import DOCS
 from tests.run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states, without, write
 
@@ -337,7 +337,7 @@ def test_a_full_disk_leaves_nothing(path):
     code = """
 import resource, signal, sys
 import kickdrift as kd
-from kickdrift.trajectory.formats import FORMATS
+from kickdrift.trajectory.export.formats import FORMATS
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (7000, 7000))
 for suffix in FORMATS:
@@ -442,7 +442,7 @@ def test_progress_goes_to_the_end(path):
 
 
 def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
-    from kickdrift.trajectory import chosen
+    from kickdrift.trajectory.export import chosen
 
     system = make_system("lj", n=3)
     written = write(path, system, states(system, range(0, 101)))

@@ -10,9 +10,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.model.state import State
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.layout import SCHEMA
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from kickdrift.trajectory.layout.names import SCHEMA
+from kickdrift.trajectory.write.h5md import Writer
 from tests.folders import DOCS
 from tests.oracle import h5md_reader
 

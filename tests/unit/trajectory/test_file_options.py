@@ -13,11 +13,12 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
-from kickdrift.model.unit_systems import UNIT_SYSTEMS
-from kickdrift.trajectory import reader, storage
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
-from kickdrift.trajectory.layout import system_hash
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from kickdrift.trajectory.file import storage
+from kickdrift.trajectory.layout.names import system_hash
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write.h5md import Writer
 
 KINDS = [
     kd.FileOptions(),

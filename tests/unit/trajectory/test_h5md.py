@@ -20,12 +20,14 @@ import pytest
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.trajectory import header, reader, storage
-from kickdrift.trajectory.contents import Contents
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
-from kickdrift.trajectory.options import FileOptions
+from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.trajectory.file import storage
+from kickdrift.trajectory.layout import header
+from kickdrift.trajectory.layout.contents import Contents
+from kickdrift.trajectory.layout.options import FileOptions
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write.h5md import Writer
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005, "threads": 1, "seed": 7}
 SI = UnitSystem("si", "m", "s", "kg", "J", "K", 1.380649e-23)
@@ -306,7 +308,9 @@ def test_info_of_an_unfinished_run(path):
 
 
 def test_info_and_writing_do_not_load_numba(path):
-    code = "import kickdrift.trajectory.info, kickdrift.trajectory.h5md, sys; sys.exit('numba' in sys.modules)"
+    code = (
+        "import kickdrift.trajectory.read.info, kickdrift.trajectory.write.h5md, sys; sys.exit('numba' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -371,7 +375,7 @@ CHILD = """
 import sys, numpy as np
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 
 system = System(np.zeros((40, 3)), box=(10, 10, 10))
 s = system.state
@@ -476,8 +480,8 @@ def test_a_real_full_disk(tmp_path):
         from kickdrift.errors import InputError, RunError
         from kickdrift.model.state import State
         from kickdrift.model.system import System
-        from kickdrift.trajectory import reader
-        from kickdrift.trajectory.h5md import Writer
+        from kickdrift.trajectory.read import reader
+        from kickdrift.trajectory.write.h5md import Writer
         system = System(np.zeros((500, 3)), box=(9, 9, 9))
         s = system.state
         path = sys.argv[1] + "/run.h5md"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.trajectory.formats import FORMATS
+from kickdrift.trajectory.export.formats import FORMATS
 from tests.run_files import ANGSTROM, N, write
 
 MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -130,7 +130,7 @@ def test_ase_reads_the_box_of_an_export(tmp_path, suffix, periodic):
 @pytest.mark.parametrize("suffix", [".trr", ".extxyz"])
 def test_each_frame_is_exported_with_its_own_box(tmp_path, suffix):
     from kickdrift.model.state import State
-    from kickdrift.trajectory.h5md import Writer
+    from kickdrift.trajectory.write.h5md import Writer
 
     path, system = tmp_path / "run.h5md", leaning("metal")
     s = system.state

@@ -10,8 +10,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, info
+from kickdrift.trajectory.read.info import describe, info
+from kickdrift.trajectory.write.h5md import Writer
 from tests import run_files
 
 LEANING = kd.Box(matrix=[[10.0, 0.0, 0.0], [4.0, 9.0, 0.0], [-3.0, 2.0, 8.0]])

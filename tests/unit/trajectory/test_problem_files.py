@@ -15,11 +15,11 @@ import pytest
 import kickdrift as kd
 from kickdrift.disk import kinds
 from kickdrift.errors import InputError, RunError
-from kickdrift.trajectory.info import with_end
 from kickdrift.trajectory.problems.info import describe, info
 from kickdrift.trajectory.problems.layout import problem_hash
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
+from kickdrift.trajectory.read.info import with_end
 
 PENDULUM = kd.load("ode-pendulum")
 LORENZ = kd.load("ode-lorenz")

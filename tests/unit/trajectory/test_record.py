@@ -10,12 +10,12 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces import registration
-from kickdrift.model.events import Escape
+from kickdrift.forces.seam import registration
+from kickdrift.model.events.events import Escape
 from kickdrift.systemfile.files import shipped
 from kickdrift.systemfile.reading import load
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.record import differences, system_of
+from kickdrift.trajectory.layout.record import differences, system_of
+from kickdrift.trajectory.write.h5md import Writer
 
 SYSTEMS = [name for name in shipped() if isinstance(load(name), kd.System)]
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 
 N, FRAMES, EVERY, DT = 7, 12, 4, 0.25  # a sample every two steps, a frame every four
 METHOD = {"integrator": "velocity-verlet", "dt": DT, "threads": 1, "seed": None}

@@ -16,10 +16,10 @@ import pytest
 import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
-from kickdrift.forces import registration
-from kickdrift.integrators.registration import load_file
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.layout import run_hash, system_hash
+from kickdrift.forces.seam import registration
+from kickdrift.integrators.own.registration import load_file
+from kickdrift.trajectory.layout.names import run_hash, system_hash
+from kickdrift.trajectory.write.h5md import Writer
 
 CANARY = "the-canary"
 FORCES = {  # module and name that no file may give
@@ -31,10 +31,10 @@ FORCES = {  # module and name that no file may give
     "a class of NumPy": ("numpy", "memmap"),
     "a function of kickdrift": ("kickdrift.systemfile.reading", "load"),
     "the command line": ("kickdrift.cli.main", "main"),
-    "a bound force, which holds an address": ("kickdrift.forces.equation", "EquationKernel"),
-    "the base of forces": ("kickdrift.forces.pair_law", "PairForce"),
-    "an event": ("kickdrift.model.events", "Crossing"),
-    "a method of a force": ("kickdrift.forces.gravity", "Gravity.bind"),
+    "a bound force, which holds an address": ("kickdrift.forces.equations.equation", "EquationKernel"),
+    "the base of forces": ("kickdrift.forces.pairs.law", "PairForce"),
+    "an event": ("kickdrift.model.events.events", "Crossing"),
+    "a method of a force": ("kickdrift.forces.gravity.direct", "Gravity.bind"),
     "an imported class": ("somebodys_module", "Bomb"),
     "an imported class of a force": ("somebodys_module", "Trap"),
     "no module": ("no_such_module", "Trap"),
@@ -202,7 +202,7 @@ def test_units_of_a_file_are_no_sums(tmp_path, whole):
             kd.open(path)
 
 
-GRAVITY = {"type": "Gravity", "module": "kickdrift.forces.gravity"}
+GRAVITY = {"type": "Gravity", "module": "kickdrift.forces.gravity.direct"}
 PARAMETERS = {
     "an unknown one": ({"canary": CANARY}, "force Gravity.canary: unknown key"),
     "a text": ({"softening": "os.system"}, "force Gravity.softening: "),

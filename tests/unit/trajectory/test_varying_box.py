@@ -11,10 +11,10 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.trajectory.formats import FORMATS
-from kickdrift.trajectory.h5md import Writer
-from kickdrift.trajectory.info import describe, described, info
+from kickdrift.trajectory.export.formats import FORMATS
 from kickdrift.trajectory.overview import overview
+from kickdrift.trajectory.read.info import describe, described, info
+from kickdrift.trajectory.write.h5md import Writer
 from tests.oracle import h5md_reader
 from tests.run_files import ANGSTROM, EVERY, METHOD, N, breathing, make_system, states, write
 

@@ -20,8 +20,9 @@ from kickdrift.cli import main as cli
 from kickdrift.disk import files
 from kickdrift.ensemble import table as tables
 from kickdrift.errors import InputError
-from kickdrift.trajectory import opening, reader, storage
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.file import opening, storage
+from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.write.h5md import Writer
 from tests import run_files
 
 SOURCE = Path(kd.__file__).parent

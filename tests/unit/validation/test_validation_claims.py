@@ -10,7 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces import FORCES
-from kickdrift.forces.pair_law import PairForce
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift_validation import closed_forms, force_gradients, lennard_jones, lj_lammps_melt, oscillator
 from tests.oracle.forces import pair_oracle
 

@@ -11,7 +11,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.patch import patch_of
-from kickdrift.trajectory.locking import locked
+from kickdrift.trajectory.file.locking import locked
 from kickdrift.view import scene, stage
 from kickdrift.view.packing import restored, unpacked
 from kickdrift.view.page import as_json

@@ -17,8 +17,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.lattice import Lattice
-from kickdrift.integrators.splitting import Splitting
+from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.odes import kepler
 from kickdrift_validation.claims.article import Claim, Reading, article, main
 from kickdrift_validation.measures import reversal_error

@@ -14,11 +14,11 @@ COMPILED, COMPILING, COMPUTING = 0, 1, 2
 # Where long work begins: (module, class or "", function).
 WORK = (
     ("kickdrift.run.simulation", "Simulation", "run"), ("kickdrift.run.simulation", "Simulation", "equilibrate"),
-    ("kickdrift.analysis.chaos", "", "megno"), ("kickdrift.analysis.work_precision", "", "work_precision"),
-    ("kickdrift.analysis.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
-    ("kickdrift.analysis.transits", "", "transits"), ("kickdrift.analysis.force_testing", "", "force_checks"),
-    ("kickdrift.analysis.certifying", "", "engine_checks"), ("kickdrift.plots.movie", "", "movie"),
-    ("kickdrift.analysis.bench", "", "plan"), ("kickdrift.analysis.bench", "", "lj_energy"),
+    ("kickdrift.analysis.chaos.megno", "", "megno"), ("kickdrift.analysis.compare.work_precision", "", "work_precision"),
+    ("kickdrift.analysis.compare.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
+    ("kickdrift.analysis.derivatives.transits", "", "transits"), ("kickdrift.analysis.certify.force_testing", "", "force_checks"),
+    ("kickdrift.analysis.certify.certifying", "", "engine_checks"), ("kickdrift.plots.movie", "", "movie"),
+    ("kickdrift.analysis.compare.bench", "", "plan"), ("kickdrift.analysis.compare.bench", "", "lj_energy"),
 )  # fmt: skip
 
 

@@ -245,7 +245,7 @@ def callable_name(rng: random.Random, file: h5py.File) -> str:
         ("pathlib", "Path", {}), ("shutil", "rmtree", {"path": "../outside"}),
         ("os", "remove", {"path": "../outside/secret.txt"}),
         ("kickdrift.run.simulation", "Simulation", {}),
-        ("kickdrift.trajectory.h5md", "Writer", {"path": "../outside/called"}),
+        ("kickdrift.trajectory.write.h5md", "Writer", {"path": "../outside/called"}),
         ("kickdrift.systemfile.reading", "load", {"name_or_path": "../outside/secret.txt"}),
         ("os", "_exit", {"status": 0}),
         ("kickdrift.forces", "FORCES", {}), ("numpy", "load", {"file": "../outside/secret.bin"}), ("sys", "exit", {}),
@@ -314,7 +314,7 @@ def _write_text(file: h5py.File, name: str, text: str) -> str:
 
 def _sign(file: h5py.File) -> None:
     """Give the file the hashes of what it says now, as whoever forges one would."""
-    from kickdrift.trajectory import layout
+    from kickdrift.trajectory.layout import names as layout
 
     for group, name in (("kickdrift/system", "system_hash"), ("kickdrift", "run_hash")):
         if hasattr(layout, name):

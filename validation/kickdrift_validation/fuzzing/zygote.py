@@ -33,8 +33,8 @@ WARM = (
     "kickdrift.ensemble",
     "kickdrift.plots.runs",
     "kickdrift.plots.orbits",
-    "kickdrift.trajectory.export",
-    "kickdrift.trajectory.info",
+    "kickdrift.trajectory.export.export",
+    "kickdrift.trajectory.read.info",
     "kickdrift.cli.printing_ensemble",
 )
 
@@ -140,7 +140,7 @@ def main() -> None:
     os.environ["KICKDRIFT_FUZZ_BASE"] = str(base)
     tolerated: tuple[str, ...] = ()
     if settings["warm"]:
-        from kickdrift.jit.folders import folder as cache_folder
+        from kickdrift.jit.cache.folders import folder as cache_folder
 
         tolerated = (str(cache_folder()),)
         listen_to_compiler()

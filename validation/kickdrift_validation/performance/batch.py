@@ -19,7 +19,7 @@ from time import process_time
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.chaos import megno, megnos
+from kickdrift.analysis.chaos.megno import megno, megnos
 from kickdrift.batch.batch import Batch
 from kickdrift.engines import ENGINES
 from kickdrift.ensemble.rows import run_columns

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import most_threads
+from kickdrift.forces.bound.forces import most_threads
 from kickdrift_validation.claim import Claim, claim, show
 from kickdrift_validation.performance.melt import liquid
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.engines import ENGINES
-from kickdrift.model.box import Box
+from kickdrift.model.box.box import Box
 from kickdrift_validation.performance.melt import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
 

@@ -15,7 +15,7 @@ import sys
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import BoundForces
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE

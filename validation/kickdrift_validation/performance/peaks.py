@@ -18,11 +18,11 @@ from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 
-from kickdrift.analysis.bench import processor
+from kickdrift.analysis.compare.bench import processor
 from kickdrift.jit.compile import jit
-from kickdrift.jit.lanes import lane_sum, multiply_add, splat
-from kickdrift.jit.memory import aligned, load
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
+from kickdrift.jit.lanes.memory import aligned, load
+from kickdrift.jit.lanes.vectors import WIDTH
 
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 GUESSED = {"L1": 48 << 10, "L2": 2 << 20, "L3": 32 << 20}

@@ -20,19 +20,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.bench import processor
-from kickdrift.forces.bound import BoundForces
-from kickdrift.forces.clusters import N_CLUSTERS
-from kickdrift.forces.seam import accelerate
-from kickdrift.integrators.gauss_radau_series import NODES, correct, prepare
-from kickdrift.integrators.gauss_radau_tables import tables
-from kickdrift.integrators.wisdom_holman_drift import drift
-from kickdrift.integrators.wisdom_holman_kicks import heliocentric_kick, jacobi_kick, jump
+from kickdrift.analysis.compare.bench import processor
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.bound.table import accelerate
+from kickdrift.forces.lists.clusters import N_CLUSTERS
+from kickdrift.integrators.gauss_radau.series import NODES, correct, prepare
+from kickdrift.integrators.gauss_radau.tables import tables
+from kickdrift.integrators.wisdom_holman.drift import drift
+from kickdrift.integrators.wisdom_holman.kicks import heliocentric_kick, jacobi_kick, jump
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.lanes import lane_max, splat
-from kickdrift.jit.memory import aligned, flat
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.functions import lane_max, splat
+from kickdrift.jit.lanes.memory import aligned, flat
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.exact_reversal import solar_system
 from kickdrift_validation.performance.bodies import planets, stars

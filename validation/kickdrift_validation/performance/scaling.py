@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound import most_threads
+from kickdrift.forces.bound.forces import most_threads
 from kickdrift_validation.claim import where
 from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.performance import scaling_engine

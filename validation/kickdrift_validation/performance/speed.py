@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift
-from kickdrift.analysis.bench import processor
+from kickdrift.analysis.compare.bench import processor
 from kickdrift.errors import InputError, RunError
 from kickdrift_validation.claim import Claim, claim, not_run, show, text_of
 from kickdrift_validation.performance.groups import ENTRIES, Command, Contestant, Goal, Group

@@ -26,16 +26,16 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.cluster_search import search
-from kickdrift.forces.cluster_sort import sort
-from kickdrift.forces.cluster_sums import collected_mean
-from kickdrift.forces.clusters import N_CLUSTERS
-from kickdrift.forces.pairlist import prune
-from kickdrift.forces.sorted_steps import GIVEN, Crossing, Sweep
-from kickdrift.jit.chunks import each_chunk
+from kickdrift.forces.lists.clusters import N_CLUSTERS
+from kickdrift.forces.lists.pairlist import prune
+from kickdrift.forces.lists.search import search
+from kickdrift.forces.lists.sort import sort
+from kickdrift.forces.lists.sums import collected_mean
+from kickdrift.forces.pairs.sorted_steps import GIVEN, Crossing, Sweep
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
-from kickdrift.jit.vectors import WIDTH
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.jit.threads.chunks import each_chunk
 from kickdrift_validation.claim import Claim, claim, show, where
 from kickdrift_validation.performance.melt import melt
 from kickdrift_validation.performance.peaks import caches, measure

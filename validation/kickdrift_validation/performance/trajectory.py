@@ -30,7 +30,7 @@ from unittest import mock
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.trajectory.h5md import Writer
+from kickdrift.trajectory.write.h5md import Writer
 from kickdrift_validation.claim import Claim, claim, show, where
 
 EVERY, FRAMES = 100, 1000

@@ -16,12 +16,12 @@ from kickdrift.disk.files import unfit
 from kickdrift.disk.foreign import is_lammps_data
 from kickdrift.errors import InputError
 from kickdrift.model.any_cell import oriented, without_rounding
-from kickdrift.model.capacity import check_particles
-from kickdrift.model.checks import number, numbers
+from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import UnitSystem
-from kickdrift.model.units import quantity
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:

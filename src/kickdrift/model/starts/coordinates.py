@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import numbers
+from kickdrift.model.checks.values import numbers
 from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks import numbers
+from kickdrift.model.checks.values import numbers
 from kickdrift.model.starts.universal import TAU, anomaly_at, kepler_time, stumpff, universal_anomaly
 from kickdrift.model.state import Floats
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.model.unit_systems import AU, YEAR
+from kickdrift.model.units.unit_systems import AU, YEAR
 from kickdrift.text import shown, suggestion
 
 DAY = 86400.0

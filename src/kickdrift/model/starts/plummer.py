@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.capacity import check_particles
-from kickdrift.model.checks import whole_number
+from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.values import whole_number
 from kickdrift.model.starts.builders import generator
 from kickdrift.model.state import Floats
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.fields import Hill
+from kickdrift.forces.fields.shipped import Hill
 from kickdrift.looks.observers import Sample, Taken, angular_momentum, kinetic_energy
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

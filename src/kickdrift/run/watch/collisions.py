@@ -10,11 +10,11 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.changing import holding, remaining
-from kickdrift.model.collision import Collision
-from kickdrift.model.events import Escape
+from kickdrift.model.events.collision import Collision
+from kickdrift.model.events.events import Escape
+from kickdrift.model.events.scaling import restitution_of
+from kickdrift.model.events.sphere import Sphere
 from kickdrift.model.memory import Memory
-from kickdrift.model.scaling import restitution_of
-from kickdrift.model.sphere import Sphere
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.outcomes import Outcome, outcome, sphere_of, told

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.collision import Collision
+from kickdrift.model.events.collision import Collision
 from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.integrators.stepper import INNER
+from kickdrift.integrators.stepping.stepper import INNER
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import Between, Crossing
+from kickdrift.model.events.events import Between, Crossing
 from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
-from kickdrift.run.sketch import sketch
 from kickdrift.run.watch.encounters import crossings
+from kickdrift.run.watch.sketch import sketch
 from kickdrift.run.watch.span import Part, Span, approach, separation
-from kickdrift.run.zeros import PAST, Point, Quiet, Rough, Values, clear, monotone_points
+from kickdrift.run.watch.zeros import PAST, Point, Quiet, Rough, Values, clear, monotone_points
 
 if TYPE_CHECKING:
     from kickdrift.model.problem import Problem

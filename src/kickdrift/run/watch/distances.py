@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Escape
+from kickdrift.model.events.events import CloseApproach, Escape
 from kickdrift.model.memory import Checkpointed
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of

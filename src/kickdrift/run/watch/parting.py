@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.contacts import ALL_PAIRS, Contacts

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import RunError
-from kickdrift.model.collision import Collision
+from kickdrift.model.events.collision import Collision
 from kickdrift.model.patch import HERE, Image, Patch, patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.kernel import OK
-from kickdrift.integrators.loops import STEP
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.jit.by_address import address_of, status_at
 from kickdrift.jit.compile import driver, jit
 from kickdrift.model.state import Floats
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from kickdrift.run.watch.contacts import Contacts
     from kickdrift.run.watch.distances import Approaches, Escapes
 
-TIME, SLOT, COUNT = 0, 1, 8  # columns of the noted points: see `integrators.trace_state`
+TIME, SLOT, COUNT = 0, 1, 8  # columns of the noted points: see `integrators.trace.state`
 ROOM = 1.1  # factor of a limit that changes within the step
 MARGIN = 64  # rows of points that may be missing
 TAKEN, LOUD = range(2)  # slots of ``seen``: steps taken, and whether the last one is not quiet

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.external_code import named_function
+from kickdrift.forces.seam.named import named_function
 from kickdrift.looks.columns import BODY_MASSES, BODY_RADII, MOST_NUMBERS, Column
 from kickdrift.model.changing import next_id, with_empty_rows
-from kickdrift.model.collision import Collision
+from kickdrift.model.events.collision import Collision
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -11,7 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
 from kickdrift.model.patch import HERE
 from kickdrift.model.state import Floats
@@ -28,7 +28,7 @@ from kickdrift.run.watch.span import Act, Part, Span, parts, separation
 from kickdrift.run.watch.trials import Trials, Watched
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.stepper import Stepper
+    from kickdrift.integrators.stepping.stepper import Stepper
 
 ROUNDING = 1e-12  # of a distance between bodies that touch
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.central import gravitational_constant
-from kickdrift.model.event_checks import binding
-from kickdrift.model.events import CloseApproach, Collision, Escape
+from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.model.events.checks import binding
+from kickdrift.model.events.events import CloseApproach, Collision, Escape
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
-from kickdrift.run.zeros import zero
+from kickdrift.run.watch.zeros import zero
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System

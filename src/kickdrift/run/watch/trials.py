@@ -8,12 +8,12 @@ import numpy as np
 
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import RunError
-from kickdrift.forces.kernel import OK
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.flow import flow_of
+from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepper import Counts, Stepper
+from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.stepping.stepper import Counts, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.state import Floats

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.kernel import OK
-from kickdrift.integrators.stepper import Counts
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.stepping.stepper import Counts
 from kickdrift.model.event_log import Row, entry
-from kickdrift.model.events import CloseApproach, Collision, Event
+from kickdrift.model.events.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.patch import HERE, patch_of
 from kickdrift.model.state import Floats
@@ -31,10 +31,10 @@ from kickdrift.run.watch.roster import Roster
 from kickdrift.run.watch.search import Search
 from kickdrift.run.watch.span import Act, Span
 from kickdrift.run.watch.trials import Watched
-from kickdrift.run.watch.watcher import Watcher
+from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.stepper import Stepper
+    from kickdrift.integrators.stepping.stepper import Stepper
 
 MOST_ACTS = 1000  # most collisions at one time: balls at rest on each other would bounce for ever
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.text import shown
-from kickdrift.trajectory.info import laid_out, method_rows, shared_content, short, with_end
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.table import ProblemTable
+from kickdrift.trajectory.read.info import laid_out, method_rows, shared_content, short, with_end
 
 MOST = 8  # numbers of y that are shown
 

@@ -9,11 +9,11 @@ from typing import Any
 import h5py
 
 from kickdrift.model.problem import Problem
-from kickdrift.trajectory import checkpoints, checksums
-from kickdrift.trajectory.checkpoints import Stored
-from kickdrift.trajectory.layout import add_method, add_text, hashed, image, new_counts, new_run, new_samples
-from kickdrift.trajectory.problems.header import PROBLEM
-from kickdrift.trajectory.record import to_json
+from kickdrift.trajectory.layout import checkpoints, checksums
+from kickdrift.trajectory.layout.checkpoints import Stored
+from kickdrift.trajectory.layout.names import add_method, add_text, hashed, image, new_counts, new_run, new_samples
+from kickdrift.trajectory.layout.problem_header import PROBLEM
+from kickdrift.trajectory.layout.record import to_json
 
 
 def problem_image(
@@ -26,7 +26,7 @@ def problem_image(
     plan: Sequence[float] = (),
     start: Stored | None = None,
 ) -> bytes:
-    """The bytes of a file that holds everything but samples; see `kickdrift.trajectory.layout.header_image`."""
+    """The bytes of a file that holds everything but samples; see `kickdrift.trajectory.layout.names.header_image`."""
     with image(run_id) as file:
         own = new_run(file, new_counts(file), run_id=run_id, every=every, compress=False, plan=plan)
         add_method(own, method)

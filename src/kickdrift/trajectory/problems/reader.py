@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.kind import check_schema
-from kickdrift.trajectory.problems import header, table
-from kickdrift.trajectory.problems.header import ENERGY, Y
+from kickdrift.trajectory.layout import problem_header as header
+from kickdrift.trajectory.layout.kind import check_schema
+from kickdrift.trajectory.layout.problem_header import ENERGY, Y
+from kickdrift.trajectory.problems import table
 from kickdrift.trajectory.problems.layout import problem_hash
 from kickdrift.trajectory.problems.record import problem_of
-from kickdrift.trajectory.recorded import Recorded
-from kickdrift.trajectory.shown import ShownProblemRun
+from kickdrift.trajectory.read.recorded import Recorded
+from kickdrift.trajectory.read.shown import ShownProblemRun
 
 CHANGED = "its Problem was changed after the run began (kickdrift/problem, method or versions)"
 
@@ -118,7 +119,7 @@ class ProblemRun(Recorded, ShownProblemRun):
 
 def is_problem_run(path: str | Path) -> bool:
     """Whether an HDF5 file is that of a Problem's run; an InputError where it cannot be read."""
-    from kickdrift.trajectory.opening import open_to_read
+    from kickdrift.trajectory.file.opening import open_to_read
 
     with open_to_read(path) as file:
         return header.PROBLEM in file

@@ -18,8 +18,8 @@ from kickdrift.model.state import Floats
 from kickdrift.odes import ODES
 from kickdrift.systemfile.schema import checked, ode_table
 from kickdrift.text import shown
-from kickdrift.trajectory.named import about, run_of
-from kickdrift.trajectory.record import run_record
+from kickdrift.trajectory.layout.named import about, run_of
+from kickdrift.trajectory.layout.record import run_record
 
 FUNCTIONS = ("f", "energy")  # whose source is compared
 NEARBY = 2.0**-10  # relative distance from y0 to the second state where f is compared

@@ -17,9 +17,9 @@ from kickdrift.disk.outputs import written_whole
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.problems.header import ENERGY
-from kickdrift.trajectory.shown import ShownProblemRun
-from kickdrift.trajectory.tables import library
+from kickdrift.trajectory.layout.problem_header import ENERGY
+from kickdrift.trajectory.read.shown import ShownProblemRun
+from kickdrift.trajectory.read.tables import library
 
 SUFFIXES = kinds.SERIES.suffixes
 TIME = "time"

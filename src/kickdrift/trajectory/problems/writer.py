@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike
 
 from kickdrift.disk import kinds
 from kickdrift.model.problem import Problem, ProblemState
-from kickdrift.trajectory import creation
-from kickdrift.trajectory.cadence import Cadence
-from kickdrift.trajectory.checkpoints import Checkpoint
-from kickdrift.trajectory.columns import Described, units_of
-from kickdrift.trajectory.h5md import FLUSH_BYTES, Writer
-from kickdrift.trajectory.openfile import opening
-from kickdrift.trajectory.options import FileOptions
-from kickdrift.trajectory.problems import header
-from kickdrift.trajectory.problems.header import ENERGY, Y
+from kickdrift.trajectory.file import creation
+from kickdrift.trajectory.file.openfile import opening
+from kickdrift.trajectory.layout import problem_header as header
+from kickdrift.trajectory.layout.checkpoints import Checkpoint
+from kickdrift.trajectory.layout.options import FileOptions
+from kickdrift.trajectory.layout.problem_header import ENERGY, Y
 from kickdrift.trajectory.problems.layout import problem_image
 from kickdrift.trajectory.problems.reader import ProblemRun
 from kickdrift.trajectory.problems.record import record_of
-from kickdrift.trajectory.recorded import Recorded
+from kickdrift.trajectory.read.recorded import Recorded
+from kickdrift.trajectory.write.cadence import Cadence
+from kickdrift.trajectory.write.columns import Described, units_of
+from kickdrift.trajectory.write.h5md import FLUSH_BYTES, Writer
 
 
 class ProblemWriter(Writer):

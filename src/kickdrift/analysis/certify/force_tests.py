@@ -1,0 +1,235 @@
+"""Tests of forces at given positions: slopes of the energy, sums, symmetries, and the virial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.analysis.certify.evaluation import Evaluator, Values
+from kickdrift.analysis.certify.force_certificate import ForceCheck, judged, skipped
+from kickdrift.errors import RunError
+from kickdrift.model.box.box import Box
+from kickdrift.model.state import Floats
+
+SLOPE = "force = -dE/dx"
+NOISE = "digits of the energy"
+MOMENTUM, TORQUE = "sum of forces", "sum of torques"
+SHIFT, IMAGE, TURN, SWAP = "translation", "periodic images", "rotation", "exchange of like particles"
+VIRIAL, BITS = "virial = -dE/dV", "same bits again"
+STEPS = (3e-3, 1e-3, 3e-4, 1e-4)  # of central differences, in nearest distances
+SAME, EXACT = 1e-9, 1e-11  # relative: of energies of equal configurations, and of sums that vanish
+SLOPE_BOUND = 1e-6  # relative to the force on the particle
+LEAST = 1e-3  # smallest force that counts by itself, relative to the typical force
+NOISE_BOUND = 1e-10  # of the energy; float32 has 1e-7
+SAMPLED = 24  # particles and directions whose force is tested
+
+
+class Subject(NamedTuple):
+    """A system as the tests see it: evaluation, positions near its own, lengths, and a random generator."""
+
+    evaluate: Evaluator
+    states: list[Floats]
+    first: Values  # at the first of these positions, before all tests
+    near: Floats  # (n,) distance to the nearest neighbour
+    rng: np.random.Generator
+    external: tuple[str, ...]  # names of forces that change the total momentum
+    listed: tuple[str, ...]  # names of forces on listed particles
+
+
+def slope_tests(given: Subject) -> tuple[list[ForceCheck], Floats]:
+    """Force against the slope of the energy, and the digits of the energy. Also the errors of the force over the step,
+    (2, steps)."""
+    system = given.evaluate.system
+    free = np.flatnonzero(system.state.masses > 0)
+    if not free.size:
+        return [skipped(SLOPE, "no particle has a mass"), skipped(NOISE, "no particle has a mass")], np.empty((2, 0))
+    worst, culprit, errors, noise = 0.0, "", np.zeros(len(STEPS)), 0.0
+    axes = system.dimensions
+    for x in given.states:
+        at = given.evaluate(x)
+        typical = rms(at.forces[free]) or 1.0
+        for _ in range(SAMPLED // len(given.states)):
+            i, axis = int(given.rng.choice(free)), int(given.rng.integers(axes))
+            slopes = [_slope(given, x, i, axis, h * given.near[i]) for h in STEPS]
+            off = np.abs(np.array(slopes) + at.forces[i, axis]) / max(
+                LEAST * typical, float(np.abs(at.forces[i]).max())
+            )
+            errors = np.maximum(errors, off)
+            if off.min() > worst:
+                worst, culprit = float(off.min()), f"{system.body(i)}, {'xyz'[axis]}"
+        noise = max(noise, _noise(given, x, int(given.rng.choice(free))))
+    rows = [
+        judged(SLOPE, worst, SLOPE_BOUND, f"worst at {culprit}" if worst > SLOPE_BOUND else "central differences"),
+        judged(NOISE, noise, NOISE_BOUND, "scatter of the energy along a short line, relative to its size"),
+    ]
+    return rows, np.array([STEPS, errors])
+
+
+def _moved(x: Floats, i: int, axis: int, by: float) -> Floats:
+    y = x.copy()
+    y[i, axis] += by
+    return y
+
+
+def _slope(given: Subject, x: Floats, i: int, axis: int, h: float) -> float:
+    """dE/dx by central differences of order 4."""
+    e = [given.evaluate(_moved(x, i, axis, k * h)).energy for k in (-2, -1, 1, 2)]
+    return (e[0] - 8 * e[1] + 8 * e[2] - e[3]) / (12 * h)
+
+
+def _noise(given: Subject, x: Floats, i: int) -> float:
+    """Scatter of the energy around a parabola over nine points of a very short line, relative to its size."""
+    s = np.arange(-4, 5)
+    e = np.array([given.evaluate(_moved(x, i, 0, k * 1e-6 * given.near[i])).energy for k in s])
+    size = max(float(np.abs(e).max()), float((np.abs(given.evaluate(x).forces).sum(axis=1) * given.near).sum())) or 1.0
+    residue = (e - e[4]) - np.polyval(np.polyfit(s, e - e[4], 2), s)
+    return rms(residue) / size
+
+
+def sum_tests(given: Subject) -> Iterator[ForceCheck]:
+    """Sum of all forces, and of all torques in open space."""
+    system = given.evaluate.system
+    why = f"{', '.join(given.external)} changes the total momentum"
+    periodic = system.box.periodic
+    if given.external:
+        yield skipped(MOMENTUM, why)
+        yield skipped(TORQUE, why)
+        return
+    forces = [given.evaluate(x).forces for x in given.states]
+    off = max(float(np.abs(f.sum(axis=0)).max()) / (np.abs(f).sum() or 1.0) for f in forces)
+    yield judged(MOMENTUM, off, EXACT, "relative to the sum of sizes: every action has its reaction")
+    if periodic:
+        yield skipped(TORQUE, "a periodic box has no conserved angular momentum")
+        return
+    torques = [
+        (np.cross(x, f), np.abs(x).max() * np.abs(f).sum() or 1.0) for x, f in zip(given.states, forces, strict=True)
+    ]
+    yield judged(TORQUE, max(float(np.abs(t.sum(axis=0)).max() / size) for t, size in torques), EXACT, "as above")
+
+
+def symmetry_tests(given: Subject) -> Iterator[ForceCheck]:
+    """Translation, periodic images, rotation, and the exchange of like particles."""
+    evaluate, x = given.evaluate, given.states[0]
+    system, at = evaluate.system, evaluate(given.states[0])
+    why = f"{', '.join(given.external)} depends on the place"
+    flat = np.array([1.0, 1.0, float(system.dimensions == 3)])
+    if given.external:
+        yield skipped(SHIFT, why)
+    else:
+        shift = (
+            given.rng.uniform(-1, 1, 3) * flat * (system.box.heights.min() if system.box.periodic else np.ptp(x) or 1.0)
+        )
+        yield judged(SHIFT, _difference(evaluate(x + shift), at, np.eye(3)), SAME)
+    if system.box.periodic:
+        whole = given.rng.integers(-2, 3, x.shape) * np.array(system.box.periodic_axes)
+        yield judged(
+            IMAGE,
+            _difference(evaluate(x + whole @ system.box.matrix), at, np.eye(3)),
+            SAME,
+            "particles moved by whole edges",
+        )
+    else:
+        yield skipped(IMAGE, "open space")
+    yield _turned(given, x, at, why)
+    if given.listed:
+        yield skipped(SWAP, f"{', '.join(given.listed)} acts on listed particles")
+    else:
+        order = _like_for_like(given)
+        found, back = evaluate.another()(x), evaluate(x[order])
+        same = _relative(back.forces - at.forces[order], at.forces)
+        same = max(same, abs(back.energy - at.energy) / _energy_scale(at), _difference(found, at, np.eye(3)))
+        yield judged(SWAP, same, SAME, "also finds lists that are out of date")
+
+
+def _turned(given: Subject, x: Floats, at: Values, why: str) -> ForceCheck:
+    """Invariance under a rotation: any in open space, a quarter turn in a cubic box."""
+    system = given.evaluate.system
+    if given.external:
+        return skipped(TURN, why)
+    if system.dimensions == 2:
+        c, s = np.cos(1.0), np.sin(1.0)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    else:
+        turn = np.linalg.qr(given.rng.standard_normal((3, 3)))[0]
+        turn *= np.sign(np.linalg.det(turn))
+        quarter = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    if system.box.periodic:
+        edges = np.diag(system.box.matrix)[: system.dimensions]
+        if system.box.tilts or np.ptp(edges) > 0 or not all(system.box.periodic_axes[: system.dimensions]):
+            return skipped(TURN, "the box is not a cube")
+        turn = quarter
+    found = given.evaluate(x @ turn.T)
+    return judged(TURN, _difference(found, at, turn), SAME, "the box turned onto itself" if system.box.periodic else "")
+
+
+def virial_test(given: Subject) -> ForceCheck:
+    """Virial against the slope of the energy over the volume: box and positions are scaled."""
+    evaluate, x = given.evaluate, given.states[0]
+    system, at = evaluate.system, evaluate(given.states[0])
+    if not system.box.periodic:
+        return skipped(VIRIAL, "open space has no volume")
+    if np.isnan(at.virial):
+        return skipped(VIRIAL, "the force gives no virial, so a run has no pressure")
+    matrix, axes = system.box.matrix, system.box.periodic_axes
+
+    def energy(e: float) -> float:
+        box = Box(matrix=matrix * (1 + e), periodic=axes)
+        return evaluate.another(system.remade(positions=x * (1 + e), box=box))(x * (1 + e)).energy
+
+    try:
+        slopes = [
+            (energy(-2 * h) - 8 * energy(-h) + 8 * energy(h) - energy(2 * h)) / (12 * h)
+            for h in (1e-4, 3e-5, 1e-5, 3e-6)
+        ]
+    except RunError as error:
+        return skipped(VIRIAL, str(error))
+    scale = float(np.abs(at.forces).sum() * given.near.mean()) or 1.0
+    off = min(abs(slope + at.virial) for slope in slopes) / scale
+    return judged(VIRIAL, off, SLOPE_BOUND, "from a scaled box; relative to all |F| times the nearest distance")
+
+
+def bits_test(given: Subject) -> ForceCheck:
+    """The same bits from two evaluators, and values that do not depend on what was evaluated before."""
+    x = given.states[-1]
+    first, second = given.evaluate.another()(x), given.evaluate.another()(x)
+    same = np.array_equal(first.forces, second.forces) and first.energy == second.energy
+    if not same:
+        return judged(BITS, _difference(first, second, np.eye(3)), 0.0, "two evaluations of the same positions differ")
+    off = _difference(given.evaluate(x), first, np.eye(3))  # after many others, with lists of its own
+    off = max(off, _difference(given.evaluate(given.states[0]), given.first, np.eye(3)))
+    return judged(BITS, off, SAME, "also after other positions, to rounding")
+
+
+def _like_for_like(given: Subject) -> NDArray[np.int64]:
+    """A random order that exchanges particles of the same species and mass."""
+    system = given.evaluate.system
+    order = np.arange(len(system))
+    kinds = np.unique(np.column_stack([system.species_index, system.state.masses]), axis=0)
+    for kind, mass in kinds:
+        rows = np.flatnonzero((system.species_index == kind) & (system.state.masses == mass))
+        order[rows] = given.rng.permutation(rows)
+    return order
+
+
+def _difference(one: Values, two: Values, turn: Floats) -> float:
+    """Largest relative difference of two evaluations; the forces of the second are turned first."""
+    return max(
+        _relative(one.forces - two.forces @ turn.T, two.forces), abs(one.energy - two.energy) / _energy_scale(two)
+    )
+
+
+def _relative(difference: Floats, forces: Floats) -> float:
+    return float(np.abs(difference).max() / (np.abs(forces).max() or 1.0))
+
+
+def rms(values: Floats) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _energy_scale(at: Values) -> float:
+    return abs(at.energy) or 1.0

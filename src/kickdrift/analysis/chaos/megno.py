@@ -1,0 +1,275 @@
+"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation vector.
+
+See `kickdrift.analysis.chaos.report` for the definitions and their sources.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.analysis.chaos.map import DeviationOfMap
+from kickdrift.analysis.chaos.report import ChaosReport, report_of
+from kickdrift.analysis.tangents.deviations import (
+    LARGEST,
+    LARGEST_OF_PROBLEM,
+    cadence,
+    direction,
+    first_deviation,
+    scale_of,
+)
+from kickdrift.analysis.tangents.mapped import has_map
+from kickdrift.display.showing import following
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.slopes.problem_variations import varied_problem
+from kickdrift.forces.slopes.variations import varied
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.jit.cache.notices import compiling_for
+from kickdrift.looks.observers import Energies
+from kickdrift.model.checks.limits import MOST_STEPS
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.units.quantities import time_in
+from kickdrift.run.simulation import Simulation
+
+DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
+
+
+def megno(
+    system: System | Problem,
+    time: float | str | None = None,
+    integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
+    *,
+    seed: int = 0,
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> ChaosReport:
+    """Run a System or a Problem with a deviation vector, and tell whether the motion is chaotic.
+
+    The deviation obeys the variational equation, d' = J(t, y) d with the Jacobian J of the right-hand side. The same
+    method integrates both.
+
+    Parameters
+    ----------
+    system : gravity, fields, bonds, pair laws and many-body forces have exact slopes. A Problem gives J by its
+        ``jacobian`` if that compiles; else central differences along d stand in
+    time : length of the run; default the system file's. A regular motion shows after some hundred of its longest
+        periods, a chaotic one after some tens of Lyapunov times. A Lyapunov time longer than the run looks regular
+    integrator, dt, options : as in a Simulation; default the system file's integrator if it carries variations, else
+        dop853. With fixed steps, particles move as without deviations, to the last bit. A Problem takes any method.
+        ``wisdom-holman``, ``saba`` and ``trace`` move the deviation by their tangent map
+    seed : seed of the first deviation, a random direction in phase space with positions in units of their scatter; of a
+        Problem, a random direction of y
+    progress : True shows a bar; a function is called as ``progress(done, of)``
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense.
+    RunError
+        If the run blows up.
+    """
+    if not isinstance(system, System | Problem):
+        raise InputError(f"megno: takes a System or a Problem, got {type(system).__name__}")
+    seed = checked_seed(seed)
+    asked, given = unpacked(integrator, {"dt": dt, **options})
+    length = length_of(system, time)
+    if isinstance(system, Problem):
+        return _of_problem(system, length, asked or system.run.integrator or DEFAULT, given, seed, threads, progress)
+    if asked is not None and has_map(method_named(asked)):
+        mapped = DeviationOfMap(system, method_named(asked), threads, given, seed)
+        return _measured(system, mapped, length, Deviation(mapped.size, mapped.shrink, LARGEST), seed, progress)
+    n, name = len(system), carrier(system, asked)
+    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
+    state = sim.state
+    try:
+        with compiling_for(sim.integration.purpose):
+            accelerations = sim.accelerations()[:n].T
+    except RunError:  # not finite; the run gives the reason
+        accelerations = np.zeros((3, 1))
+    scale = scale_of(state.phase[:, :, :n], accelerations)
+    state.phase[:, :, n:] = first_deviation(n, seed) * scale
+    sim.state = state
+
+    def size() -> float:
+        return float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
+
+    def shrink(factor: float) -> None:
+        state = sim.state
+        state.phase[:, :, n:] *= factor
+        sim.state = state
+
+    return _measured(system, sim, length, Deviation(size, shrink, LARGEST), seed, progress)
+
+
+def _of_problem(
+    problem: Problem, length: float, name: str, given: dict[str, Any], seed: int, threads: int, progress: Any
+) -> ChaosReport:
+    """``megno`` of a Problem."""
+    made, place = varied_problem(problem, direction(len(problem), seed))
+    sim = Simulation(made, name, threads=threads, **given)
+
+    def size() -> float:
+        return float(np.linalg.norm(sim.integration.y.reshape(-1)[place]))
+
+    def shrink(factor: float) -> None:
+        state = sim.state
+        state.y[place] *= factor
+        sim.state = state
+
+    return _measured(problem, sim, length, Deviation(size, shrink, LARGEST_OF_PROBLEM), seed, progress)
+
+
+class Deviation(NamedTuple):
+    """The deviation in a run: its length, how to multiply it, and how far it may grow or fall before that."""
+
+    size: Callable[[], float]
+    shrink: Callable[[float], None]
+    largest: float
+
+
+def _measured(
+    system: System | Problem, sim: Any, length: float, deviation: Deviation, seed: int, progress: Any
+) -> ChaosReport:
+    """Run a varied System or Problem, and return the report."""
+    with compiling_for(sim.integration.purpose), following(progress, "running") as told:
+        begin = sim.energy()
+        times, growth = _growth(sim, length, deviation, told)
+        end = sim.energy()
+    phase = sim.integration.y[:, :, : len(system)] if isinstance(system, System) else None
+    chosen = None if sim.method.chooses_steps else sim.dt
+    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end), times, growth, phase)
+
+
+def megnos(
+    systems: Sequence[System],
+    time: float | Sequence[float] | None = None,
+    integrator: str | Integrator | None = None,
+    dt: float | Sequence[float] | None = None,
+    *,
+    seeds: int | Sequence[int] = 0,
+    **options: Any,
+) -> list[ChaosReport | None]:
+    """Run ``megno`` for many small systems with equal numbers of bodies, side by side as in a `kickdrift.batch.Batch`.
+
+    Parameters
+    ----------
+    systems : Systems that a Batch takes
+    time, integrator, dt, seeds, options : as in ``megno``, one for all or one for each; the number of steps must be the
+        same for all. Methods: splittings and Runge-Kutta with fixed steps
+
+    Returns
+    -------
+    The report of ``megno`` for each system, up to round-off. A system that blows up, or whose deviation vanishes,
+    gives None; ``megno`` for this system gives the reason. Each report holds three series of up to 10,000 samples.
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, with the system's index.
+    """
+    from kickdrift.analysis.chaos.lanes import growths
+
+    systems = tuple(systems)
+    count = len(systems)
+    asked, options = unpacked(integrator, {"dt": dt, **options})
+    dt = options.pop("dt", None)
+    names = {carrier(system, asked) if isinstance(system, System) else "" for system in systems}
+    if len(names) > 1:
+        raise InputError(
+            f"integrator: a batch needs one integrator for all systems; theirs are {', '.join(sorted(names))}"
+        )
+    drawn = [checked_seed(seed) for seed in _each("seeds", seeds, count)]
+    lengths = [length_of(*pair) for pair in zip(systems, _each("time", time, count), strict=True)]
+    found = growths(systems, lengths, min(names, default=asked), dt, drawn, options)
+    reports: list[ChaosReport | None] = []
+    for k, (system, seed) in enumerate(zip(systems, drawn, strict=True)):
+        begin, end, growth = found.begin[k], found.end[k], found.growth[k]
+        sound = np.isfinite(growth).all() and np.isfinite([*begin, *end]).all()
+        step, times = float(found.dt[k]), found.times[k]
+        reports.append(
+            report_of(
+                system, found.integrator, step, found.steps, seed, (Energies(*begin), Energies(*end)), times, growth
+            )
+            if sound
+            else None
+        )
+    return reports
+
+
+def _each(key: str, value: Any, count: int) -> list[Any]:
+    """One value for each system."""
+    values = [value] * count if value is None or np.ndim(value) == 0 else list(value)
+    if len(values) != count:
+        raise InputError(f"{key}: expected one or {count}, one for each system, got {len(values)}")
+    return values
+
+
+def checked_seed(seed: Any) -> int:
+    """The seed as an int. Raises InputError unless it is a whole number, zero or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
+    return int(seed)
+
+
+def length_of(system: System | Problem, time: float | str | None) -> float:
+    """Length of the run."""
+    length = system.run.time if time is None else time_in(time, getattr(system, "units", None), "time")
+    if time is None and length is None and system.run.steps and system.run.dt:
+        length = system.run.steps * system.run.dt
+    if length is None:
+        raise InputError(f"time: system {system.name!r} has no time in [run]; give a time")
+    if not (isinstance(length, (int, float, np.number)) and math.isfinite(length) and length > 0):
+        raise InputError(f"time must be a positive finite time, got {length!r}")
+    return float(length)
+
+
+def carrier(system: System, integrator: str | None, default: str = DEFAULT) -> str:
+    """Name of the integrator for the run."""
+    if integrator is not None:
+        if not method_named(integrator).carries:
+            raise InputError(f"integrator: {integrator} carries no variations; {default} does, and yoshida6")
+        return integrator
+    named = INTEGRATORS.get(system.run.integrator or "")
+    return named.name if named is not None and named.carries else default
+
+
+def _growth(
+    sim: Any, length: float, deviation: Deviation, progress: Callable[[int, int], Any] | None
+) -> tuple[Floats, Floats]:
+    """Run a varied System or Problem. Return times since the start, and ln of the deviation's length at these times."""
+    start, largest = sim.time, deviation.largest
+    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
+    times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
+
+    def visit(sim: Any) -> bool:
+        """Record the deviation's length. Return whether the time is over or the deviation needs scaling."""
+        nonlocal scaled, exponent
+        size = deviation.size()
+        if not size > 0.0:
+            raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
+        times.append(sim.time - start)
+        growth.append(math.log(size) + scaled)
+        exponent = 0 if 1.0 / largest < size < largest else round(math.log2(size))
+        scaled += exponent * math.log(2.0)
+        if progress and len(times) % 64 == 0:
+            progress(int(1000 * min(1.0, times[-1] / length)), 1000)
+        return exponent != 0 or over()
+
+    def over() -> bool:
+        return sim.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
+
+    while not over():
+        sim.advance(steps - sim.steps_done, every=every, visit=visit)
+        if exponent:
+            deviation.shrink(2.0**-exponent)  # scaling by a power of two changes no digit
+            exponent = 0
+    return np.array(times), np.array(growth)

@@ -1,0 +1,169 @@
+"""Ladder of one method: runs at steps or tolerances from coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.compare.local_error import LocalErrors, slope
+from kickdrift.analysis.compare.pilot import SHORT, OutOfTime, Subject, follow, warm_up
+from kickdrift.analysis.compare.reference import Reference, reference_method, relative_energy, tolerances
+from kickdrift.errors import RunError
+from kickdrift.integrators.asked import Integrator
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.statistics.growth import Growth, energy_growth, position_growth
+
+COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of steps
+RUNGS = 16  # most runs in a ladder
+RTOLS = tuple(10.0**-k for k in range(2, 14))
+BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
+LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
+USELESS = 1.0  # relative error of a run that missed the solution
+
+
+@dataclass(frozen=True)
+class Row:
+    """Result of one run.
+
+    Attributes
+    ----------
+    method : the method's name, with ``-o KEY=VALUE`` for its options
+    dt, rtol, atol : the step, or the tolerances of an adaptive method
+    step : dt, or the mean step of an adaptive method
+    steps, rejected, evaluations, seconds : cost of the run
+    error : largest over the samples (positions), or root mean square (energy); None if the run failed
+    energy_error : root mean square relative energy error; None without an energy
+    local_error : error of one step of length ``step``; None if not measured
+    growth : growth of the error with time, for times after the pilot
+    believed : whether the error is clearly above the reference's own
+    failure : why there is no error
+    """
+
+    method: str
+    dt: float | None
+    rtol: float | None
+    atol: float | None
+    step: float
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    error: float | None = None
+    energy_error: float | None = None
+    local_error: float | None = None
+    growth: Growth | None = None
+    believed: bool = False
+    failure: str | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether the run failed or missed the solution."""
+        return self.error is None or self.error > USELESS
+
+    def as_json(self) -> dict[str, Any]:
+        """The row as plain numbers."""
+        return {**vars(self), "growth": vars(self.growth) if self.growth else None}
+
+
+class Bench:
+    """Ladders of one subject."""
+
+    def __init__(
+        self, subject: Subject, start: Any, plan: Reference, length: float, samples: int, evaluations: float,
+        accuracy: float | None, threads: int, share: float, stiff: bool,
+    ) -> None:  # fmt: skip
+        self.subject, self.start, self.plan = subject, start, plan
+        self.length, self.samples, self.evaluations = length, samples, evaluations
+        self.threads, self.share = threads, share
+        self.enough = max(0.1 * (accuracy or 0.0), plan.error)
+        points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
+        self._local = LocalErrors(subject, start, plan, length, points, reference_method(subject, stiff), threads)
+        self._finest: Floats | None = None  # solution for the count of oscillations
+
+    def ladder(self, which: Integrator, progress: Callable[[int], Any]) -> list[Row]:
+        """Rows from coarse to fine. Among useless rows, only the finest is kept."""
+        method = which.method
+        rows: list[Row] = []
+        left, seconds, below = self.share, 0.0, 0
+        warm_up(self.subject, self.start, which, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
+        for rung, knob in enumerate(self._knobs(method)):
+            if seconds > left or below == 2:
+                break
+            row = self._row(which, knob, left)
+            left -= (2 if row.seconds > SHORT else 4) * row.seconds  # the timed repetitions count too
+            seconds = 2 * row.seconds
+            if rows and rows[-1].useless and row.useless:
+                rows.pop()
+            rows.append(row)
+            below += row.error is not None and row.error < self.enough
+            progress(round(100 * (rung + 1) / RUNGS))
+        progress(100)
+        return rows
+
+    def _knobs(self, method: Any) -> list[dict[str, Any]]:
+        if method.adaptive:
+            return [tolerances(self.subject, self.start, rtol, method.name) for rtol in RTOLS]
+        per_step = method.evaluations or 10  # 10 for an implicit method's iterations
+        coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
+        return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
+
+    def _row(self, which: Integrator, knob: dict[str, Any], limit: float) -> Row:
+        dt = self.length / knob["steps"] if "steps" in knob else None
+        of = {"method": str(which), "dt": dt, "rtol": knob.get("rtol"), "atol": knob.get("atol")}
+        try:
+            track = follow(
+                self.subject, self.start, which, self.length, self.samples, **knob, threads=self.threads, limit=limit
+            )
+        except RunError as failed:
+            return Row(**of, step=dt or np.nan, failure=f"blew up: {failed}")  # type: ignore[arg-type]
+        except OutOfTime as end:
+            return Row(**of, step=dt or np.nan, seconds=end.seconds, failure=str(end))  # type: ignore[arg-type]
+        errors = self.plan.error_of(track, self.subject)
+        chosen = which.method.chooses_steps
+        step = self.length / max(track.steps, 1) if dt is None or chosen else dt
+        rms = track.energy.rms_relative_error if track.energy else None
+        energy = self.plan.measure == "energy"
+        error = (rms if rms is not None else np.nan) if energy else float(np.max(errors))
+        if not np.isfinite(error):
+            return Row(**of, step=step, failure="the error is not finite")  # type: ignore[arg-type]
+        believed = error > BELIEVED * self.plan.error
+        if self.plan.measure == "energy":
+            growth = energy_growth(track.times, track.energies, relative_energy(track))
+        else:
+            growth = position_growth(track.times, errors)
+        if error < USELESS:
+            self._finest = track.y
+        return Row(
+            **of,  # type: ignore[arg-type]
+            step=step,
+            steps=track.steps,
+            rejected=track.rejected,
+            evaluations=track.evaluations,
+            seconds=track.seconds,
+            error=error,
+            energy_error=rms,
+            local_error=self._local.of(which, step),
+            growth=growth,
+            believed=believed,
+        )
+
+    def slopes(self, rows: list[Row], floor: float) -> tuple[float | None, float | None]:
+        """Slopes of the global and of the local error against the step."""
+        steps = [row.step for row in rows]
+        return (
+            slope(steps, [row.error for row in rows], BELIEVED * floor),
+            slope(steps, [row.local_error for row in rows], self._local.floor),
+        )
+
+    def cycles(self) -> float:
+        """Number of cycles of the solution: half the crossings of the mean, in the unknown with most crossings. The
+        number of samples limits the count."""
+        y = self._finest if self.plan.y is None else self.plan.y
+        if y is None or y.shape[1] > 600:
+            return float(self.samples)  # many particles: between two samples, each has one more collision
+        centred = y - y.mean(axis=0)
+        return float(0.5 * np.abs(np.diff(np.sign(centred), axis=0) > 0).sum(axis=0).max())

@@ -1,0 +1,223 @@
+"""Transit times of a planet in front of its star, with their derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from kickdrift.analysis.chaos.megno import carrier
+from kickdrift.analysis.derivatives.transit_search import Search, found_by_map
+from kickdrift.analysis.derivatives.transition import given_run
+from kickdrift.analysis.doubts import doubts_at, warning_lines
+from kickdrift.analysis.tangents.columns import columns_of, rows_of
+from kickdrift.analysis.tangents.mapped import has_map, map_run
+from kickdrift.analysis.tangents.varied_run import DEFAULT, VariedRun
+from kickdrift.display.showing import Lines, Shown, Table, following
+from kickdrift.errors import InputError
+from kickdrift.integrators import integrator as method_named
+from kickdrift.integrators.asked import Integrator
+from kickdrift.model.checks.values import positive
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.units.quantities import time_in
+from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.run.simulation import Simulation
+from kickdrift.text import measured
+
+MOST_SHOWN = 20  # rows of the table
+_COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Transits(Shown):
+    """Times at which a planet is nearest to its star on the sky, in front of it, and the derivatives of these times.
+
+    Attributes
+    ----------
+    times : (k,)
+    jacobian : (k, 6 b), derivatives with respect to the start of the varied bodies: positions x0, y0, z0, x1 …, then
+        velocities, as in a `TransitionMatrix`
+    by_masses : (k, n), derivatives with respect to the masses; None if not asked for
+    by_parameters : (k, p), derivatives with respect to the parameters; None if not asked for
+    by_elements : (k, q), derivatives with respect to the orbital elements; None if not asked for
+    distances : (k,) distances on the sky at these times
+    speeds : (k,) speeds on the sky at these times
+    planet, star : names
+    integrator : name of the method
+    by_differences : names of the forces whose slopes came from central differences
+    units : the system's
+    varied : names of the columns of all derivatives, in the order above: "b.x", "b.vx", "b.mass", "j2.radius", "b.e"
+    warnings : what is wrong with the trajectory, or doubtful in the forces
+    """
+
+    times: Floats
+    jacobian: Floats
+    by_masses: Floats | None
+    by_parameters: Floats | None
+    by_elements: Floats | None
+    distances: Floats
+    speeds: Floats
+    planet: str
+    star: str
+    integrator: str
+    by_differences: tuple[str, ...]
+    units: UnitSystem
+    varied: tuple[str, ...] = ()
+    warnings: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _tables(self) -> list[Table]:
+        columns = ["transit", *(_headed(name, self.units.symbol(kind)) for name, kind in _COLUMNS)]
+        series = (self.times, self.distances, self.speeds)
+        rows = [[str(k), *(f"{value:.13g}" for value in row)] for k, row in enumerate(zip(*series, strict=True))]
+        return [(f"transits of {self.planet} in front of {self.star}", columns, rows[:MOST_SHOWN])]
+
+    def _lines(self) -> Lines:
+        given = (self.jacobian, self.by_masses, self.by_parameters, self.by_elements)
+        count = sum(0 if part is None else part.shape[1] for part in given)
+        lines = [("transits", f"{len(self)}, with derivatives by {count} numbers of the start")]
+        if len(self) > MOST_SHOWN:
+            lines.append(("", f"the first {MOST_SHOWN} are shown"))
+        lines.append(("integrator", self.integrator))
+        if self.by_differences:
+            lines.append(("by differences", ", ".join(self.by_differences)))
+        return lines + warning_lines(self.warnings)
+
+    def as_json(self) -> dict[str, Any]:
+        """The transits as one JSON object."""
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "units"}
+        plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in kept.items()}
+        return plain | {"units": self.units.name}
+
+
+def transits(
+    system: System | Simulation,
+    planet: str | int,
+    star: str | int | None = None,
+    *,
+    until: float | str,
+    direction: Sequence[float] = (0.0, 0.0, 1.0),
+    within: float | str | None = None,
+    bodies: Iterable[str | int] | str | int | None = None,
+    masses: bool = False,
+    parameters: Iterable[str] = (),
+    elements: Iterable[str] = (),
+    primary: str | int | None = None,
+    integrator: str | Integrator | None = None,
+    dt: float | str | None = None,
+    threads: int = 1,
+    progress: bool | Callable[[int, int], Any] | None = None,
+    **options: Any,
+) -> Transits:
+    """Transit times of a planet, with their derivatives with respect to the start.
+
+    A transit is a time of least distance on the sky with the planet in front of the star: x . u = 0 for the relative
+    position x and velocity u in the plane of the sky, and x . u grows (Winn 2010, arXiv:1001.2010, section 2.1). The
+    true motion is solved for this time by Newton's method. Light takes no time. The derivatives follow from the
+    variational equations: dt/dp = -(d(x . u)/dp) / (d(x . u)/dt).
+
+    Parameters
+    ----------
+    system : System, or a Simulation, whose current state and method are the defaults
+    planet, star : names or numbers; default star the most massive body
+    until : last time
+    direction : from the system towards the observer; default z
+    within : largest distance on the sky that counts; default the sum of both radii if the system has radii, else any
+    bodies : bodies whose start varies; default all, and none where there are ``elements``
+    masses : whether to differentiate by the masses of all bodies as well
+    parameters, elements, primary : parameters of forces, and orbital elements at the start, to differentiate by, as in
+        ``transition_matrix``
+    integrator, dt, options : a method that knows the state inside its steps; default the system file's if it does, else
+        gauss-radau15. ``wisdom-holman``, ``saba`` and ``trace`` serve as well: from the step point before each transit
+        the motion goes on by gauss-radau15
+
+    Returns
+    -------
+    Transits
+
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and if there is no transit.
+    RunError
+        If the run blows up.
+    """
+    system, asked, given = given_run("transits", system, integrator, {"dt": dt, **options})
+    name = _method(system, asked, integrator is None)
+    pair = _pair(system, planet, star)
+    sight, end = _unit(direction), float(time_in(until, system.units, "until"))
+    if not (math.isfinite(end) and end > system.state.time):
+        raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
+    most = _within(system, pair, within)
+    columns = columns_of(system, bodies, masses, parameters, elements, primary)
+    with following(progress, "running") as told:
+        chosen, method = given if name == asked else {"dt": dt, **options}, method_named(name)
+        if has_map(method):
+            mapped = map_run(system, columns, method, threads, chosen)
+            found, differ = found_by_map(mapped, columns, pair, sight, end, most, told), mapped.by_differences
+            phase, reached = mapped.now()[0], mapped.time
+        else:
+            run = VariedRun(system, columns, name, threads, chosen)
+            found, differ = Search(run, pair, sight, end, most, told).found(), run.by_differences
+            phase, reached = run.split(run.sim.integration.stepper.y)[0], run.sim.integration.stepper.time
+        doubts = doubts_at(system, system.at(phase, reached).state)
+    who, whom = (system.body(row) for row in pair)
+    if not found:
+        near = "" if most == math.inf else f" within {most:.6g} on the sky"
+        seen = ", ".join(f"{value:g}" for value in direction)
+        last = measured(f"{end:.10g}", system.units.symbol("time"))
+        raise InputError(
+            f"transits: {who} does not pass in front of {whom}{near} until t = {last}, seen from ({seen}); "
+            "direction moves the observer"
+        )
+    times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
+    return Transits(
+        times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units, columns.names(system),
+        doubts,
+    )  # fmt: skip
+
+
+def _headed(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
+
+
+def _method(system: System, asked: str | None, by_default: bool) -> str:
+    if asked is not None and has_map(method_named(asked)):
+        return asked
+    name = carrier(system, asked, DEFAULT)
+    if method_named(name).chooses_steps:
+        return name
+    if by_default:
+        return DEFAULT
+    raise InputError(f"integrator: {name} does not know the state inside its steps; gauss-radau15 and dop853 do")
+
+
+def _pair(system: System, planet: Any, star: Any) -> tuple[int, int]:
+    one = rows_of(system, [planet], "planet")[0]
+    other = int(np.argmax(system.state.masses)) if star is None else rows_of(system, [star], "star")[0]
+    if one == other:
+        raise InputError(f"planet: {system.body(one)} is the star")
+    return one, other
+
+
+def _unit(direction: Any) -> Floats:
+    sight = np.asarray(direction, dtype=float)
+    if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
+        raise InputError(f"direction: expected a vector (x, y, z) with a length, got {direction!r}")
+    sight = sight / np.abs(sight).max()
+    return sight / np.linalg.norm(sight)
+
+
+def _within(system: System, pair: tuple[int, int], given: Any) -> float:
+    if given is not None:
+        return positive("within", time_in(given, system.units, "within", "length"))
+    return math.inf if system.radii is None else float(system.radii[list(pair)].sum())

@@ -1,0 +1,226 @@
+"""Structure of particles around each other: the radial distribution function and the structure factor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kickdrift.analysis.observables.vectors import Boxes, Source, Vectors, vectors_of
+from kickdrift.analysis.observables.waves import Waves, in_shells, reciprocal
+from kickdrift.errors import InputError
+from kickdrift.model.box.box import Box
+from kickdrift.model.state import Floats
+from kickdrift.statistics.blocks import mean_over_frames
+
+CLOSED = "needs a box periodic along all axes, or particles in one plane of a box open along z"
+PLANE = (True, True, False)  # axes of a box that is periodic in two dimensions
+
+
+class RadialDistribution(NamedTuple):
+    """g(r) in bins, each field (bins,): centres, values, standard errors and ``coordination``.
+
+    Errors are infinite if there are too few frames. ``coordination`` is the mean number of neighbours within each bin's
+    outer edge."""
+
+    r: Floats
+    g: Floats
+    error: Floats
+    coordination: Floats
+    frames: int
+
+
+class StructureFactor(NamedTuple):
+    """S(k) in shells of wave vectors, each field (m,): mean |k|, values, standard errors, and numbers of vectors.
+
+    Errors are infinite if there are too few frames. k and -k count as one vector."""
+
+    k: Floats
+    s: Floats
+    error: Floats
+    vectors: NDArray[np.int64]
+    frames: int
+
+
+def radial_distribution(
+    source: Source,
+    box: Boxes = None,
+    r_max: float | None = None,
+    bins: int = 200,
+    *,
+    pair: tuple[str, str] | None = None,
+    species: Sequence[str] | None = None,
+) -> RadialDistribution:
+    """Radial distribution function g(r) of particles in a periodic box, averaged over frames.
+
+    g is the number of ordered pairs (i, j ≠ i) with r in a bin, divided by that of n(n-1) independent pairs spread
+    evenly: n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, with the box open along z and z
+    equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
+    Where a barostat changes the box, each frame counts with the volume of its own box.
+    (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
+    doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
+
+    Parameters
+    ----------
+    source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
+        wrapped or not
+    box : three edge lengths, a periodic Box, or a list with a Box for each frame; with positions alone
+    r_max : largest distance; default and upper limit half the least of the boxes' heights. The heights of a rectangular
+        box are its edges
+    bins : number of bins of equal width between 0 and r_max
+    pair : two species: g of the second around the first; default all particles of any species
+    species : (n,) names; with positions alone
+
+    Raises
+    ------
+    InputError
+        For an open box, an r_max beyond half the least height, or a species that is not there.
+    """
+    found = vectors_of(source, "positions", box=box, species=species)
+    plane = found.box.periodic_axes == PLANE
+    _check_periodic(found, "radial_distribution")
+    if not (plane or all(found.box.periodic_axes)):
+        raise InputError(f"radial_distribution: {CLOSED}")
+    if bins < 1:
+        raise InputError(f"radial_distribution: expected one bin or more, got {bins}")
+    half = min(float(box.heights.min()) for box in each_of(found.boxes)) / 2
+    r_max = half if r_max is None else float(r_max)
+    if not 0 < r_max <= half:
+        raise InputError(
+            f"radial_distribution: r_max = {r_max:g} is not in (0, {half:g}], half the least height of the box"
+        )
+    first, second = _members(found, pair)
+    unlike = first is not second
+    ordered = len(first) * (len(second) if unlike else len(first) - 1)
+    if ordered < 1:
+        raise InputError(f"radial_distribution: expected two particles or more, n >= 2, got {len(first)}")
+    chosen = np.concatenate([first, second]) if unlike else first
+    kinds = (np.arange(len(chosen)) >= len(first)).astype(np.int64) if unlike else np.zeros(len(chosen), np.int64)
+    edges = np.linspace(0.0, r_max, bins + 1)
+    shells = ordered * np.pi * np.diff(edges**2) if plane else ordered * 4 / 3 * np.pi * np.diff(edges**3)
+
+    from kickdrift.analysis.observables.pair_counts import pair_counts
+
+    frames = map(_in_plane if plane else _in_space, found.each())
+    twice = 1 if unlike else 2  # a pair of one kind counts from both ends
+    total = np.zeros(bins, np.int64)
+
+    def rows() -> Iterator[Floats]:
+        for x, box in zip(frames, found.boxes, strict=True):
+            counts = twice * pair_counts(x[chosen], box, kinds, unlike, r_max, bins)
+            np.add(total, counts, out=total)
+            yield counts / (shells / (box.area if plane else box.volume))
+
+    g = mean_over_frames(len(found), rows())
+    coordination = np.cumsum(total) / (len(found) * len(first))
+    return RadialDistribution((edges[1:] + edges[:-1]) / 2, g.value, g.error, coordination, len(found))
+
+
+def structure_factor(
+    source: Source,
+    box: Boxes = None,
+    k_max: float | None = None,
+    width: float | None = None,
+    *,
+    vectors: ArrayLike | None = None,
+) -> StructureFactor:
+    """Static structure factor S(k) = <|sum of exp(-i k·r)|²> / n on the wave vectors that fit a periodic box.
+
+    These are k = a a* + b b* + c c*, with whole a, b, c not all zero and the reciprocal vectors of the edges. In a
+    rectangular box a* is 2π/Lx along x (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001).
+    An average over shells takes all vectors up to ``k_max``. Along an open axis k is zero. S is 1 for an ideal gas, n
+    at a Bragg peak of a perfect crystal. The error is by block averages of a shell's or vector's values over frames.
+    The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``. Where a barostat
+    changes the box, a, b, c stay and k is the mean over frames; the shells are those of the mean box.
+
+    Parameters
+    ----------
+    source : a run, open or by its path, or some of its frames, ``run[100::10]``; or positions (n, 3) or (frames, n, 3),
+        wrapped or not
+    box : three edge lengths, a periodic Box, or a list with a Box for each frame; with positions alone
+    k_max : largest |k|; default 3π over the mean distance (V/n)^(1/3), in a plane (A/n)^(1/2), beyond the first peak
+        of a liquid
+    width : width of the shells; default half the smallest |k|, π over the longest edge of a rectangular box
+    vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the given order
+    """
+    found = vectors_of(source, "positions", box=box)
+    _check_periodic(found, "structure_factor")
+    mean = mean_box(found.boxes)
+    units = reciprocal(mean)
+    if vectors is None:
+        wanted, shell, shells = in_shells(mean, units, found.particles, k_max, width)
+    else:
+        wanted = np.asarray(vectors)
+        if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted) or np.any(wanted != np.rint(wanted)):
+            raise InputError(f"structure_factor: vectors: expected whole numbers of shape (m, 3), got {vectors}")
+        if wanted[:, ~units.any(axis=1)].any():
+            along = found.box.described("")
+            raise InputError(f"structure_factor: vectors: expected 0 along open axes; the box is {along}")
+        wanted, shell, shells = wanted.astype(np.int64), np.arange(len(wanted)), len(wanted)
+    each = np.bincount(shell, minlength=shells)
+    waves = Waves.of(wanted, units)
+    parts = {id(box): reciprocal(box) for box in each_of(found.boxes)}
+    of_frames = [parts[id(box)] for box in found.boxes]
+    if found.box_varies:
+        k = np.mean([_lengths(wanted @ own, shell, each) for own in of_frames], axis=0)
+    else:
+        k = _lengths(wanted @ units, shell, each)
+    shown = zip(found.each(), of_frames, strict=True)
+    rows = (np.bincount(shell, waves._replace(units=own).intensity(x), shells) / each for x, own in shown)
+    s = mean_over_frames(len(found), rows)
+    return StructureFactor(k, s.value, s.error, each, len(found))
+
+
+def _lengths(vectors: Floats, shell: NDArray[np.int64], each: NDArray[np.int64]) -> Floats:
+    """Mean length of the vectors (m, 3) of each shell."""
+    return np.bincount(shell, np.linalg.norm(vectors, axis=1), len(each)) / each
+
+
+def each_of(boxes: Iterable[Box]) -> list[Box]:
+    """The boxes without repeated objects."""
+    return list({id(box): box for box in boxes}.values())
+
+
+def mean_box(boxes: Sequence[Box]) -> Box:
+    """The box whose edge vectors are the means of those of the boxes; the box itself if there is only one."""
+    if len(each_of(boxes)) == 1:
+        return boxes[0]
+    return Box(matrix=np.mean([box.matrix for box in boxes], axis=0), periodic=boxes[0].periodic_axes)
+
+
+def _check_periodic(found: Vectors, name: str) -> None:
+    if not found.box.periodic:
+        raise InputError(f"{name}: needs a periodic box; an open system has no density")
+
+
+def _in_plane(x: Floats) -> Floats:
+    if np.any(x[:, 2] != x[0, 2]):
+        raise InputError(f"radial_distribution: {CLOSED}")
+    return x
+
+
+def _in_space(x: Floats) -> Floats:
+    if len(x) > 2 and not np.ptp(x, axis=0).all():
+        axis = "xyz"[int(np.argmin(np.ptp(x, axis=0)))]
+        raise InputError(
+            f"radial_distribution: all particles have the same {axis}, and spheres around them have no uniform "
+            "density; run the layer with dimensions = 2 (z constant), or give a Box that is open along z"
+        )
+    return x
+
+
+def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Particles of the two species; the same array twice if the species are equal."""
+    if pair is None:
+        every = np.arange(found.particles)
+        return every, every
+    if isinstance(pair, str) or len(pair) != 2:
+        raise InputError(f"radial_distribution: pair: expected two species, got {pair!r}")
+    members = {name: np.flatnonzero(found.species == name) for name in pair}
+    for name, those in members.items():
+        if not those.size:
+            known = ", ".join(sorted(set(found.species)))
+            raise InputError(f"radial_distribution: pair: no species {name!r}; known are {known}")
+    return members[pair[0]], members[pair[1]]

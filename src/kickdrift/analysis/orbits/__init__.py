@@ -1,0 +1,4 @@
+"""Orbits of a run over time: elements, proper frequencies, resonances.
+
+Imports no other analysis.
+"""

@@ -1,0 +1,184 @@
+"""Proper frequencies, secular periods and librating resonances of a run's orbits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kickdrift.analysis.doubts import warning_lines
+from kickdrift.analysis.orbits.librations import Resonance
+from kickdrift.display.showing import Lines, Shown, Table, above
+from kickdrift.errors import InputError
+from kickdrift.model.state import Floats
+from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.text import measured
+
+ARCSEC = math.degrees(1.0) * 3600.0
+SHOWN = 30  # most bodies, and most resonances, in a table
+
+
+class ProperOrbit(NamedTuple):
+    """Secular motion of one body's orbit. Frequencies are in radians per unit of time.
+
+    ``g`` and ``s`` are the proper frequencies of pericentre and node, nan where the period is longer than the run.
+    ``g_amplitude`` and ``s_amplitude`` are the amplitudes of these modes in e exp(i varpi) and sin(inc / 2) exp(i
+    Omega). ``g_expected`` and ``s_expected`` are the frequencies of the linear secular theory.
+    """
+
+    name: str
+    a: float
+    period: float
+    g: float
+    g_amplitude: float
+    g_expected: float
+    s: float
+    s_amplitude: float
+    s_expected: float
+
+    @property
+    def g_period(self) -> float:
+        """2 pi / |g|; infinite for an orbit that keeps its pericentre."""
+        return 2.0 * math.pi / abs(self.g) if self.g else math.inf
+
+    @property
+    def s_period(self) -> float:
+        """2 pi / |s|; infinite for the mode that the conservation of angular momentum keeps at rest."""
+        return 2.0 * math.pi / abs(self.s) if self.s else math.inf
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OrbitReport(Shown):
+    """Secular and resonant motion of a run's orbits.
+
+    Attributes
+    ----------
+    path : Path of the run
+    bodies : a `ProperOrbit` for each body that keeps its ellipse to the end, in the bodies' order
+    resonances : a `Resonance` for each angle that librates
+    left_out : names of bodies that were removed or absorbed, or left their ellipses
+    times : (k,) of the frames
+    z, zeta : (k, m) e exp(i varpi) and sin(inc / 2) exp(i Omega) of the bodies
+    angles : a (k,) series in radians for each of the resonances
+    frame, plane : reference frame and plane
+    resolution : 2 pi over the length of the run, in radians per unit of time
+    units : UnitSystem
+    warnings : what is wrong with the run, from its file
+    """
+
+    path: Path
+    bodies: tuple[ProperOrbit, ...]
+    resonances: tuple[Resonance, ...]
+    left_out: tuple[str, ...]
+    frame: str
+    plane: str
+    resolution: float
+    units: UnitSystem
+    times: Floats = field(repr=False)
+    z: Any = field(repr=False)
+    zeta: Any = field(repr=False)
+    angles: tuple[Floats, ...] = field(repr=False)
+    warnings: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def __getitem__(self, name: str) -> ProperOrbit:
+        for body in self.bodies:
+            if body.name == name:
+                return body
+        raise InputError(f"no body {name!r} in this report; expected one of {', '.join(b.name for b in self.bodies)}")
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as one JSON object, without the series. Angles are in radians; what is not known is null."""
+        return {
+            "file": str(self.path),
+            "frame": self.frame,
+            "plane": self.plane,
+            "frames": len(self.times),
+            "length": float(self.times[-1] - self.times[0]),
+            "time_unit": self.units.time,
+            "resolution": self.resolution,
+            "bodies": [
+                {key: _known(value) for key, value in (body._asdict() | _periods(body)).items()} for body in self.bodies
+            ],
+            "resonances": [
+                {"angle": one.angle} | {key: _known(value) for key, value in one._asdict().items()}
+                for one in self.resonances
+            ],
+            "left_out": list(self.left_out),
+            "warnings": self.warnings,
+        }
+
+    def plot(self) -> Any:
+        """Draw z and zeta of the bodies, their lines over frequency, and angles that librate; a matplotlib Figure."""
+        return above("orbit report figure")(self)
+
+    @property
+    def rate(self) -> tuple[float, str]:
+        """Factor from radians per unit of time to the unit of tables and figures, and that unit: arcseconds a year for
+        runs in years."""
+        if self.units.time == "yr":
+            return ARCSEC, '"/yr'
+        return 1.0, f"rad/{self.units.symbol('time') or 'time'}"
+
+    def _tables(self) -> list[Table]:
+        scale, unit = self.rate
+        time = measured("period", f"({self.units.symbol('time')})" if self.units.symbol("time") else "")
+        columns = ["body", "a", f"g ({unit})", time, "in e", f"s ({unit})", time, "in sin(i/2)"]
+        rows = [
+            [b.name, f"{b.a:.6g}", *_cells(b.g, b.g_period, b.g_amplitude, b.g_expected, scale),
+             *_cells(b.s, b.s_period, b.s_amplitude, b.s_expected, scale)]
+            for b in self.bodies[:SHOWN]
+        ]  # fmt: skip
+        tables: list[Table] = [("Proper frequencies", columns, rows)]
+        if self.resonances:
+            columns = ["resonance", "angle that librates", "centre (deg)", "amplitude (deg)", time]
+            rows = [
+                [f"{one.p}:{one.q}", one.angle, f"{math.degrees(one.centre):.1f}", f"{math.degrees(one.amplitude):.1f}",
+                 "–" if math.isnan(one.period) else f"{one.period:.5g}"]
+                for one in self.resonances[:SHOWN]
+            ]  # fmt: skip
+            tables.append(("Resonances", columns, rows))
+        return tables
+
+    def _lines(self) -> Lines:
+        length = measured(f"{self.times[-1] - self.times[0]:.6g}", self.units.symbol("time"))
+        lines = [("frames", f"{len(self.times):,} over {length}; elements {self.frame}, plane {self.plane}")]
+        if len(self.bodies) > SHOWN:
+            lines.append(("bodies", f"{len(self.bodies):,}, of which the table shows {SHOWN}; --json has all"))
+        if not self.resonances:
+            lines.append(("resonances", "no angle librates"))
+        elif len(self.resonances) > SHOWN:
+            lines.append(("resonances", f"{len(self.resonances)} angles librate; --json has all"))
+        slow = [b for b in self.bodies if math.isnan(b.g) or math.isnan(b.s)]
+        if slow:
+            rates = [
+                abs(w) for b in slow for w, known in ((b.g_expected, b.g), (b.s_expected, b.s)) if math.isnan(known)
+            ]
+            longest = 2.0 * math.pi / least if (least := min((w for w in rates if w > 0), default=0.0)) else math.inf
+            names = ", ".join(b.name for b in slow[:6]) + (", …" if len(slow) > 6 else "")
+            need = (
+                f"; run for about {measured(f'{3 * longest:.2g}', self.units.symbol('time'))}"
+                if longest < math.inf
+                else ""
+            )
+            lines.append(("too short for", f"{names}: a secular period is longer than the run{need}"))
+        if self.left_out:
+            lines.append(("left out", f"{', '.join(self.left_out)}: removed, absorbed or not on an ellipse"))
+        return lines + warning_lines(self.warnings)
+
+
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _periods(body: ProperOrbit) -> dict[str, float]:
+    return {"g_period": body.g_period, "s_period": body.s_period}
+
+
+def _cells(w: float, period: float, amplitude: float, expected: float, scale: float) -> list[str]:
+    if math.isnan(w):
+        return [f"~ {expected * scale:.2g}", "> run", "–"]
+    return [f"{w * scale:.6g}", "–" if math.isinf(period) else f"{period:.5g}", f"{amplitude:.2g}"]

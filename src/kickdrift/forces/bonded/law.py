@@ -1,0 +1,227 @@
+"""Forces between listed particles from one formula: ``@bond_law``, ``@angle_law``, ``@dihedral_law`` and so on.
+
+This module does not import numba, so reading and checking a system file stays fast; ``bind`` compiles.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.bonded.check import check_bonded_slope, check_closed, value_of
+from kickdrift.forces.laws.law import Form, force_of_law
+from kickdrift.forces.seam.arguments import check_massive, number
+from kickdrift.forces.seam.group import Grouped
+from kickdrift.model.molecules.internal import LONGEST, MEASURED, measured
+from kickdrift.model.state import Floats
+from kickdrift.text import shown, suggestion
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+TURN = math.pi / 180.0  # angles in system files are in degrees, in laws in radians
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BondedForce(Grouped):
+    """Parameters of every force on listed particles, besides those of its law.
+
+    Attributes
+    ----------
+    types : {name: {parameter: value}}, optional
+        The types of bonds (or angles and so on) on which the force acts, with the parameters that differ from the
+        force's own. Default: all types, with the force's own parameters.
+    """
+
+    types: Mapping[str, Mapping[str, float]] | None = None
+
+    Parameters: ClassVar[Any]  # the law's NamedTuple class
+    name: ClassVar[str]
+    kind: ClassVar[str]  # a key of MEASURED
+    limited: ClassVar[bool] = True
+    dimensions: ClassVar[dict[str, str]]
+    may_overlap: ClassVar[bool] = True
+    external: ClassVar[bool] = False
+    joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
+
+    def __post_init__(self) -> None:
+        for key in self.Parameters._fields:
+            object.__setattr__(self, key, self._checked(key, getattr(self, key), ""))
+        if self.types is not None:
+            if not isinstance(self.types, Mapping) or not self.types:
+                raise InputError(f"{self.name}: types: expected a table of types, got {shown(self.types)}")
+            for name, values in self.types.items():
+                if not isinstance(values, Mapping):
+                    raise InputError(f"{self.name}: types.{name}: expected a table, got {shown(values)}")
+                for key, value in values.items():
+                    if key not in self.Parameters._fields:
+                        hint = suggestion(key, self.Parameters._fields)
+                        raise InputError(f"{self.name}: types.{name}: unknown parameter {shown(key)}{hint}")
+                    self._checked(key, value, f" of type {name}")
+        for where, law in self._laws_given():
+            if problem := getattr(law, "problem", ""):
+                raise InputError(f"{self.name}{where}: {problem}")
+            check_bonded_slope(f"{self.name}{where}", law, self.kind)
+            if self.kind == "dihedrals":  # stiff impropers never come near 180 degrees
+                check_closed(f"{self.name}{where}", law)
+
+    def _checked(self, key: str, value: Any, where: str) -> float:
+        found = number(self.name, key + where, value)
+        if self.dimensions.get(key) == "length" and found < 0:
+            raise InputError(f"{self.name}: {key}{where} must be a length, zero or more, got {shown(value)}")
+        return found
+
+    @property
+    def stands_for(self) -> str:  # type: ignore[override]
+        """What the force is a model of: its law. Terms of dihedrals and impropers are the parts of a series."""
+        return self.name if self.kind in ("bonds", "angles") else ""
+
+    def acting_on(self, system: Subject) -> dict[Any, str] | None:
+        """The listed items."""
+        rows = self.items(system)[0].tolist()
+        return {tuple(row): f"{self.kind[:-1]} {'-'.join(map(str, row))}" for row in rows}
+
+    @property
+    def law(self) -> Any:
+        """The force's own parameters."""
+        return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
+
+    def law_of(self, type: str) -> Any:
+        """Parameters of the law for a type; None if the force does not act on this type."""
+        if self.types is None:
+            return self.law
+        return self.law._replace(**self.types[type]) if type in self.types else None
+
+    def _laws_given(self) -> Iterator[tuple[str, Any]]:
+        if self.types is None:
+            yield "", self.law
+        for name in self.types or ():
+            yield f": type {name}", self.law_of(name)
+
+    def items(self, system: Subject) -> tuple[np.ndarray, list[Any], np.ndarray]:
+        """The listed particles (m, 2 to 4) on which the force acts, the laws of its types, and the law of each (m,)."""
+        topology = system.topology
+        every = (
+            np.zeros((0, MEASURED[self.kind].particles), np.int64) if topology is None else getattr(topology, self.kind)
+        )
+        types = () if topology is None else topology.types(self.kind)
+        names = list(dict.fromkeys(types))
+        laws = [(name, law) for name in names if (law := self.law_of(name)) is not None]
+        place = {name: k for k, (name, _) in enumerate(laws)}
+        which = np.fromiter((place.get(name, -1) for name in types), np.int64, len(types))
+        return every[which >= 0], [law for _, law in laws], which[which >= 0]
+
+    def check(self, system: Subject) -> None:
+        """Refuse a system without such a list, particles without mass, and places where the law has no value."""
+        items, *_ = self.items(system)
+        if not len(items):
+            topology = system.topology
+            if topology is None or not len(getattr(topology, self.kind)):
+                raise InputError(f"{self.name}: the system lists no {self.kind}; [topology] lists them")
+        for name in self.types or ():
+            assert system.topology is not None
+            known = dict.fromkeys(system.topology.types(self.kind))
+            if name not in known:
+                hint = suggestion(name, known)
+                listed = ", ".join(known)
+                raise InputError(
+                    f"{self.name}: types: the system has no {self.kind} of type {name}{hint}; its types are {listed}"
+                )
+        check_massive(self.name, system, np.unique(items))
+        if wrong := self.trouble(system, system.state.phase[0]):
+            raise InputError(f"{self.name}: {wrong}")
+
+    def trouble(self, system: Subject, x: Floats) -> str:
+        """Description of the first listed item at positions x (3, n) at which the law has no value; "" if none."""
+        items, laws, which = self.items(system)
+        found = measured(system.box, x, items, self.kind)
+        if self.kind == "bonds":
+            named, height = system.box.narrowest
+            long = np.flatnonzero(~(found < LONGEST * height))
+            if long.size:
+                k = int(long[0])
+                return (
+                    f"bond {k} of particles {_and(items[k])} is {found[k]:.6g} long; it must be under {LONGEST} of "
+                    f"the {named}, {LONGEST * height:.6g}, so that its nearest image is certain"
+                )
+        for k, (value, law) in enumerate(zip(found.tolist(), which.tolist(), strict=True)):
+            energy, slope = value_of(laws[law], value)
+            if not (math.isfinite(energy) and math.isfinite(slope)):
+                where = f"{value:.6g}" if self.kind == "bonds" else f"{value / TURN:.6g} degrees"
+                word = "length" if self.kind == "bonds" else "angle"
+                at = ", ".join(f"{key} = {number:g}" for key, number in laws[law]._asdict().items())
+                return (
+                    f"{self.kind[:-1]} {k} of particles {_and(items[k])} has the {word} {where}, where the law has no "
+                    f"finite energy and slope ({at})"
+                )
+        return ""
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """Bind this force to a System: a NamedTuple with a compiled body."""
+        from kickdrift.forces.bonded.kernel import bind
+
+        return bind(self, system)
+
+
+def _and(particles: np.ndarray) -> str:
+    *first, last = map(str, particles.tolist())
+    return f"{', '.join(first)} and {last}"
+
+
+def _form(kind: str) -> Form:
+    arguments = MEASURED[kind].arguments
+    alone = f"its energy and slope must depend on {' and '.join(arguments)} alone"
+    return Form(f"{kind[:-1]}_law", arguments, alone)
+
+
+def _force(cls: type, kind: str) -> Any:
+    return force_of_law(cls, BondedForce, _form(kind), {}, {}, kind=kind)
+
+
+def bond_law(cls: type) -> Any:
+    """Make a force on bonds of a NamedTuple class whose ``law(p, r)`` returns the energy U and its slope dU/dr.
+
+    The force acts on the bonds of the System's ``Topology``. The class's fields are the law's parameters; the force has
+    them and those of ``BondedForce``. ``law`` gets the parameters p and the distance r, or an angle in radians for
+    `angle_law` and `dihedral_law`. It may use functions of ``math``. Where a law has no value, it returns nan: a
+    system that begins there is refused, and a run that comes there stops and names the bond. The force is registered
+    under the class's name in lower case, with hyphens, as by `pair_law`.
+
+    Raises
+    ------
+    InputError
+        If the law's code keeps state, if the slope is not that of the energy, or if the name belongs to a force that
+        ships.
+    """
+    return _force(cls, "bonds")
+
+
+def angle_law(cls: type) -> Any:
+    """Make a force on angles of a NamedTuple class whose ``law(p, angle)`` returns U and dU/d(angle).
+
+    The angle is in radians, from 0 to pi, pi for three particles in a line. All else is as for `bond_law`.
+    """
+    return _force(cls, "angles")
+
+
+def dihedral_law(cls: type) -> Any:
+    """Make a force on dihedrals of a NamedTuple class whose ``law(p, angle)`` returns U and dU/d(angle).
+
+    The angle is in radians, from -pi to pi: 0 for a planar chain whose ends are on the same side (cis), pi on opposite
+    sides (trans); IUPAC's sign. All else is as for `bond_law`.
+    """
+    return _force(cls, "dihedrals")
+
+
+def improper_law(cls: type) -> Any:
+    """Make a force on impropers of a NamedTuple class whose ``law(p, angle)`` returns U and dU/d(angle).
+
+    The angle is in radians, from -pi to pi, between the plane of the first three particles and the plane of the last
+    three, as for `dihedral_law`: 0 or pi for four particles in a plane. All else is as for `bond_law`.
+    """
+    return _force(cls, "impropers")

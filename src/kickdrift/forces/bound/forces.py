@@ -1,0 +1,220 @@
+"""Compiled forces of a System, bound for use from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.bound.evaluate import SLOTS, derivative, measure
+from kickdrift.forces.bound.table import Forces, few_of, table_of
+from kickdrift.forces.external.host import Host, host_of
+from kickdrift.forces.external.kernel import ExternalKernel
+from kickdrift.forces.laws.check import not_compiled
+from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
+from kickdrift.forces.lists.listed import ListedForce
+from kickdrift.forces.pairs.kernel import PairKernel
+from kickdrift.forces.pairs.lists import grown, memory, recalled, thinned, tuned, with_moving_parts
+from kickdrift.forces.seam.kernel import GROW, OK, BoundForce
+from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
+from kickdrift.jit.threads.team import team_of
+from kickdrift.model.checks.values import number
+from kickdrift.model.state import Floats
+from kickdrift.text import shown
+
+
+class Measured(NamedTuple):
+    """Result of one evaluation."""
+
+    accelerations: Floats  # (3, n)
+    potential: float
+    virial: float  # sum over pairs of r . F
+    pairs: int | None  # number of interacting pairs; None if unknown
+
+
+def most_threads() -> int:
+    """Return the largest number of threads that numba allows."""
+    from numba import config
+
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def check_threads(threads: Any) -> int:
+    """Return ``threads`` as an int. Raises InputError unless it is a whole number from 1 to numba's limit."""
+    found = number(threads)
+    if not (found.is_integer() and 1 <= found <= most_threads()):
+        raise InputError(f"threads must be 1 to {most_threads()} here, got {shown(threads)}")
+    return int(found)
+
+
+def _compiled(force: BoundForce) -> BoundForce:
+    try:
+        return force.ready()
+    except (NumbaError, UnsupportedBytecodeError) as error:
+        law = type(getattr(force.parts, "law", None))
+        raise not_compiled(law if hasattr(law, "law") else type(force.parts), error) from None
+
+
+def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
+    """Return the bound force with the edge lengths of its box in this memory. If edges change ``apart``, the force also
+    sums its virial along each axis."""
+    if isinstance(force, PairKernel):
+        made = force.with_list(live=lengths)
+        return PairKernel(made.parts._replace(along=np.zeros((len(made.parts.sums), 3)))) if apart else made
+    cell = getattr(force.parts, "cell", None)
+    return force if cell is None else BoundForce(force.parts._replace(cell=cell._replace(edges=lengths)))
+
+
+class UnderForces(Protocol):
+    """A System to which forces are bound, or a Problem with its right-hand side as the only force."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def forces(self) -> tuple[Any, ...]: ...
+
+
+class BoundForces:
+    """Forces of a System or a Problem, with their pair lists.
+
+    The lists live as long as this object, and sums depend on earlier calls (to round-off). So the run loop has its own
+    instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
+    has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
+    With ``mixed``, pair forces are in mixed precision. ``lengths`` (3,) is memory that holds the edge lengths of a box
+    that varies, with ``apart`` each edge by itself.
+    """
+
+    def __init__(
+        self,
+        system: UnderForces,
+        threads: int = 1,
+        jumps: bool = True,
+        thin: bool = False,
+        mixed: bool = False,
+        lengths: Floats | None = None,
+        apart: bool = False,
+    ) -> None:
+        self.threads = check_threads(threads)
+        pairs = [isinstance(force, ListedForce) for force in system.forces]
+        if mixed and not any(pairs):
+            raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
+        self.forces: tuple[BoundForce, ...] = tuple(
+            force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
+            for force, pair in zip(system.forces, pairs, strict=True)
+        )
+        self._varies = lengths is not None
+        if lengths is not None:
+            self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)
+        self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
+        self.hosts: tuple[Host | None, ...] = tuple(host_of(force.parts) for force in self.forces)
+        if thin:
+            self.forces = tuple(thinned(force) for force in self.forces)
+        for force in self.forces:
+            if isinstance(force, PairKernel):
+                force.pairs.counts[JUMPS_ALLOWED] = jumps
+
+    def call(self, compiled: Callable[..., int], *args: Any) -> int:
+        """Call ``compiled(table, *args)`` and return its status; if a list was too small, enlarge it and call again."""
+        table = self.table
+        if self.threads > 1:
+            team_of(self.threads).start()
+        while (status := compiled(table, *args)) == GROW:
+            self.forces = tuple(grown(force) for force in self.forces)
+            table = self.table
+        return status
+
+    @property
+    def table(self) -> Forces:
+        """Table of forces for compiled code, compiled on first use.
+
+        A law that numba cannot compile raises an InputError of one line. The table is valid until a list grows or
+        changes its skins."""
+        if self._table is None or self._table[0] is not self.forces:
+            few = few_of(self.forces)
+            self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)
+            self._table = self.forces, table_of(self.forces)
+        return self._table[1]
+
+    def measure(self, time: float, phase: Floats) -> Measured | None:
+        """Return accelerations and energies at ``phase`` (2, 3, n), positions and velocities; None if not finite."""
+        a, sums = np.zeros(phase.shape[1:]), np.zeros(3)
+        if self.call(measure, time, phase, a, sums, np.zeros(SLOTS, np.int64)) != OK:
+            return None
+        return Measured(a, float(sums[0]), float(sums[1]), None if np.isnan(sums[2]) else int(sums[2]))
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """Return f(t, y) for y of shape (2, rows, n) or (1, 1, n); all nan if y is not finite or the run has blown
+        up."""
+        y = np.ascontiguousarray(y)  # a Problem's function receives this memory
+        dy = np.empty(y.shape)
+        if self.call(derivative, time, y, dy, np.zeros(SLOTS, np.int64)) != OK:
+            dy[...] = np.nan
+        return dy
+
+    @property
+    def virials_along(self) -> list[Floats]:
+        """Memory (chunks, 3) of each pair force with the virial along each axis at the last evaluation with sums."""
+        kernels = [force for force in self.forces if isinstance(force, PairKernel)]
+        return [force.parts.along for force in kernels if force.parts.along is not None]
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Subclasses of
+        `PairKernel` do not: their forces have other sums, or their runs carry more than particles."""
+        return [type(force) for force in self.forces] == [PairKernel]
+
+    def keep_sorted(self) -> None:
+        """Give the force that takes steps its memory for particles in the order of the clusters."""
+        self.forces = tuple(with_moving_parts(force) for force in self.forces)
+
+    def tune(self, stride: float) -> None:
+        """Choose the cheapest pair lists; the next evaluation makes them.
+
+        ``stride`` is the distance that the fastest particle moves between two evaluations."""
+        self.forces = tuple(tuned(force, stride) for force in self.forces)
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard all pair lists; the next evaluation makes them again."""
+        for force in self.forces:
+            if isinstance(force, PairKernel):
+                force.pairs.counts[BUILT] = 0
+        for host in self.hosts:
+            if host is not None:
+                host.begin_anew()
+
+    def memory(self) -> list[dict[str, Any] | None]:
+        """Return copies of each force's pair list or other memory, on which later sums depend; None without any."""
+        found: list[dict[str, Any] | None] = []
+        for force, host in zip(self.forces, self.hosts, strict=True):
+            own = None if host is None else host.memory()
+            found.append(memory(force, self._varies) if isinstance(force, PairKernel) else own)
+        return found
+
+    def recall(self, memory: list[dict[str, Any] | None]) -> None:
+        """Restore the pair lists from this memory."""
+        pairs = zip(self.forces, memory, strict=True)
+        self.forces = tuple(
+            recalled(force, kept) if isinstance(force, PairKernel) and kept is not None else force
+            for force, kept in pairs
+        )
+        for host, kept in zip(self.hosts, memory, strict=True):
+            if host is not None and kept is not None:
+                host.recall(kept)
+
+    def follow(self, run: BoundForces) -> None:
+        """Share the answers of Python with the forces of a run, whose samples these serve."""
+        self.hosts = (None,) * len(self.forces)
+        self.forces = tuple(
+            BoundForce(own.parts._replace(aside=True)) if isinstance(own.parts, ExternalKernel) else force
+            for force, own in zip(self.forces, run.forces, strict=True)
+        )
+
+    @property
+    def list_builds(self) -> tuple[int, int]:
+        """Return how often the pair lists were searched and pruned."""
+        lists = [force.pairs.counts for force in self.forces if isinstance(force, PairKernel)]
+        return int(sum(c[OUTER_BUILDS] for c in lists)), int(sum(c[PRUNES] for c in lists))

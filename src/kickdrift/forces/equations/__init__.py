@@ -1,0 +1,4 @@
+"""Right-hand sides of Problems, as forces.
+
+Imports `seam`.
+"""

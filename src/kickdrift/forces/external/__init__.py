@@ -1,0 +1,4 @@
+"""Forces that Python computes: functions, and calculators of ASE.
+
+Imports `seam` and `fields`.
+"""

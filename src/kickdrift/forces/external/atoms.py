@@ -1,0 +1,148 @@
+"""A calculator at work: its Atoms share the memory of the positions, and its own memory is known."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from ase import Atoms
+from ase.calculators.calculator import all_changes
+
+from kickdrift.errors import InputError
+from kickdrift.forces.external.host import Host
+from kickdrift.forces.external.turns import Question, asked
+from kickdrift.forces.seam.named import takes_batches
+from kickdrift.model.state import Floats
+from kickdrift.model.subject import Subject
+from kickdrift.model.units.ase_units import Scale
+from kickdrift.text import shown
+
+MOVED = ["positions"]
+_BEGUN: weakref.WeakKeyDictionary[Any, Begun] = weakref.WeakKeyDictionary()  # by calculator
+
+
+class Begun:
+    """Where a calculator last began anew: at the reference of a host, or at a sample of that host."""
+
+    host: weakref.ref[CalculatorHost] | None = None
+    at_sample = False
+
+    def by(self, host: CalculatorHost, at_sample: bool) -> bool:
+        """Whether this host made it begin, there."""
+        return self.host is not None and self.host() is host and self.at_sample == at_sample
+
+    def note(self, host: CalculatorHost | None, at_sample: bool = False) -> None:
+        """Note where the calculator has begun; None for nowhere that is known."""
+        self.host, self.at_sample = None if host is None else weakref.ref(host), at_sample
+
+
+class CalculatorHost(Host):
+    """Atoms whose positions compiled code writes, and the calculator that takes these atoms."""
+
+    def __init__(self, calculator: Any, atoms: Any, volume: float, units: Scale, *given: Any, **more: Any) -> None:
+        super().__init__(*given, **more)
+        self._calculator, self._atoms, self._volume, self._scale = calculator, atoms, volume, units
+        self._open = not atoms.pbc.any()
+        atoms.arrays["positions"] = self.parts.positions  # no copy: this memory is the atoms'
+        self._properties = ["energy", "forces", *(["stress"] if np.isfinite(volume) else [])]
+        self._begun = _BEGUN.setdefault(calculator, Begun())
+
+    def answer(self, time: float, aside: bool) -> None:
+        """See Host. A far place makes the calculator begin anew, there; a near one does so at the reference if
+        another user of the calculator has moved it."""
+        begun = self._begun
+        if self.follows_sample:
+            self.begin_here()
+            begun.note(self if begun.by(self, at_sample=True) else None)
+            return
+        if self.far:
+            if not aside:
+                self.begin_here()
+            begun.note(None)
+            self._calculate(anew=True)
+            begun.note(self, at_sample=aside)
+            return
+        if not begun.by(self, at_sample=False):
+            begun.note(None)
+            here = self.parts.positions.copy()
+            try:
+                self.parts.positions[...] = self.parts.reference
+                self._calculate(anew=True)
+            finally:
+                self.parts.positions[...] = here
+            begun.note(self)
+        self._calculate(anew=False)
+
+    def _calculate(self, anew: bool) -> None:
+        """Let the calculator begin anew or go on, at the present positions."""
+        calculator, atoms = self._calculator, self._atoms
+        if anew:
+            reset = getattr(calculator, "reset", None)
+            if reset is not None:
+                reset()
+        calculator.results = {}
+        calculator.atoms = atoms  # as ASE's own get_property sets it, without a copy
+        calculator.calculate(atoms, self._properties, all_changes if anew else MOVED)
+        self._store(calculator.results)
+
+    def _store(self, results: Any) -> None:
+        """Store a calculator's results."""
+        for wanted in self._properties:
+            if wanted not in results:
+                raise InputError(f"returned no {wanted}")
+        energy = results.get("free_energy", results["energy"])  # whose slope the forces are, for smeared electrons
+        virial = float(np.vdot(self.parts.positions, results["forces"])) * self._scale.energy if self._open else np.nan
+        if np.isfinite(self._volume):
+            stress = results["stress"]
+            trace = stress[0] + stress[1] + stress[2] if np.shape(stress) == (6,) else np.trace(stress)
+            virial = -float(trace) * self._volume * self._scale.energy
+        self.put(results["forces"], float(energy) * self._scale.energy, virial)
+
+
+class BatchHost(CalculatorHost):
+    """Atoms of a calculator that takes several Atoms at once, and keeps no memory between calls."""
+
+    def answer(self, time: float, aside: bool) -> None:
+        """See Host."""
+        key = (id(self._calculator), tuple(self._properties))
+        self._store(asked(Question(key, self._together, self._atoms)))
+
+    def _together(self, atoms: list[Any]) -> list[Any]:
+        """Results of all Atoms in one call."""
+        results = self._calculator.calculate_batch(atoms, self._properties)
+        if not isinstance(results, list | tuple) or len(results) != len(atoms):
+            what = f"{len(results)} results" if isinstance(results, list | tuple) else shown(results)
+            raise InputError(f"calculate_batch returned {what} for {len(atoms)} Atoms, expected a list of as many")
+        if wrong := [each for each in results if not isinstance(each, Mapping)]:
+            raise InputError(f"calculate_batch returned a list with {shown(wrong[0])}, expected tables of results")
+        return list(results)
+
+
+def calculator_host(
+    calculator: Any, label: str, elements: dict[str, str], system: Subject, reach: float, stress: bool
+) -> CalculatorHost:
+    """The host of a calculator for a System's particles.
+
+    Parameters
+    ----------
+    elements : chemical elements by species
+    reach : distance in angstrom from where the calculator last began anew
+    stress : whether to calculate the stress
+    """
+    scale, state = Scale.of(system.units), system.state
+    atoms = Atoms(
+        [elements[system.species[k]] for k in system.species_index],
+        positions=state.positions / scale.length,
+        masses=state.masses / scale.mass,
+        cell=system.box.matrix / scale.length,
+        pbc=system.box.periodic_axes,
+    )
+    volume: float = system.volume / scale.length**3 if stress else np.nan
+    factors: Floats = scale.force / system.coherent_masses
+    together = takes_batches(calculator)  # such a calculator has no memory, and so no reference
+    return (BatchHost if together else CalculatorHost)(
+        calculator, atoms, volume, scale, label, factors,
+        scale=1.0 / scale.length, reach=np.inf if together else reach, sees_velocities=False, pairs=np.nan,
+    )  # fmt: skip

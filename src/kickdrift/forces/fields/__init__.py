@@ -1,0 +1,4 @@
+"""Fields and springs that ship.
+
+Imports `laws` and `bonded`.
+"""

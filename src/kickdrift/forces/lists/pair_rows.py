@@ -1,0 +1,255 @@
+"""The steps of the pair sum, for each width of lanes: a particle against a cluster or half of it, or a tile.
+
+The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from kickdrift.forces.lists.clusters import (
+    APART,
+    SHIFTS,
+    STRIDE,
+    TABLE_STRIDE,
+    load_vector,
+    table_place,
+)
+from kickdrift.forces.lists.sums import force_memory, thread_memory
+from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.functions import in_eight, lane_numbers, multiply_add
+from kickdrift.jit.lanes.masks import lowest_bit, select
+from kickdrift.jit.lanes.memory import broadcast, line_aligned, load, load_like, store
+from kickdrift.jit.lanes.single import (
+    four_of,
+    halves,
+    load_four_times,
+    load_single,
+    store_narrow,
+    sums_of_quarters,
+)
+from kickdrift.jit.lanes.vectors import F64, WIDTH, lanes_type, single_type
+
+ROW = 4  # particles in a row of tiles
+PLACES = (
+    table_place.py_func(ROW, 1, 0),
+    table_place.py_func(ROW, 0, 1),
+)  # distances in the table between shifts and between rows, for rows of four particles
+
+
+def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int, thread: int) -> Any:
+    """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
+    precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(working_arrays)
+def _working_arrays(zero, pairs, chunks, c, thread):
+    if zero.vector.element == F64:
+
+        def double(zero, pairs, chunks, c, thread):
+            forces = force_memory(pairs, chunks, c, thread)
+            return pairs.x, forces, forces, np.empty(SHIFTS * TABLE_STRIDE), np.zeros(WIDTH * STRIDE)
+
+        def on_lines(zero, pairs, chunks, c, thread):
+            forces = force_memory(pairs, chunks, c, thread)
+            table = line_aligned(np.empty(SHIFTS * TABLE_STRIDE + WIDTH))
+            return pairs.x, forces, forces, table, line_aligned(np.zeros(WIDTH * STRIDE + WIDTH))
+
+        return on_lines if zero == lanes_type else double
+
+    def tiles(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
+        row_sums = line_aligned(np.empty(4 * STRIDE + 2 * WIDTH, np.float32))
+        return pairs.x_single, forces, reactions, tile_table(), row_sums
+
+    def single(zero, pairs, chunks, c, thread):
+        forces = force_memory(pairs, chunks, c, thread)
+        reactions = thread_memory(pairs.thread_single, pairs, c, thread)
+        table = np.empty(SHIFTS * TABLE_STRIDE, np.float32)
+        return pairs.x_single, forces, reactions, table, np.zeros(WIDTH * STRIDE)
+
+    return tiles if zero == single_type else single
+
+
+@as_written
+def tile_table():
+    """Return an empty table for rows of tiles, on a boundary of cache lines."""
+    return line_aligned(np.empty(SHIFTS * PLACES[0] + 2 * WIDTH, np.float32))
+
+
+@jit
+def copy_to_single(pairs, begin, end):
+    """In mixed precision, copy the positions of these clusters, relative to the origin, to float32."""
+    if pairs.x_single.size == 0:
+        return
+    for cluster in range(begin, end):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])
+
+
+def particle_of(zero: Any, place: int) -> int:
+    """Return the index in its cluster of a row's (first) particle, from the row's place in the table."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(particle_of)
+def _particle_of(zero, place):
+    if zero == single_type:
+        per_shift, per_row = PLACES
+        return lambda zero, place: ROW * (place % per_shift // per_row)
+    return lambda zero, place: place & (WIDTH - 1)
+
+
+@as_written
+def slot_of(other):
+    """Return the slot of the particle whose x is at ``other``."""
+    return other // STRIDE * WIDTH + other % STRIDE
+
+
+def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> None:
+    """Fill the table with a cluster's positions minus each shift in use; a look-up is cheaper than a subtraction in
+    each step."""
+
+
+@overload(fill_table, forceinline=True)
+def _fill_table(table, pairs, cluster, used, zero):
+    def double(table, pairs, cluster, used, zero):
+        shifts = pairs.shifts
+        x, y, z = load_vector(pairs.x, cluster)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store(table, TABLE_STRIDE * s, x - shifts[0, s])
+            store(table, TABLE_STRIDE * s + WIDTH, y - shifts[1, s])
+            store(table, TABLE_STRIDE * s + 2 * WIDTH, z - shifts[2, s])
+
+    def single(table, pairs, cluster, used, zero):
+        shifts, origin = pairs.shifts, pairs.origin
+        x, y, z = load_vector(pairs.x, cluster)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store_narrow(table, TABLE_STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_narrow(table, TABLE_STRIDE * s + WIDTH, y - (shifts[1, s] + origin[1]))
+            store_narrow(table, TABLE_STRIDE * s + 2 * WIDTH, z - (shifts[2, s] + origin[2]))
+
+    def fours(table, pairs, cluster, used, zero):
+        shifts, origin = pairs.shifts, pairs.origin
+        x, y, z = load_vector(pairs.x, cluster)
+        # an empty place of a row is further away than all other empty places, for every shift
+        aside = 10 * APART * pairs.cutoff + 3 * pairs.cell.matrix[0, 0]
+        x = select(lane_numbers() < float(pairs.filled[cluster]), x, x + aside)
+        while used:
+            s = lowest_bit(used)
+            used &= used - 1
+            store_fours(table, 4 * STRIDE * s, x - (shifts[0, s] + origin[0]))
+            store_fours(table, 4 * STRIDE * s + 2 * WIDTH, y - (shifts[1, s] + origin[1]))
+            store_fours(table, 4 * STRIDE * s + 4 * WIDTH, z - (shifts[2, s] + origin[2]))
+
+    return double if zero.vector.element == F64 else fours if zero == single_type else single
+
+
+@as_written
+def store_fours(table, at, value):
+    """Store lanes 0 to 3 four times each in float32, then lanes 4 to 7 in the next row."""
+    store(table, at, four_of(value, 0))
+    store(table, at + 2 * STRIDE, four_of(value, 1))
+
+
+def displacements(zero: Any, x: Any, table: Any, other: int, place: int) -> Any:
+    """Return the displacements from the neighbours whose x begin at ``other`` to the row at ``place``."""
+
+
+@overload(displacements)
+def _displacements(zero, x, table, other, place):
+    def one(zero, x, table, other, place):
+        dx = broadcast(table, place, zero) - load_like(x, other, zero)
+        dy = broadcast(table, place + WIDTH, zero) - load_like(x, other + WIDTH, zero)
+        return dx, dy, broadcast(table, place + 2 * WIDTH, zero) - load_like(x, other + 2 * WIDTH, zero)
+
+    def four(zero, x, table, other, place):
+        dx = load_single(table, place) - load_four_times(x, other)
+        dy = load_single(table, place + 2 * WIDTH) - load_four_times(x, other + WIDTH)
+        return dx, dy, load_single(table, place + 4 * WIDTH) - load_four_times(x, other + 2 * WIDTH)
+
+    return four if zero == single_type else one
+
+
+def subtract_reactions(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
+    """Add g times the displacements to the reactions on the neighbours whose x begin at ``other``."""
+
+
+@overload(subtract_reactions)
+def _subtract_reactions(reactions, other, g, dx, dy, dz):
+    per_row = ROW if g == single_type else 1
+
+    def add(reactions, other, g, dx, dy, dz):
+        x, y, z = per_row * other, per_row * (other + WIDTH), per_row * (other + 2 * WIDTH)
+        hx, hy, hz = load_like(reactions, x, g), load_like(reactions, y, g), load_like(reactions, z, g)
+        store(reactions, x, multiply_add(g, dx, hx))
+        store(reactions, y, multiply_add(g, dy, hy))
+        store(reactions, z, multiply_add(g, dz, hz))
+
+    return add
+
+
+def in_float64(value: Any) -> Any:
+    """Return eight lanes of float64: 16 lanes are summed in pairs, four lanes are padded with four zeros."""
+
+
+@overload(in_float64)
+def _in_float64(value):
+    def two(value):
+        low, high = halves(value)
+        return low + high
+
+    return two if value == single_type else (lambda value: in_eight(value))
+
+
+def clear(reactions: Any, cluster: int, zero: Any) -> None:
+    """Set the reactions on a cluster to zero, unless they are already, or the forces themselves hold them."""
+
+
+@overload(clear)
+def _clear(reactions, cluster, zero):
+    def single(reactions, cluster, zero):
+        for k in range(3):
+            store(reactions, STRIDE * cluster + WIDTH * k, zero)
+
+    if reactions.dtype != types.float32 or zero == single_type:
+        return lambda reactions, cluster, zero: None
+    return single
+
+
+def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
+    """Add the reactions on a cluster to its forces, unless the forces themselves hold them.
+
+    The reactions of tiles then become zero for the next evaluation: they are three times as large as the forces, and
+    now in the cache."""
+
+
+@overload(add_reactions)
+def _add_reactions(forces, reactions, cluster, zero):
+    def single(forces, reactions, cluster, zero):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            store(forces, p, load(forces, p) + in_float64(load_like(reactions, p, zero)))
+
+    def tiles(forces, reactions, cluster, zero):
+        for k in range(3):
+            p = STRIDE * cluster + WIDTH * k
+            both = load_single(reactions, ROW * p), load_single(reactions, ROW * p + 2 * WIDTH)
+            store(forces, p, load(forces, p) + sums_of_quarters(both[0], both[1]))
+            store(reactions, ROW * p, zero)
+            store(reactions, ROW * p + 2 * WIDTH, zero)
+
+    if reactions.dtype != types.float32:
+        return lambda forces, reactions, cluster, zero: None
+    return tiles if zero == single_type else single

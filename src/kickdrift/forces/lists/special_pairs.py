@@ -1,0 +1,207 @@
+"""Pairs that pair forces leave out or scale: bonded neighbours and other exclusions of a Topology.
+
+A pair of clusters with such a pair leaves the rows of the list and becomes an entry of its own, with a factor for each
+of its pairs. So the main loop over the rows knows nothing of factors. Without such pairs, ``special`` is None and the
+code is as if this module were not there.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from kickdrift.forces.lists.clusters import SHIFT_BITS, SHIFTS, STRIDE
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.vectors import WIDTH
+
+if TYPE_CHECKING:
+    from kickdrift.model.molecules.topology import Topology
+
+OWN = 255  # code of a pair that the same entry meets from the other side, or of a particle with itself
+UNSHIFTED = SHIFTS // 2
+
+
+class Special(NamedTuple):
+    """Special pairs of n particles, and the entries that hold them. ``room`` is the room of the outer list."""
+
+    start: NDArray[np.int64]  # (n + 1,) partners of particle i: partner[start[i] : start[i + 1]]
+    partner: NDArray[np.int64]
+    code: NDArray[np.int64]  # index in ``factors``
+    factors: NDArray[np.float64]  # (256,) the first is 1
+    particle: NDArray[np.int64]  # (slots,) the particle in each slot, -1 for padding
+    marks: NDArray[np.int64]  # (chunks, clusters) special pairs of the present cluster with each other cluster
+    inside: NDArray[np.bool_]  # (clusters,) whether a cluster has special pairs among its own particles
+    number: NDArray[np.int64]  # (chunks,) entries
+    entries: NDArray[np.int64]  # (chunks, room + clusters, 3) a cluster, the other << 5 | shift, bits of pairs in reach
+    codes: NDArray[np.int64]  # (chunks, room + clusters, 8) for each row, a byte for each of eight pairs
+
+
+def special_of(topology: Topology | None, n: int, slots: int, chunks: int, room: int) -> Special | None:
+    """Return the special pairs of n particles; None if there are none."""
+    if topology is None or not len(topology.scaled.pairs):
+        return None
+    pairs, factors = topology.scaled
+    values = np.unique(factors)
+    table = np.zeros(256)
+    table[0], table[1 : 1 + len(values)] = 1.0, values
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    order = np.lexsort((both[:, 1], both[:, 0]))
+    count = np.bincount(both[:, 0], minlength=n)
+    clusters = slots // WIDTH
+    return Special(
+        start=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
+        partner=both[order, 1].copy(),
+        code=(1 + np.searchsorted(values, np.tile(factors, 2)[order])).astype(np.int64),
+        factors=table,
+        particle=np.full(slots, -1, np.int64),
+        marks=np.zeros((chunks, clusters), np.int64),
+        inside=np.zeros(clusters, np.bool_),
+        number=np.zeros(chunks, np.int64),
+        **rooms(chunks, room + clusters),
+    )
+
+
+def rooms(chunks: int, room: int) -> dict[str, NDArray[np.int64]]:
+    """Return empty entries."""
+    return {"entries": np.empty((chunks, room, 3), np.int64), "codes": np.empty((chunks, room, WIDTH), np.int64)}
+
+
+def with_special_room(special: Special | None, room: int) -> Special | None:
+    """Return the special pairs with empty entries for an outer list of this room."""
+    if special is None:
+        return None
+    made: Special = special._replace(**rooms(len(special.number), room + len(special.inside)))  # type: ignore[arg-type]
+    return made
+
+
+def place_special(special: Any, place: Any) -> None:
+    """After a sort, note the particle of each slot."""
+
+
+@overload(place_special)
+def _place_special(special, place):
+    if isinstance(special, types.NoneType):
+        return lambda special, place: None
+
+    def note(special, place):
+        special.particle[:] = -1
+        for i in range(place.size):
+            special.particle[place[i] // STRIDE * WIDTH + place[i] % STRIDE] = i
+
+    return note
+
+
+def clear_special(special: Any, c: int) -> None:
+    """Empty the entries of chunk c."""
+
+
+@overload(clear_special)
+def _clear_special(special, c):
+    if isinstance(special, types.NoneType):
+        return lambda special, c: None
+
+    def clear(special, c):
+        special.number[c] = 0
+
+    return clear
+
+
+def mark_special(special: Any, place: Any, c: int, cluster: int, filled: int, on: bool) -> None:
+    """Mark the clusters that have special pairs with this cluster, and make the entry of its own pairs; or, without
+    ``on``, remove the marks."""
+
+
+@overload(mark_special)
+def _mark_special(special, place, c, cluster, filled, on):
+    if isinstance(special, types.NoneType):
+        return lambda special, place, c, cluster, filled, on: None
+
+    def mark(special, place, c, cluster, filled, on):
+        marks, particle, start, partner = special.marks[c], special.particle, special.start, special.partner
+        for lane in range(filled):
+            i = particle[WIDTH * cluster + lane]
+            for k in range(start[i], start[i + 1]):
+                other = place[partner[k]] // STRIDE
+                marks[other] = marks[other] + 1 if on else 0
+        if on:
+            special.inside[cluster] = marks[cluster] > 0
+            if marks[cluster] > 0:
+                add_entry(special, place, c, cluster, cluster << SHIFT_BITS | UNSHIFTED, -1, filled)
+
+    return mark
+
+
+def add_entry(special: Any, place: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> None:
+    """Append the entry of a pair of clusters, with pairs in reach at ``bits``."""
+
+
+@overload(add_entry)
+def _add_entry(special, place, c, cluster, met, bits, filled):
+    def add(special, place, c, cluster, met, bits, filled):
+        at, other = special.number[c], met >> SHIFT_BITS
+        entry, codes = special.entries[c, at], special.codes[c, at]
+        particles = 0
+        for lane in range(filled):  # padding meets padding at the same place
+            particles |= 255 << (WIDTH * lane)
+        entry[0], entry[1], entry[2] = cluster, met, bits & particles
+        for lane in range(WIDTH):
+            codes[lane] = 0
+        within = other == cluster and met & 31 == UNSHIFTED
+        for lane in range(filled):
+            i = special.particle[WIDTH * cluster + lane]
+            for k in range(special.start[i], special.start[i + 1]):
+                there = place[special.partner[k]]
+                if there // STRIDE == other:
+                    codes[lane] |= special.code[k] << (WIDTH * (there % STRIDE))
+            if within:
+                for before in range(lane + 1):
+                    codes[lane] |= OWN << (WIDTH * before)
+        special.number[c] = at + 1
+
+    return add
+
+
+def without_special(special: Any, place: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> int:
+    """Return the bits of pairs within reach for the rows of the list: 0 if the pair of clusters becomes an entry."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(without_special)
+def _without_special(special, place, c, cluster, met, bits, filled):
+    if isinstance(special, types.NoneType):
+        return lambda special, place, c, cluster, met, bits, filled: bits
+
+    def moved(special, place, c, cluster, met, bits, filled):
+        if bits == 0 or special.marks[c, met >> SHIFT_BITS] == 0:
+            return bits
+        add_entry(special, place, c, cluster, met, bits, filled)
+        return 0
+
+    return moved
+
+
+def is_special(special: Any, c: int, other: int) -> bool:
+    """Tell whether the present cluster of chunk c is marked to have special pairs with another cluster."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(is_special)
+def _is_special(special, c, other):
+    if isinstance(special, types.NoneType):
+        return lambda special, c, other: False
+    return lambda special, c, other: special.marks[c, other] > 0
+
+
+def is_inside(special: Any, cluster: int) -> bool:
+    """Tell whether a cluster has special pairs among its own particles."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(is_inside)
+def _is_inside(special, cluster):
+    if isinstance(special, types.NoneType):
+        return lambda special, cluster: False
+    return lambda special, cluster: special.inside[cluster]

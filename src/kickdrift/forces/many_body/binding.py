@@ -1,0 +1,49 @@
+"""Binding of many-body forces to particles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from kickdrift.forces.lists.clusters import cluster_list
+from kickdrift.forces.lists.neighbours import neighbours_of
+from kickdrift.forces.lists.row_lanes import Wide
+from kickdrift.forces.many_body import (
+    embedded_atom_kernel as embedded_atom_kernel,  # these register the bodies of the laws
+)
+from kickdrift.forces.many_body import stillinger_weber_kernel as stillinger_weber_kernel
+from kickdrift.forces.many_body import tersoff_kernel as tersoff_kernel
+from kickdrift.forces.many_body.kernel import ManyBodyKernel, ManyBodyWork
+from kickdrift.jit.threads.chunks import in_chunks
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+
+class ManyBodyPotential(Protocol):
+    """A many-body force as its compiled code needs it; see ``ManyBodyForce``."""
+
+    @property
+    def cutoff(self) -> float: ...
+
+    def law(self, species: tuple[str, ...]) -> Any:
+        """Return the law's parts for these species."""
+
+
+def bind(force: ManyBodyPotential, system: Subject, threads: int) -> ManyBodyKernel:
+    """Bind a many-body force to a System, on this number of threads."""
+    pairs = cluster_list(len(system), system.box, force.cutoff, Wide())
+    rows = neighbours_of(pairs, system.box, system.species_index.astype(np.int64))
+    chunks = pairs.force.shape[0]
+    return ManyBodyKernel(
+        ManyBodyWork(
+            law=force.law(system.species).with_room(*rows.near.shape, chunks),
+            cutoff=force.cutoff,
+            inverse_masses=1.0 / system.coherent_masses,
+            sums=np.zeros((chunks, 3)),
+            rows=rows,
+            pairs=pairs,
+            chunks=in_chunks(chunks, threads),
+        )
+    )

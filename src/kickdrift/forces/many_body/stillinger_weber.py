@@ -1,0 +1,107 @@
+"""Stillinger and Weber's potential of silicon and its relatives."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.many_body.tabled import TabledForce
+from kickdrift.model.checks.arguments import checked_arguments
+
+
+class SiliconOf1985(NamedTuple):
+    """Stillinger & Weber 1985, doi:10.1103/PhysRevB.31.5262, table I, with epsilon 50 kcal/mol in eV and sigma in
+    angstroms. The keys are those of LAMMPS' ``*.sw`` files, in their order."""
+
+    epsilon: float = 2.1683
+    sigma: float = 2.0951
+    a: float = 1.80
+    lambda_: float = 21.0
+    gamma: float = 1.20
+    cos_theta0: float = -1.0 / 3.0
+    A: float = 7.049556277
+    B: float = 0.6022245584
+    p: float = 4.0
+    q: float = 0.0
+    tol: float = 0.0
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class StillingerWeber(TabledForce):
+    """Stillinger and Weber's potential: pairs, and triples that prefer an angle; silicon by default.
+
+    U = sum of A epsilon (B (sigma/r)^p - (sigma/r)^q) exp(sigma / (r - a sigma)) over pairs, and of
+    lambda epsilon (cos theta - cos_theta0)^2 exp(gamma sigma / (r_ij - a sigma) + gamma sigma / (r_ik - a sigma)) over
+    triples with i in the middle. Energies are in eV, lengths in angstroms, units are ``metal``.
+
+    Source: Stillinger & Weber 1985, doi:10.1103/PhysRevB.31.5262.
+
+    Attributes
+    ----------
+    entries : {"Si-Si-Si": {key: number}}, optional
+        Keys epsilon, sigma, a, lambda_, gamma, cos_theta0, A, B, p, q and tol for each triple of species; the first is
+        in the middle. Pairs use the entry i-j-j, as in LAMMPS. ``tol`` is read and ignored. Default: silicon.
+    file : str, optional
+        A file ``*.sw`` in LAMMPS' form; its numbers become the entries.
+    """
+
+    entries: Mapping[str, Mapping[str, float]] | None = None
+    file: str | None = None
+
+    name: ClassVar[str] = "stillinger-weber"
+    dimensions: ClassVar[dict[str, str]] = {}
+    keys: ClassVar[tuple[str, ...]] = SiliconOf1985._fields
+    suffix: ClassVar[str] = ".sw"
+    default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1985()._asdict()}
+
+    def __post_init__(self) -> None:
+        self._settle()
+
+    @property
+    def cutoff(self) -> float:
+        """Largest distance of particles that interact, in angstroms."""
+        return max(each["a"] * each["sigma"] for each in self.table.values())
+
+    def check_pair(self, where: str, numbers: Mapping[str, float]) -> None:
+        """See TabledForce."""
+        for key in ("epsilon", "sigma", "a", "lambda_", "gamma", "A", "B", "p", "q"):
+            if numbers[key] < 0 or (key in ("sigma", "a") and numbers[key] == 0):
+                raise InputError(f"{where}: {key} must not be negative, nor sigma or a zero, got {numbers[key]:g}")
+
+    def law(self, species: tuple[str, ...]) -> Any:
+        """See ManyBodyForce."""
+        from kickdrift.forces.many_body.stillinger_weber_kernel import COLUMNS, StillingerWeberLaw
+        from kickdrift.jit.lanes.memory import aligned
+
+        count = len(species)
+        by_pair = aligned((count, count, COLUMNS))
+        weight, cosine = np.zeros((2, count, count, count))
+        for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
+            n = self.entry(i, j, j)
+            pair = [n[key] for key in ("epsilon", "sigma", "a", "A", "B", "p", "q")]
+            if pair != [self.entry(j, i, i)[key] for key in ("epsilon", "sigma", "a", "A", "B", "p", "q")]:
+                raise InputError(f"{self.name}: entries {i}-{j}-{j} and {j}-{i}-{i} give the pair different numbers")
+            epsilon, sigma, reach, A, B, p, q = pair
+            by_pair[a, b] = (
+                reach * sigma, sigma, n["gamma"] * sigma, A * epsilon, B * sigma**p, sigma**q, p, q,
+            )  # fmt: skip
+            for c, k in enumerate(species):
+                m, other = self.entry(i, j, k), self.entry(i, k, j)
+                weight[a, b, c], cosine[a, b, c] = m["lambda_"] * m["epsilon"], m["cos_theta0"]
+                if (other["lambda_"] * other["epsilon"], other["cos_theta0"]) != (weight[a, b, c], cosine[a, b, c]):
+                    raise InputError(f"{self.name}: entries {i}-{j}-{k} and {i}-{k}-{j} differ")
+        return StillingerWeberLaw(
+            by_pair,
+            weight,
+            cosine,
+            bool((by_pair[..., 6] == 4.0).all() and (by_pair[..., 7] == 0.0).all()),
+            kept=np.zeros((0, 0)),
+            moments=np.zeros((0, 0, 0)),
+            reactions=np.zeros((0, 0)),
+        )

@@ -1,0 +1,118 @@
+"""Tersoff's potential of silicon, carbon and their alloys."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.many_body.tabled import TabledForce
+from kickdrift.model.checks.arguments import checked_arguments
+
+PAIR_KEYS = ("A", "lambda1", "B", "lambda2", "beta", "n", "R", "D")
+TINY = 1e-16  # change of a bond that float64 cannot hold
+
+
+class SiliconOf1988(NamedTuple):
+    """Tersoff 1988, doi:10.1103/PhysRevB.37.6991, table I, the set of silicon with R = 3.0. The keys are those of
+    LAMMPS' ``*.tersoff`` files, in their order."""
+
+    m: float = 3.0
+    gamma: float = 1.0
+    lambda3: float = 1.3258
+    c: float = 4.8381
+    d: float = 2.0417
+    cos_theta0: float = 0.0
+    n: float = 22.956
+    beta: float = 0.33675
+    lambda2: float = 1.3258
+    B: float = 95.373
+    R: float = 3.0
+    D: float = 0.2
+    lambda1: float = 3.2394
+    A: float = 3264.7
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class Tersoff(TabledForce):
+    """Tersoff's potential: bonds that weaken with the number and the angles of other bonds; silicon by default.
+
+    U = 1/2 sum of fc(r_ij) (A exp(-lambda1 r_ij) - b_ij B exp(-lambda2 r_ij)) over all i and j, where
+    b = (1 + (beta zeta)^n)^(-1 / 2n), zeta = sum over k of fc(r_ik) g(theta) exp((lambda3 (r_ij - r_ik))^m) and
+    g = gamma (1 + c^2 / d^2 - c^2 / (d^2 + (cos_theta0 - cos theta)^2)). The cutoff fc falls from 1 at R - D to 0 at
+    R + D. Energies are in eV, lengths in angstroms, units are ``metal``.
+
+    Source: Tersoff 1988, doi:10.1103/PhysRevB.37.6991; several elements: Tersoff 1989, doi:10.1103/PhysRevB.39.5566.
+
+    Attributes
+    ----------
+    entries : {"Si-Si-Si": {key: number}}, optional
+        Keys m, gamma, lambda3, c, d, cos_theta0, n, beta, lambda2, B, R, D, lambda1 and A for each triple of species;
+        the first is in the middle, the second at the end of the bond. Bonds use the entry i-j-j, as in LAMMPS.
+        Default: silicon.
+    file : str, optional
+        A file ``*.tersoff`` in LAMMPS' form; its numbers become the entries.
+    """
+
+    entries: Mapping[str, Mapping[str, float]] | None = None
+    file: str | None = None
+
+    name: ClassVar[str] = "tersoff"
+    dimensions: ClassVar[dict[str, str]] = {}
+    keys: ClassVar[tuple[str, ...]] = SiliconOf1988._fields
+    suffix: ClassVar[str] = ".tersoff"
+    default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1988()._asdict()}
+
+    def __post_init__(self) -> None:
+        self._settle()
+
+    @property
+    def cutoff(self) -> float:
+        """Largest distance of particles that interact, in angstroms."""
+        return max(each["R"] + each["D"] for each in self.table.values())
+
+    def check_pair(self, where: str, numbers: Mapping[str, float]) -> None:
+        """See TabledForce."""
+        for key in (*PAIR_KEYS, "c"):
+            if numbers[key] < 0:
+                raise InputError(f"{where}: {key} must not be negative, got {numbers[key]:g}")
+        for key in ("n", "d", "R", "D"):
+            if numbers[key] <= 0:
+                raise InputError(f"{where}: {key} must be positive, got {numbers[key]:g}")
+        if numbers["D"] >= numbers["R"]:
+            raise InputError(f"{where}: D = {numbers['D']:g} must be less than R = {numbers['R']:g}")
+
+    def law(self, species: tuple[str, ...]) -> Any:
+        """See ManyBodyForce."""
+        from kickdrift.forces.many_body.tersoff_kernel import PAIR, TRIPLE, TersoffLaw
+        from kickdrift.jit.lanes.memory import aligned
+
+        count = len(species)
+        by_pair, by_triple = aligned((count, count, PAIR)), aligned((count, count, count, TRIPLE))
+        for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
+            n = self.entry(i, j, j)
+            by_pair[a, b, :8] = [n[key] for key in PAIR_KEYS]
+            by_pair[a, b, 8] = (2.0 * n["n"] * TINY) ** (1.0 / n["n"])
+            for c, k in enumerate(species):
+                m, own = self.entry(i, j, k), self.entry(i, k, k)
+                where = f"{self.name}: {i}-{j}-{k}"
+                if m["m"] not in (1.0, 3.0):
+                    raise InputError(f"{where}: m must be 1 or 3, got {m['m']:g}")
+                if m["d"] <= 0:
+                    raise InputError(f"{where}: d must be positive, got {m['d']:g}")
+                if (m["R"], m["D"]) != (own["R"], own["D"]):
+                    raise InputError(f"{where}: R and D must be those of {i}-{k}-{k}, {own['R']:g} and {own['D']:g}")
+                by_triple[a, b, c, :6] = m["gamma"], m["c"] ** 2, m["d"] ** 2, m["cos_theta0"], m["lambda3"], m["m"]
+        return TersoffLaw(
+            by_pair,
+            by_triple,
+            bonds=np.zeros((0, 0)),
+            others=np.zeros((0, 0)),
+            bonded=np.zeros((0, 0), np.int32),
+            reactions=np.zeros((0, 0)),
+        )

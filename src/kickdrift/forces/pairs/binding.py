@@ -1,0 +1,110 @@
+"""Binding of pair forces to particles: laws as numbers, and compiled truncations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from kickdrift.forces.lists.box_change import volume_of
+from kickdrift.forces.lists.clusters import (
+    cluster_list,
+)
+from kickdrift.forces.lists.row_lanes import row_lanes
+from kickdrift.forces.lists.special_pairs import special_of
+from kickdrift.forces.pairs.kernel import PairKernel, PairWork
+from kickdrift.forces.pairs.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.forces.pairs.upkeep import Tables
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.lanes import law_operators as law_operators  # operators of the lanes that a law takes
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.threads.chunks import in_chunks
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+
+class PairPotential(Protocol):
+    """A pair force as its compiled code needs it; see ``PairForce``."""
+
+    @property
+    def Parameters(self) -> Any:
+        """The law's NamedTuple class."""
+
+    @property
+    def cutoff(self) -> float | None: ...
+
+    @property
+    def truncation(self) -> str: ...
+
+    @property
+    def switch_start(self) -> float | None: ...
+
+    def pair_law(self, a: str, b: str) -> Any:
+        """Return the law's parameters between species a and b."""
+
+    def tail_corrections(self, system: Subject) -> tuple[float, float]:
+        """Return the energy and the virial from beyond the cutoff."""
+
+
+def law_class(force: PairPotential) -> Any:
+    """Class of a force's parameters, prepared for compiled code."""
+    cls = force.Parameters
+    if "compiled_law" not in vars(cls):
+        cls.compiled_law = as_written(cls.law)
+    return cls
+
+
+def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = False) -> PairKernel:
+    """Bind a pair force to a System, on this number of threads."""
+    lanes = row_lanes(mixed)
+    cls = law_class(force)
+    n, names = len(system), system.species
+    laws = [[force.pair_law(a, b) for b in names] for a in names]
+    cutoff = float(force.cutoff or 0.0)
+    at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
+    pairs = cluster_list(n, system.box, cutoff, lanes, threads, single=mixed)
+    special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
+    pairs = pairs._replace(special=special)
+    tables = None
+    if len(names) > 1:
+        law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
+        at_cutoff_pairs = np.array(at_cutoff).transpose(2, 0, 1).copy()
+        slots = pairs.x.size // 3
+        tables = Tables(
+            law=aligned((len(law_pairs), len(names), slots), 1.0),
+            at_cutoff=aligned((2, len(names), slots)),
+            law_pairs=law_pairs,
+            at_cutoff_pairs=at_cutoff_pairs,
+            species=system.species_index.astype(np.int64),
+            row=np.zeros(slots, np.int64),
+        )
+    chunks = pairs.force.shape[0]
+    work = PairWork(
+        law=cls(*(float(value) for value in laws[0][0])),
+        at_cutoff=at_cutoff[0][0],
+        tables=tables,
+        truncation=truncation_of(force),
+        mixed=float(system.coherent_masses.sum()) if mixed else None,
+        lanes=lanes,
+        cutoff=cutoff,
+        tail=force.tail_corrections(system),
+        tail_volume=float(volume_of.py_func(pairs.live)),
+        inverse_masses=1.0 / system.coherent_masses,
+        sums=np.zeros((chunks, 3)),
+        along=None,
+        pairs=pairs,
+        chunks=in_chunks(chunks, threads),
+    )
+    return PairKernel(work)
+
+
+def truncation_of(force: PairPotential) -> Any:
+    """Compiled truncation with the name in a pair force."""
+    cutoff, start = float(force.cutoff or 0.0), float(force.switch_start or 0.0)
+    return {
+        "cut": Cut(),
+        "shift": Shift(),
+        "force-shift": ForceShift(cutoff),
+        "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
+    }[force.truncation]

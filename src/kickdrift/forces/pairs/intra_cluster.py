@@ -1,0 +1,147 @@
+"""Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
+from kickdrift.forces.lists.pair_rows import displacements
+from kickdrift.forces.lists.special_pairs import is_inside
+from kickdrift.forces.pairs.along_axes import add_along
+from kickdrift.forces.pairs.lanes import pair_terms, parameters_of, truncated_terms
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.functions import multiply_add, rotated, splat
+from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.single import off_diagonal
+from kickdrift.jit.lanes.vectors import WIDTH, single_type
+
+UNSHIFTED = SHIFTS // 2
+
+
+def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, along: Any) -> Any:
+    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
+    ``along`` each axis with that of these pairs (see `along_axes`).
+
+    Rows of tiles have these forces already; the sums are in float64."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(own_pairs)
+def _own_pairs(zero, laws, pairs, cluster, cutoff2, along):
+    if zero == single_type:
+
+        def sums_alone(zero, laws, pairs, cluster, cutoff2, along):
+            found = intra_cluster(laws, pairs.x, cluster, cutoff2, along)
+            nothing = splat(0.0)
+            return nothing, nothing, nothing, found[3], found[4], found[5], found[6]
+
+        return sums_alone
+    return lambda zero, laws, pairs, cluster, cutoff2, along: intra_cluster(laws, pairs.x, cluster, cutoff2, along)
+
+
+def row_start(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, row: int, cutoff2: float) -> Any:
+    """Return the forces that a row's sums begin with, not yet summed over lanes. ``zero`` and ``table`` are as in
+    `pair_rows`. A row of tiles begins with the forces of its cluster on it."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(row_start)
+def _row_start(zero, laws, pairs, table, cluster, row, cutoff2):
+    if zero != single_type:
+        return lambda zero, laws, pairs, table, cluster, row, cutoff2: (zero, zero, zero)
+
+    def tiles(zero, laws, pairs, table, cluster, row, cutoff2):
+        fx, fy, fz = zero, zero, zero
+        if is_inside(pairs.special, cluster):
+            return fx, fy, fz
+        for block in range(2):
+            other = STRIDE * cluster + WIDTH // 2 * block
+            dx, dy, dz = displacements(zero, pairs.x_single, table, other, table_place(WIDTH // 2, UNSHIFTED, row))
+            r2 = dx * dx + dy * dy + dz * dz
+            if block == row:
+                r2 = off_diagonal(r2, 4.0 * cutoff2)
+            first = WIDTH * cluster
+            _, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
+            g = select(r2 < cutoff2, force_over_r, 0.0)
+            fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+        return fx, fy, fz
+
+    return tiles
+
+
+@as_written
+def intra_cluster(laws, x, cluster, cutoff2, along):
+    """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
+    ``along`` each axis with that of these pairs (see `along_axes`).
+
+    Each lane meets the lanes one to four places on. Lanes four places apart meet twice."""
+    at = WIDTH * cluster
+    own = load_vector(x, cluster)
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 1, along, 1.0)
+    sx, sy, sz = fx - rotated(fx, 7), fy - rotated(fy, 7), fz - rotated(fz, 7)
+    energies, virials, counts = energy, virial, count
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 2, along, 1.0)
+    sx, sy, sz = sx + (fx - rotated(fx, 6)), sy + (fy - rotated(fy, 6)), sz + (fz - rotated(fz, 6))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 3, along, 1.0)
+    sx, sy, sz = sx + (fx - rotated(fx, 5)), sy + (fy - rotated(fy, 5)), sz + (fz - rotated(fz, 5))
+    energies, virials, counts = energies + energy, virials + virial, counts + count
+    fx, fy, fz, energy, virial, count, along = pairs_apart(laws, at, own, cutoff2, 4, along, 0.5)
+    sx, sy, sz = sx + fx, sy + fy, sz + fz
+    energies, virials, counts = energies + 0.5 * energy, virials + 0.5 * virial, counts + 0.5 * count
+    return sx, sy, sz, energies, virials, counts, along
+
+
+def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int, along: Any, part: float) -> Any:
+    """Return the forces on the eight particles from slot ``at`` on by the particles ``places`` further on, with energy,
+    virial, number of pairs, and ``along`` with ``part`` of the virial along each axis."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(pairs_apart, prefer_literal=True)
+def _pairs_apart(laws, at, own, cutoff2, places, along, part):
+    if not isinstance(places, types.IntegerLiteral):
+        return None
+
+    def meets(laws, at, own, cutoff2, places, along, part):
+        x, y, z = own
+        dx, dy, dz = x - rotated(x, places), y - rotated(y, places), z - rotated(z, places)
+        r2 = dx * dx + dy * dy + dz * dz
+        inside = r2 < cutoff2
+        energy, force_over_r = terms_within(laws, at, places, r2)
+        g = select(inside, force_over_r, 0.0)
+        energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
+        along = add_along(along, part, g, dx, dy, dz)
+        return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count, along
+
+    return meets
+
+
+def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
+    """Return energy and force over r of the eight particles from slot ``at`` on with the particles ``places`` further
+    on."""
+
+
+@overload(terms_within)
+def _terms_within(laws, at, places, r2):
+    if isinstance(laws[3], types.NoneType):
+        return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
+
+    def many_species(laws, at, places, r2):
+        like, like_at_cutoff, truncation, tables = laws
+        own = np.empty((tables.law.shape[0], 1, WIDTH))
+        own_at_cutoff = np.empty((2, 1, WIDTH))
+        for lane in range(WIDTH):
+            row, other = tables.row[at + lane], at + (lane + places) % WIDTH
+            for k in range(own.shape[0]):
+                own[k, 0, lane] = tables.law[k, row, other]
+            for k in range(2):
+                own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
+        at_cutoff = parameters_of(like_at_cutoff, own_at_cutoff, 0, 0, r2)
+        return truncated_terms(parameters_of(like, own, 0, 0, r2), at_cutoff, truncation, r2)
+
+    return many_species

@@ -1,0 +1,159 @@
+"""Compiled sum over the cluster pair list: any pair law, any truncation, one species or many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import carray, types
+from numpy.typing import NDArray
+
+from kickdrift.forces.lists.box_change import PRUNED, SEARCHED, scaled_tail
+from kickdrift.forces.lists.clusters import (
+    BUILT,
+    ClusterList,
+    copy,
+)
+from kickdrift.forces.lists.list_code import list_code, prune, refresh
+from kickdrift.forces.lists.row_lanes import RowLanes
+from kickdrift.forces.lists.sums import add_accelerations
+from kickdrift.forces.pairs.sorted_steps import take_steps
+from kickdrift.forces.pairs.truncation import AtCutoff
+from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
+from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
+from kickdrift.jit.compile import driver, jit
+from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.threads.chunks import Chunks, each_chunk
+from kickdrift.model.state import Floats
+
+
+class PairWork(NamedTuple):
+    """A pair law bound to a System."""
+
+    law: Any  # the law's NamedTuple of parameters, for the first pair of species
+    at_cutoff: AtCutoff  # for the first pair of species
+    tables: Any  # Tables, or None for one species
+    truncation: Any
+    mixed: Any  # None, or the total mass, in mixed precision
+    lanes: RowLanes  # lanes of a step of the sum
+    cutoff: float
+    tail: tuple[float, float]  # energy and virial from beyond the cutoff
+    tail_volume: float  # of the box that these belong to
+    inverse_masses: NDArray[np.float64]  # (n,)
+    sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
+    pairs: ClusterList
+    chunks: Chunks
+
+
+class PairKernel(BoundForce):
+    """A bound pair force: ``parts`` is a PairWork. Changing the list makes another PairKernel."""
+
+    def ready(self) -> PairKernel:
+        """See BoundForce."""
+        if self.work:
+            return self
+        made: PairKernel = self._compiled(self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs))))
+        return made
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        return compute_for(kind, add_forces, fill_tables, take_steps)
+
+    @property
+    def pairs(self) -> ClusterList:
+        """List of pairs."""
+        pairs: ClusterList = self.parts.pairs
+        return pairs
+
+    def with_list(self, **changes: Any) -> PairKernel:
+        """Return the same force with these parts of its list changed."""
+        return type(self)(self.parts._replace(pairs=self.pairs._replace(**changes)))
+
+    @property
+    def row_room(self) -> int:
+        """Room for the neighbours of each particle; 0 for a force that takes pairs one by one."""
+        return 0
+
+    @property
+    def row_need(self) -> int:
+        """Neighbours of the particle with most of them, when the rows were last made."""
+        return 0
+
+    def with_row_room(self, room: int) -> PairKernel:
+        """Return the same force with this room for neighbours."""
+        return self
+
+    def remake(self, built_at: Floats, pruned_at: Floats) -> int:
+        """Make the list again and return a status. Its last search was at positions ``built_at`` (3, n), its last
+        pruning at ``pruned_at``, which was its ``inner_reference``."""
+        return ask(self.address, self.work, REMAKE, built_at, pruned_at)
+
+
+@driver
+def ask(address, work, what, x, a):
+    return call_force(address, work, what, 0.0, x, x, a, None)
+
+
+@jit
+def take_none(force, plan, x, v, a):
+    return OK
+
+
+def compute_for(
+    kind: types.Type, add: Callable[..., int], complete: Callable[..., int], take: Callable[..., int] = take_none
+) -> Callable[..., int]:
+    """All tasks for this type of ``parts`` with a list of pairs, as a function to compile for its address.
+
+    ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it.
+    ``take(force, plan, x, v, a)`` takes steps. All return a status."""
+    restore = handle_at(Handle(kind))
+
+    def compute(work, what, n, t, x, v, a, sums):
+        force = restore(work)
+        if what == TAKE_STEPS:
+            return take(force, carray(sums, (int(t),)), carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
+        if what == REMAKE:
+            status = remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
+            return complete(force) if status == OK else status
+        return add(force, what == FORCES_AND_SUMS, carray(x, (3, n)), carray(a, (3, n)), carray(sums, (3,)))
+
+    return compute
+
+
+@jit
+def remake(force, built_at, pruned_at):
+    """Make the list again from its last search and its last pruning; return a status."""
+    pairs = force.pairs
+    pairs.counts[BUILT] = 0
+    now, then = pairs.live.copy(), pairs.made_in.copy()
+    copy(then[SEARCHED], pairs.live)
+    status = refresh(pairs, built_at, force.chunks)
+    if status == OK:
+        copy(then[PRUNED], pairs.live)
+        copy(pruned_at, pairs.x)
+        prune(pairs, force.chunks)
+    copy(now, pairs.live)
+    return status
+
+
+@jit
+def add_forces(force, wanted, x, a, sums):
+    """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
+    pairs, chunks = force.pairs, force.chunks
+    status = refresh_force(force, x)
+    if status != OK:
+        return status
+    if not wanted:
+        each_chunk(force, chunks, "chunk_forces")
+    else:
+        each_chunk(force, chunks, "chunk_forces_and_sums")
+        for c in range(chunks.number):
+            sums[0] += force.sums[c, 0]
+            sums[1] += force.sums[c, 1]
+            sums[2] += force.sums[c, 2]
+        scaled = scaled_tail(pairs, force.tail_volume)
+        sums[0] += scaled * force.tail[0]
+        sums[1] += scaled * force.tail[1]
+    add_accelerations(force, a)
+    return OK

@@ -1,0 +1,178 @@
+"""The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
+
+A step of the loop takes one particle against a cluster of eight or half a cluster, or four particles against half a
+cluster (see `row_lanes`). In mixed precision the lanes are float32. A particle's force is then summed in float32 over a
+row and over the reactions of a chunk. All else is float64: the state, sums over rows and chunks, and energies.
+
+The argument ``zero`` holds zeros in all lanes of a step; its type selects the functions' number of lanes.
+"""
+
+from __future__ import annotations
+
+from kickdrift.forces.lists.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
+from kickdrift.forces.lists.fetching import fetch_streams, streams
+from kickdrift.forces.lists.pair_rows import (
+    add_reactions,
+    clear,
+    displacements,
+    fill_table,
+    in_float64,
+    particle_of,
+    slot_of,
+    subtract_reactions,
+    working_arrays,
+)
+from kickdrift.forces.lists.row_ends import of_row, row_forces, row_of, rows_in_one_loop, store_row_force
+from kickdrift.forces.lists.row_lanes import nothing
+from kickdrift.forces.lists.special_pairs import is_inside
+from kickdrift.forces.lists.sums import hand_over
+from kickdrift.forces.pairs.along_axes import add_along, store_along, zeros_along
+from kickdrift.forces.pairs.intra_cluster import own_pairs, row_start
+from kickdrift.forces.pairs.lanes import pair_terms
+from kickdrift.forces.pairs.special_sum import add_special
+from kickdrift.forces.pairs.variation import (
+    add_row_slopes,
+    deviation_at,
+    row_deviation,
+    slope_within,
+    store_row_slope,
+    varied_row,
+    vary_cluster,
+)
+from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
+from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.memory import entry
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.jit.threads.chunks import chunk_task
+
+
+@chunk_task
+def chunk_forces(force, c, thread):
+    """Sum the forces of chunk c's pairs into the chunk's own array."""
+    never_inline()
+    sum_pairs(force, None, None, rows_in_one_loop(force.lanes), c, thread)
+
+
+@chunk_task
+def chunk_forces_and_sums(force, c, thread):
+    """Sum the forces of chunk c's pairs, and the chunk's energy and virial."""
+    never_inline()
+    sum_pairs(force, force.sums, None, rows_in_one_loop(force.lanes), c, thread)
+
+
+@as_written
+def sum_pairs(force, sums, deviation, together, c, thread):
+    """Sum the forces of chunk c's pairs. If they are not None, also sum energy and virial, and the variation along one
+    `Deviation`. ``together`` is the number of rows that one loop goes through; if it is None, each row has a loop."""
+    pairs = force.pairs
+    zero = nothing(force.lanes)
+    x, forces, reactions, table, row_sums = working_arrays(zero, pairs, force.chunks, c, thread)
+    rows, start, used, touched = pairs.rows[c], pairs.row_start[c], pairs.used[c], pairs.touched[c]
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if touched[cluster]:
+            store_vector(forces, cluster, splat(0.0), splat(0.0), splat(0.0))
+            clear(reactions, cluster, zero)
+            if deviation is not None:
+                store_vector(deviation.s, cluster, splat(0.0), splat(0.0), splat(0.0))
+    cutoff2 = force.cutoff**2
+    laws = force.law, force.at_cutoff, force.truncation, force.tables
+    energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
+    along_sum = zeros_along(force.along, sums)
+    begin, end = chunk_clusters(pairs, c)
+    rows_each, front = WIDTH // pairs.per_row, streams(pairs)
+    loops, rows_of_loop = (rows_each, 1) if together is None else (1, together)
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if not touched[cluster]:
+            continue
+        first = rows_each * cluster
+        mine = begin <= cluster and cluster < end
+        if start[first] == start[first + rows_each] and not mine:
+            continue
+        fetch_streams(front, pairs, x, reactions, cluster, zero)
+        fill_table(table, pairs, cluster, used[cluster], zero)
+        # A step is a chain of 20 dependent operations. To keep the processor busy, the loop works on three steps at
+        # once: the sums of this step, the forces of the next, and the displacements of the step after that.
+        at, own = start[first], WIDTH * cluster
+        other, place = entry(rows, at, 0), entry(rows, at, 1)
+        dx, dy, dz = displacements(zero, x, table, other, place)
+        r2 = dx * dx + dy * dy + dz * dz
+        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), slot_of(other), r2)
+        g = select(r2 < cutoff2, force_over_r, 0.0)
+        if deviation is not None:
+            h = slope_within(laws, own + particle_of(zero, place), slot_of(other), r2, cutoff2)
+        next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
+        next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
+        next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
+        for row in range(loops):
+            fx, fy, fz = row_start(zero, laws, pairs, table, cluster, row, cutoff2)
+            if deviation is not None:
+                varied = row_deviation(deviation, cluster, row, zero)
+            if together is not None:
+                before = place
+            for k in range(start[first + row], start[first + row + rows_of_loop]):
+                later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
+                later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
+                later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
+                i, j = own + particle_of(zero, next_place), slot_of(next_other)
+                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
+                next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
+                if together is not None:
+                    fx, fy, fz = of_row((fx, fy, fz), place, before)
+                    if deviation is not None:
+                        varied = deviation_at(deviation, varied, cluster, place, before)
+                fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
+                if together is not None:
+                    store_row_force(row_sums, row_of(place), fx, fy, fz)
+                subtract_reactions(reactions, other, -g, dx, dy, dz)
+                if deviation is not None:
+                    varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
+                    if together is not None:
+                        store_row_slope(deviation, row_of(place), varied)
+                    h = slope_within(laws, i, j, next_r2, cutoff2)
+                if sums is not None:
+                    inside = r2 < cutoff2
+                    energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))
+                    virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
+                    pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
+                    along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
+                if together is not None:
+                    before, place = place, next_place
+                other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
+                next_other, next_place, next_r2 = later_other, later_place, later_r2
+                next_dx, next_dy, next_dz = later_dx, later_dy, later_dz
+            if together is None:
+                store_row_force(row_sums, row, fx, fy, fz)
+                if deviation is not None:
+                    store_row_slope(deviation, row, varied)
+        own_x, own_y, own_z = load_vector(forces, cluster)
+        if mine and not is_inside(pairs.special, cluster):
+            gx, gy, gz, energy_own, virial_own, count_own, along_sum = own_pairs(
+                zero, laws, pairs, cluster, cutoff2, along_sum
+            )
+            own_x, own_y, own_z = own_x + gx, own_y + gy, own_z + gz
+            if sums is not None:
+                energy_sum, virial_sum, pair_count = (
+                    energy_sum + energy_own,
+                    virial_sum + virial_own,
+                    pair_count + count_own,
+                )
+        own_x = own_x + row_forces(row_sums, 0, start, first, zero)
+        own_y = own_y + row_forces(row_sums, 1, start, first, zero)
+        own_z = own_z + row_forces(row_sums, 2, start, first, zero)
+        store_vector(forces, cluster, own_x, own_y, own_z)
+        if deviation is not None:
+            add_row_slopes(deviation, start, first, cluster)
+            if mine and not is_inside(pairs.special, cluster):
+                vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
+    totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))
+    energy_sum, virial_sum, pair_count = totals
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        if touched[cluster]:
+            add_reactions(forces, reactions, cluster, zero)
+            hand_over(pairs, force.chunks, forces, cluster, c)
+    if sums is not None:
+        sums[c, 0] = lane_sum(energy_sum)
+        sums[c, 1] = lane_sum(virial_sum)
+        sums[c, 2] = lane_sum(pair_count)
+        store_along(along_sum, force.along, c)

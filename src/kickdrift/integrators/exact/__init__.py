@@ -1,0 +1,4 @@
+"""Leapfrog on whole numbers, which goes back to the same bits.
+
+Imports `stepping`.
+"""

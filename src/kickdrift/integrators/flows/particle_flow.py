@@ -1,0 +1,180 @@
+"""Flow of a System: the view that integrators have of its particles under their forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.bound.evaluate import SLOTS
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.external.host import Host
+from kickdrift.forces.lists.listed import ListedForce
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.slopes.variations import particles_in
+from kickdrift.integrators.flows.jacobian import difference_jacobian
+from kickdrift.integrators.flows.particle_states import ParticleStates
+from kickdrift.integrators.options.option import APART
+from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
+from kickdrift.looks.table import Looks
+from kickdrift.model.checks.values import unwarned
+from kickdrift.model.live_box import LiveBox
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+MANY = 50_000  # particles whose lists are not kept for samples alone
+
+
+class ParticleFlow(ParticleStates):
+    """A System's particles under its forces."""
+
+    def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
+        super().__init__(system)
+        self.live = LiveBox(system.box) if coupling else None
+        lengths = self.live.lengths if self.live else None
+        under = self._under(system)
+        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
+        self._listed = any(isinstance(force, ListedForce) for force in system.forces)
+        self._shared = self._listed and not mixed
+        # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
+        self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
+        self.others: BoundForces | None = None  # forces that a method has bound by itself
+        self._look_at(system)
+        if system.dimensions == 2:
+            self._check_in_plane()
+        culprits = system.acting("velocity_dependent")
+        self.not_separable = f"force {culprits[0]!r} depends on velocity" if culprits else None
+
+    def _forces_aside(self, system: System) -> BoundForces:
+        """Forces with lists of their own, for one set of positions."""
+        lengths = self.live.lengths if self.live else None
+        aside = BoundForces(self._under(system), self.forces.threads, thin=True, lengths=lengths)
+        aside.follow(self.forces)
+        return aside
+
+    @property
+    def _aside(self) -> BoundForces:
+        """Forces that share no lists with the run."""
+        return self._kept or self._forces_aside(self.subject)
+
+    def _under(self, system: System) -> Any:
+        """The forces of the flow, see ``BoundForces``."""
+        return system
+
+    def _check_in_plane(self) -> None:
+        """Refuse forces that push particles of a two-dimensional system out of the plane."""
+        measured = self._aside.measure(self.subject.state.time, self.array(self.subject.state))
+        off = np.flatnonzero(measured.accelerations[2] if measured is not None else 0)
+        if len(off):
+            raise InputError(
+                f"dimensions: the forces push {self.subject.body(int(off[0]))} out of the system's two dimensions"
+            )
+
+    def count_bath(self, drags: bool) -> None:
+        """Take temperatures of samples as a heat bath does, which may change the total momentum."""
+        self._desk[:HEAD] = desk_of(self.subject, True, drags)[:HEAD]
+
+    @unwarned
+    def tune(self, y: Floats, between: float) -> None:
+        """Adapt pair lists to the particles' speed at y, with this time between two evaluations of the forces."""
+        speeds = np.sqrt((y[1, :, : particles_in(self.subject)] ** 2).sum(axis=0))
+        self.forces.tune(float(speeds.max()) * between)
+
+    # --- samples ---
+
+    def _look_at(self, system: System) -> None:
+        self._desk = desk_of(system)
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._one = Looks(room=1)
+
+    def _looks(self, fresh: bool = False) -> BoundForces:
+        """Forces for a sample. If the run's own forces were last evaluated at these positions, their pair lists are
+        valid, and another evaluation changes nothing in them. Else the lists are made anew, so that a sample depends
+        only on the run, and on no earlier sample."""
+        if fresh and self._shared:
+            return self.forces
+        aside = self._aside
+        if self._listed:
+            aside.forget()
+        return aside
+
+    def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
+        """See ParticleStates."""
+        row = looks.free()
+        if self.live:
+            self._desk[CHANGING] = self.live.volume
+            self._desk[VOLUMES] = self.subject.dimensions * self.live.volume
+        return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
+
+    def looking(self, fresh: bool) -> Looking | None:
+        """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""
+        if self.live or (self._listed and not (fresh and self._shared)):
+            return None
+        return Looking(self._looks(fresh), self._desk, self._cursor)
+
+    def accelerations(self, y: Floats, time: float) -> Floats | None:
+        """Accelerations (3, n) at y; None if they are not finite."""
+        if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
+            return None
+        n = len(self.subject)
+        return self._desk[HEAD + n :].reshape(3, n).copy()
+
+    def prepare(self, y: Floats, time: float) -> None:
+        """Compile the code for samples."""
+        self.look(self._one, y, time, 0, self._ends)
+
+    def derivative(self, time: float, y: Floats) -> Floats:
+        """Return f(t, y), without using the run's own pair lists."""
+        return self._looks().derivative(time, y)
+
+    analytic = False  # the Jacobian is by differences
+
+    def jacobian(self, time: float, y: Floats) -> Floats:
+        """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""
+        return difference_jacobian(self._looks().derivative, time, y)
+
+    @property
+    def raised(self) -> BaseException | None:  # type: ignore[override]
+        """Exception that a force's Python code raised."""
+        return next((host.error for host in self._hosts if host.error), None)
+
+    @property
+    def _hosts(self) -> list[Host]:
+        """Hosts of all Python code that steps call."""
+        both = (self.forces, self.others) if self.others else (self.forces,)
+        return [host for forces in both for host in forces.hosts if host is not None]
+
+    def forget_errors(self) -> None:
+        """Forget earlier exceptions, which do not concern the coming steps."""
+        for host in self._hosts:
+            host.error = None
+
+    @property
+    def failure(self) -> str:
+        """One line about a force whose Python code raised or returned no finite numbers at the last call; else ""."""
+        return next((host.failure for host in self._hosts if host.failure), "")
+
+    def refused(self, status: int, step: int, time: float) -> RunError:
+        """See ParticleStates."""
+        if not (line := self.failure):
+            return super().refused(status, step, time)
+        error = RunError(f"step {step} (t = {time:g}): {line}")
+        error.__cause__ = self.raised
+        return error
+
+    def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
+        """One line about a blow-up, or about a force's Python code that raised or returned no finite numbers."""
+        if line := self.failure:
+            return f"step {step} (t = {time:.6g}): {line}"
+        return super().explain(y, before, good, step, time, good_step)
+
+    def meeting(self, y: Floats) -> str:
+        """Name the nearest particles, for the end of a line about failed steps."""
+        return nearest_pair(self.present, y[0])
+
+
+def _plain(y: Floats) -> Floats:
+    """The same numbers in the form for compiled code: contiguous and writable."""
+    return y if y.flags.c_contiguous and y.flags.writeable else np.array(y, dtype=float, order="C")

@@ -1,0 +1,157 @@
+"""Integration with gauss-radau15. The last step's polynomial is kept, so that y is known inside the step."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kickdrift.integrators.gauss_radau.loop import gauss_radau_loop
+from kickdrift.integrators.gauss_radau.series import (
+    BLOCK,
+    GUESS,
+    GUESS_LAST,
+    LAST,
+    NOW,
+    ROWS,
+    V_BEFORE,
+    X_BEFORE,
+    V,
+    X,
+)
+from kickdrift.integrators.gauss_radau.step import CONVERGED, MOST
+from kickdrift.integrators.gauss_radau.tables import STAGES, tables
+from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.stepping.chosen_steps import BEFORE, ChosenSteps
+from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
+from kickdrift.integrators.stepping.stepper import INNER
+from kickdrift.integrators.stepping.stepping import CompiledSteps
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flows.flow import Flow
+
+FIRST = 0.01  # of the time in which the first acceleration moves particles by their distance, or y' the unknowns by y
+
+
+@cache
+def _sketch_rows() -> tuple[Floats, Floats]:
+    """Weights (INNER, STAGES) of a polynomial's terms in positions and in velocities at INNER of a step."""
+    numbers, parts = tables(), INNER[:, None]
+    powers = parts ** np.arange(STAGES)
+    return numbers.positions[-1] * powers * parts**2, numbers.velocities[-1] * powers * parts
+
+
+class GaussRadauStepper(ChosenSteps):
+    """Integration with ``eta`` the ratio of step to shortest time scale (see ``step``). A checkpoint
+    holds its clock, both ends of the last step with their rounding errors, and that step's polynomial, found and
+    predicted."""
+
+    saved = (*ChosenSteps.saved, "_ends", "_polynomials")
+
+    def __init__(self, flow: Flow, options: Options) -> None:
+        super().__init__(flow, options)
+        rtol, _ = options.tolerances
+        assert isinstance(rtol, float)
+        self.eta = (5040.0 * rtol) ** (1.0 / 7.0)
+        self._velocities = flow.not_separable is not None
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self._begin(y, time, steps)
+        halves, size = y.shape[0], y[0].size
+        width = BLOCK * -(-size // BLOCK)
+        self._work = aligned((ROWS, width))
+        self._work[V, :size] = self._work[V_BEFORE, :size] = y[-1].reshape(-1)
+        if halves == 2:
+            self._work[X, :size] = self._work[X_BEFORE, :size] = y[0].reshape(-1)
+        self._flat = aligned((2, (halves - 1) * size + width))  # the trial state and its derivative
+        self._trial, self._derivative = (row[: y.size].reshape(y.shape) for row in self._flat)
+
+    @property
+    def _ends(self) -> Floats:
+        return self._work[:NOW, : self.y[0].size]
+
+    @_ends.setter
+    def _ends(self, value: Floats) -> None:  # from a version with padded rows
+        self._work[:NOW, : self.y[0].size] = value[:, : self.y[0].size]
+
+    @property
+    def _polynomials(self) -> Floats:
+        return self._work[LAST:GUESS, : self.y[0].size]
+
+    @_polynomials.setter
+    def _polynomials(self, value: Floats) -> None:
+        self._work[LAST:GUESS, : self.y[0].size] = value[:, : self.y[0].size]
+
+    @property
+    def compiled_steps(self) -> CompiledSteps:
+        given = (
+            self.y, self._trial, self._flat[0], self._derivative, self._flat[1], self._work, tables(), self._velocities,
+            self.eta, self._longest, self.end, self.clip,
+        )  # fmt: skip
+        return gauss_radau_loop, self._flow.forces, given
+
+    def _go(self, until: float, steps: int) -> int:
+        loop, forces, given = self.compiled_steps
+        return forces.call(loop, *given, self._clock, until, steps, self._cursor)
+
+    def _first_step(self) -> float:
+        """Length of a short first step; each of the next steps may be four times as long."""
+        f = self._flow.derivative(self.time, self.y)
+        self._extra_evaluations += 1
+
+        def size(values: Floats) -> float:
+            return float(np.sqrt(np.mean(np.square(values))))
+
+        lengths = [size(part) / size(rate) for part, rate in zip(self.y, f, strict=True) if size(part) and size(rate)]
+        if len(self.y) == 2 and size(self.y[0]) and size(f[1]):
+            lengths.append(np.sqrt(size(self.y[0]) / size(f[1])))
+        return FIRST * min((length for length in lengths if np.isfinite(length)), default=1.0)
+
+    def at(self, time: float) -> Floats:
+        """State at a time, by a step from the last one's start, because inside a step the polynomial has only order 8.
+        The step begins with that polynomial, so it takes few iterations."""
+        begin, h = self._clock[BEFORE], self._clock[STEP_LAST]
+        if time == self.time or h == 0.0:
+            return self.y.copy()
+        length, numbers = time - begin, tables()
+        terms = self._work[LAST:GUESS_LAST, : self.y[0].size] * (length / h) ** np.arange(STAGES)[:, None]
+        size, residual = np.abs(terms[0]).max(), np.inf
+        for _ in range(MOST):
+            for node in range(STAGES - 1):
+                there = self._integrated(terms, length, node)
+                found = self._flow.derivative(begin + numbers.nodes[node + 1] * length, there)[-1].reshape(-1)
+                missed = found - numbers.values[node] @ terms
+                terms += numbers.corrections[node][:, None] * missed
+            largest = np.abs(missed).max()
+            if not CONVERGED * size < largest < residual:
+                break
+            residual = largest
+        return self._integrated(terms, length, -1)
+
+    def sketch(self) -> Floats:
+        """See Stepper: by the polynomial of the last step, which has order 8."""
+        h, size, (by_position, by_velocity) = self._clock[STEP_LAST], self.y[0].size, _sketch_rows()
+        v, terms = self._work[V_BEFORE, :size], self._work[LAST:GUESS_LAST, :size]
+        found = np.empty((len(INNER), *self.y.shape))
+        found[:, -1] = (v + h * (by_velocity @ terms)).reshape(found[:, -1].shape)
+        if len(self.y) == 2:
+            x = self._work[X_BEFORE, :size] + h * (INNER[:, None] * v + h * (by_position @ terms))
+            found[:, 0] = x.reshape(found[:, 0].shape)
+        return found
+
+    def _integrated(self, terms: Floats, length: float, node: int) -> Floats:
+        """State at a node of a step of that length from the last one's start."""
+        numbers, size = tables(), self.y[0].size
+        sh = length * (numbers.nodes[node + 1] if node >= 0 else 1.0)
+        v = self._work[V_BEFORE, :size]
+        found = [v + sh * (numbers.velocities[node] @ terms)]
+        if len(self.y) == 2:
+            found.insert(0, self._work[X_BEFORE, :size] + sh * (v + sh * (numbers.positions[node] @ terms)))
+        return np.array(found).reshape(self.y.shape)
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        before = self._work[X_BEFORE if len(self.y) == 2 else V_BEFORE, : self.y[0].size].reshape(self.y.shape[1:])
+        return (self._trial, self.y[0]) if inside_step else (self.y, before)

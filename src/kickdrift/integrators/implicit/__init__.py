@@ -1,0 +1,4 @@
+"""Implicit Runge-Kutta and Rosenbrock methods.
+
+Imports `stepping`.
+"""

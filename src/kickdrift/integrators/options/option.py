@@ -1,0 +1,336 @@
+"""Options of integrators, each declared once: name, type, unit, default, choices, help.
+
+Keywords of a Simulation, keys of ``[run]``, ``-o`` on the command line, run files and the documentation are all made
+from these declarations. `Method.declared` says which options a method takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks.values import number
+from kickdrift.model.units.quantities import UnitSystem, has_unit, time_in
+from kickdrift.text import shown
+
+DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
+_WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
+DIMENSIONS = {
+    "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
+    "temperature": "the system's unit of temperature", "pressure": "the system's unit of pressure",
+    "compressibility": "one over the system's unit of pressure",
+}  # fmt: skip
+_SWITCH = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_TAKEN = (
+    "system", "integrator", "steps", "time", "every", "interval", "threads", "engine", "engine_version", "processes",
+    "hosts", "events", "options", "processor", "features", "seeds", "progress",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of an integrator.
+
+    Attributes
+    ----------
+    name : the keyword
+    type : float, int, str or bool
+    help : one line about the effect
+    default : value if none is given; None if there is no single default
+    choices : allowed values; () if they cannot be listed
+    dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, ""
+        for a pure number
+    above, most : a number is greater than ``above``, and ``most`` at most
+    several : whether a Problem may have one number for each component of y
+    written : whether run files record the default if no value was given
+
+    Raises
+    ------
+    InputError
+        If name, type, choices or default do not fit.
+    """
+
+    name: str
+    type: type
+    help: str
+    default: Any = None
+    choices: tuple[Any, ...] = ()
+    dimension: str = ""
+    above: float = -inf
+    most: float = inf
+    several: bool = False
+    written: bool = True
+
+    def __post_init__(self) -> None:
+        name = self.name
+        if not (isinstance(name, str) and name.isidentifier()) or name in _TAKEN:
+            raise InputError(f"option: expected a name such as friction, that means nothing else, got {shown(name)}")
+        if self.type not in _WORDS:
+            raise InputError(f"option {name}: type must be float, int, str or bool, got {shown(self.type)}")
+        if not (isinstance(self.help, str) and self.help.strip()):
+            raise InputError(f"option {name}: help must say what it does")
+        if self.dimension not in DIMENSIONS:
+            raise InputError(
+                f"option {name}: dimension must be one of {', '.join(map(repr, DIMENSIONS))}, "
+                f"got {shown(self.dimension)}"
+            )
+        for choice in self.choices:
+            if not isinstance(choice, self.type) or (isinstance(choice, str) and choice.split() != [choice]):
+                raise InputError(f"option {name}: expected {_WORDS[self.type]} among choices, got {shown(choice)}")
+        if self.default is not None:
+            self.checked(self.default)
+
+    def checked(self, value: Any) -> Any:
+        """Return the value as Python's own type. Raises an InputError that names the option for a value that is not
+        allowed."""
+        if self.choices:
+            same = [k for k in self.choices if isinstance(k, str) == isinstance(value, str) and np.all(k == value)]
+            if not same or np.ndim(value):
+                raise InputError(f"{self.name} {shown(value)} is unknown; known are {self.known}")
+            return same[0]
+        if self.type is bool:
+            if not isinstance(value, bool | np.bool_):
+                raise InputError(f"{self.name} must be True or False, got {shown(value)}")
+            return bool(value)
+        if self.type is str:
+            if not isinstance(value, str):
+                raise InputError(f"{self.name} must be text, got {shown(value)}")
+            return value
+        if isinstance(value, tuple) and self.several:
+            return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
+        return self._number(self.name, value)
+
+    def _number(self, key: str, value: Any) -> float | int:
+        found = number(value)
+        if not (isfinite(found) and self.above < found <= self.most) or (self.type is int and not found.is_integer()):
+            raise InputError(f"{key} must be {self.expected}, got {shown(value)}")
+        return int(found) if self.type is int else found
+
+    def parsed(self, text: str) -> Any:
+        """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
+
+        A number with a unit stays text, because only a System has the units for `in_units`."""
+        if self.dimension and has_unit(text):
+            return text
+        try:
+            if self.type is bool:
+                return _SWITCH[text.lower()]
+            if self.several and "," in text:
+                return tuple(self.type(part) for part in text.split(","))
+            return self.type(text)
+        except (KeyError, ValueError):
+            many = ", or numbers with commas between them" if self.several else ""
+            words = f"one of {self.known}" if self.choices else _WORDS[self.type] + many
+            raise InputError(f"{self.name}: expected {words}, got {shown(text)}") from None
+
+    def in_units(self, value: Any, units: UnitSystem | None) -> Any:
+        """Return the value as a number in ``units`` if it is text with a unit, such as "300 K"; other values as they
+        are. A Problem has no units. Raises InputError for a unit of another dimension, and in reduced units."""
+        return time_in(value, units, self.name, self.dimension) if self.dimension else value
+
+    def filled(self, value: Any) -> Any:
+        """Return the value, checked. For None, return the default if files record it."""
+        if value is None:
+            return self.default if self.written else None
+        return self.checked(value)
+
+    @property
+    def known(self) -> str:
+        """Choices as text."""
+        return ("; " if any("," in str(choice) for choice in self.choices) else ", ").join(map(str, self.choices))
+
+    @property
+    def expected(self) -> str:
+        """Allowed numbers as text."""
+        whole = "whole " if self.type is int else ""
+        if (self.above, self.most) == (0.0, inf):
+            return f"a positive finite {self.dimension}" if self.dimension else f"a positive {whole}number"
+        if self.above == -inf and self.most == inf:
+            return f"a {whole}number" if whole else "a finite number"
+        limits = {"above": self.above, "at most": self.most}
+        words = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if isfinite(limit))
+        return f"a {whole}number {words}" if whole else words
+
+    @property
+    def hint(self) -> Any:
+        """Type of the option as a type hint."""
+        return float | tuple[float, ...] if self.several else self.type
+
+    @property
+    def words(self) -> str:
+        """Type of the option as text."""
+        words = f"{_WORDS[self.type]}, or one for each component of y" if self.several else _WORDS[self.type]
+        limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
+        if not limits or self.several:
+            return words
+        text = self.expected.replace(f"finite {self.dimension}", "number")
+        return text if text.startswith("a ") else f"a number {text}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the option as text; "" for a pure number."""
+        return DIMENSIONS[self.dimension]
+
+    @property
+    def fallback(self) -> str:
+        """Default of the option as text."""
+        if self.default is None:
+            return ""
+        return str(self.default).lower() if isinstance(self.default, bool) else f"{self.default}"
+
+
+def merged(declared: Sequence[Option]) -> Option:
+    """One declaration that allows all values of several declarations of the same name."""
+    first, named = declared[0], all(each.choices for each in declared)
+    return replace(
+        first,
+        default=first.default if all(each.default == first.default for each in declared) else None,
+        choices=tuple(dict.fromkeys(choice for each in declared for choice in each.choices)) if named else (),
+        above=min(each.above for each in declared),
+        most=max(each.most for each in declared),
+        several=any(each.several for each in declared),
+    )
+
+
+DT = Option(
+    "dt", float, "Step; of a method that chooses its steps the first one, and optional.", dimension="time", above=0.0
+)
+RTOL = Option(
+    "rtol", float, "Relative error allowed per step.", 1e-8, above=0.0, several=True, written=False,
+)  # fmt: skip
+ATOL = Option("atol", float, "Absolute error allowed per step.", 1e-10, above=0.0, several=True, written=False)
+CONTROLLER = Option(
+    "controller",
+    str,
+    "Rule by which the errors of the last steps set the next step.",
+    "pi",
+    ("i", "pi", "pid"),
+    written=False,
+)
+COMPENSATED = Option("compensated", bool, "Carry on what rounding loses of positions and velocities.", False)
+ITERATION = Option(
+    "iteration", str, "Way to solve for the stages; by default newton for a Problem, fixed-point for particles.",
+    choices=("newton", "fixed-point"),
+)  # fmt: skip
+JACOBI, HELIOCENTRIC = "jacobi", "democratic-heliocentric"
+COORDINATES = Option("coordinates", str, "Origins of positions and velocities.", JACOBI, (JACOBI, HELIOCENTRIC))
+CORRECTOR = Option("corrector", int, "Order of the symplectic corrector; 0 for none.", 0, (0, 3, 5, 7, 11, 17))
+STANDARD, LAZY, COMPOSITION, MODIFIED_KICK = "standard", "lazy", "composition", "modified-kick"
+KERNEL = Option(
+    "kernel", str, "Kick of a step, or what takes its place and has smaller errors.", STANDARD,
+    (STANDARD, LAZY, COMPOSITION, MODIFIED_KICK), written=False,
+)  # fmt: skip
+ORDER = Option("order", str, "Powers of dt in the errors that are linear, quadratic, … in the planets' masses.")
+HILL_RADII = Option(
+    "hill_radii", float, "Distance within which two bodies move together, in the hand-over radii of either.", 3.0,
+    above=0.0,
+)  # fmt: skip
+PERICENTRE = Option(
+    "pericentre", str, "Forces under which all massive bodies move together while one passes its pericentre.", "full",
+    ("full", "partial", "none"),
+)  # fmt: skip
+INNER = Option(
+    "inner", str, "Method that follows encounters and pericentre passages.", "gauss-radau15",
+    ("gauss-radau15", "bulirsch-stoer"),
+)  # fmt: skip
+ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
+    "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
+)
+SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
+PRECISION = Option(
+    "precision", str, "Numbers of pair forces: all float64, or float32 for pairs and float64 for the rest.", DOUBLE,
+    (DOUBLE, MIXED), written=False,
+)  # fmt: skip
+MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
+TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dimension="temperature", above=0.0)
+FRICTION = Option(
+    "friction", float, "Rate at which the heat bath damps velocities.", dimension="rate", above=0.0
+)  # fmt: skip
+TAU = Option("tau", float, "Time in which the heat bath relaxes the temperature.", dimension="time", above=0.0)
+RATE = Option(
+    "collision_rate", float, "Rate at which a particle gets a new velocity.", dimension="rate", above=0.0
+)  # fmt: skip
+PRESSURE = Option(
+    "pressure",
+    float,
+    "Pressure of the box, whose edges then change; by default they do not.",
+    dimension="pressure",
+    above=0.0,
+)
+C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
+BAROSTAT = Option(
+    "barostat", str, "What holds the pressure.", choices=(C_RESCALE, MTK, MONTE_CARLO), written=False
+)  # fmt: skip
+COUPLING = Option(
+    "coupling", str, "Edges that change together: all, those along x and y, or none.",
+    choices=("isotropic", "semi-isotropic", "per-axis"), written=False,
+)  # fmt: skip
+PRESSURE_TAU = Option(
+    "pressure_tau", float, "Time in which the barostat relaxes the volume.", dimension="time", above=0.0
+)
+COMPRESSIBILITY = Option(
+    "compressibility", float, "Isothermal compressibility, about; sets the speed of c-rescale and the moves of "
+    "monte-carlo, and not the averages.", dimension="compressibility", above=0.0,
+)  # fmt: skip
+PRESSURE_EVERY = Option(
+    "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
+)
+APART = ("semi-isotropic", "per-axis")  # couplings that need the pressure along each axis
+OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
+ALLOW_GRAVITY = Option(
+    "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
+)
+SUBSTEPS = Option(
+    "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
+)
+CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)
+SEED = Option(
+    "seed", int, "Seed of the noise; by default the seed of the starting velocities, or 0.", above=-1.0, most=2.0**53
+)
+
+REFINE = "refine"
+NOISE = Option(
+    "noise", str, "Noise of a run: its own, or refined from the noise of a run at twice the step.", "own",
+    ("own", REFINE), written=False,
+)  # fmt: skip
+SPLITTING = Option(
+    "splitting", str, "Splitting in which the thermostats act.", "velocity-verlet",
+    ("velocity-verlet", "yoshida4", "yoshida6", "yoshida8"), written=False,
+)  # fmt: skip
+
+
+def coupling_of(options: Mapping[str, Any]) -> str:
+    """The edges of the box that change together in a run with these options; "" if the box keeps its size."""
+    if options.get(PRESSURE.name) is None:
+        return ""
+    return options.get(COUPLING.name) or "isotropic"
+
+
+# In the order of run files.
+OPTIONS: dict[str, Option] = {
+    each.name: each
+    for each in (
+        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
+        HILL_RADII, PERICENTRE, INNER,
+    )
+}  # fmt: skip
+
+
+def own_options(options: Sequence[Any]) -> tuple[Option, ...]:
+    """Check a user's declarations: each is an Option with a new name, or has the type that the name has elsewhere."""
+    names: set[str] = set()
+    for each in options:
+        if not isinstance(each, Option):
+            raise InputError(f"options: expected kd.Option(name, type, help), got {shown(each)}")
+        known = OPTIONS.get(each.name)
+        if known and (known.type, known.dimension) != (each.type, each.dimension):
+            raise InputError(f"option {each.name}: is {known.words} of other methods; give yours another name")
+        if each.name in names or each.name in ("dt", PRECISION.name):
+            raise InputError(f"option {each.name}: is declared already")
+        names.add(each.name)
+    return tuple(options)

@@ -1,0 +1,4 @@
+"""The symplectic epicycle integrator of shearing sheets.
+
+Imports `stepping`.
+"""

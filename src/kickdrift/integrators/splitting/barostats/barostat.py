@@ -1,0 +1,269 @@
+"""Barostats: what a run at constant pressure needs, refuses and keeps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.fields.shipped import Springs
+from kickdrift.forces.pairs.law import PairForce
+from kickdrift.integrators.options.option import (
+    APART,
+    BAROSTAT,
+    C_RESCALE,
+    COMPRESSIBILITY,
+    MONTE_CARLO,
+    MTK,
+    OF_PRESSURE,
+    PRESSURE,
+    PRESSURE_EVERY,
+    PRESSURE_TAU,
+    TEMPERATURE,
+    coupling_of,
+)
+from kickdrift.integrators.splitting.barostats import c_rescale, monte_carlo, mtk
+from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, Piston
+from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, bathed
+from kickdrift.integrators.splitting.words import rows_of
+from kickdrift.integrators.stepping.pressing import ACTED, SUMMED, Pressed
+from kickdrift.integrators.stepping.subflow_code import BoundSubflow
+from kickdrift.model.memory import Memory, by_value
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flows.flow import Flow
+    from kickdrift.integrators.options.options import Options
+
+TAKES = {  # options that each needs, and others
+    C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),
+    MTK: ((PRESSURE_TAU.name,), ()),
+    MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
+}
+GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
+FEWEST_ACTIONS = 5  # in a time constant
+ALONG = "along"  # name of the virials along the axes in a memory
+NEVER = np.iinfo(np.int64).min
+
+
+class Lettered(Protocol):
+    """A method as its barostat sees it; see ``Splitting``."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def word(self) -> str: ...
+
+    @property
+    def weights(self) -> tuple[float, ...]: ...
+
+    @property
+    def further(self) -> str: ...
+
+    @property
+    def drags(self) -> bool: ...
+
+    @property
+    def groups(self) -> int: ...
+
+
+def check_options(kind: str, options: Options, method: Lettered) -> None:
+    """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
+    if method.groups:
+        raise InputError(
+            f"pressure: {method.name} kicks by groups of forces; a barostat needs kicks by all, as of baoab"
+        )
+    if kind == MTK and method.further != "N":
+        raise InputError(
+            f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
+        )
+    needed, taken = TAKES[kind]
+    for name in needed:
+        if options.get(name) is None:
+            raise InputError(f"{name} is needed: barostat {kind} has no default {name}")
+    for option in (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY):
+        if option.name not in (*needed, *taken) and options.get(option.name) is not None:
+            raise InputError(
+                f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}"
+            )
+
+
+def check_unpressed(options: Options) -> None:
+    """Refuse options of a barostat without a pressure."""
+    for option in OF_PRESSURE:
+        if options.get(option.name) is not None:
+            raise InputError(f"{option.name}: is an option of a barostat, which needs a pressure; give pressure too")
+
+
+def check_pressed(system: Any, options: Options) -> None:
+    """Refuse a System whose box no barostat can change, and options that do not fit together."""
+    if not isinstance(system, System):
+        raise InputError(f"pressure: a barostat needs particles, and {system.name!r} is an ODE")
+    if not np.isfinite(system.volume):
+        along = "in open space" if not system.box.periodic else "whose box is open along an axis"
+        raise InputError(f"pressure: {system.name!r} is a system {along}, which has no volume")
+    if system.box.tilts:
+        raise InputError("pressure: no barostat here changes a leaning box; give a rectangular one")
+    for force in system.forces:
+        if not isinstance(force, PairForce | Springs):
+            raise InputError(
+                f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces"
+            )
+    if system.topology is not None:
+        raise InputError("pressure: no barostat here takes a topology, with its bonds and exclusions, yet")
+    coupling = coupling_of(options)
+    if system.dimensions == 2 and coupling == "semi-isotropic":
+        raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
+    if coupling in APART and any(isinstance(force, Springs) for force in system.forces):
+        raise InputError(f"coupling: {coupling} needs pair forces alone; springs take isotropic")
+    if coupling in APART and sum(isinstance(force, PairForce) for force in system.forces) > 1:
+        raise InputError(f"coupling: {coupling} takes one pair force; give it the parameters of all species")
+
+
+def reach_of(system: Any) -> float:
+    """Half the least edge length that the forces allow: the largest cutoff, or length of a spring."""
+    cutoffs = [float(force.cutoff or 0.0) for force in system.forces if isinstance(force, PairForce)]
+    springs = [float(np.max(force.length)) for force in system.forces if isinstance(force, Springs)]
+    return max(cutoffs + springs, default=0.0)
+
+
+class Barostat:
+    """The barostat of one run.
+
+    Attributes
+    ----------
+    pressed : its numbers for the loop of splitting methods
+    flows : flows that it adds to the word of the method, by letter; empty if it acts between steps
+    """
+
+    def __init__(self, flow: Flow, options: Options, method: Lettered) -> None:
+        system: Any = flow.subject
+        check_pressed(system, options)
+        self._kind = options.get(BAROSTAT.name) or C_RESCALE
+        check_options(self._kind, options, method)
+        self._live: Any = flow.live  # type: ignore[union-attr]
+        self._coupling = coupling_of(options)
+        self.piston = self._made(flow, options, method)
+        self.flows: dict[str, BoundSubflow] = {}
+        at, every = (0, 0), 1
+        if self._kind == MTK:
+            self.flows = {letter: bound.ready() for letter, bound in mtk.flows(self.piston, options).items()}
+        else:
+            every = int(options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default)
+            n = len(system)
+            of = c_rescale.action(self.piston, options) if self._kind == C_RESCALE else None
+            self._action = (of or monte_carlo.action(self.piston, options, n)).ready()
+            at = self._action.address, self._action.work
+        self.pressed = Pressed(
+            np.array(at, np.int64), every, np.zeros(3, np.int64), self.piston.sums, np.zeros((3, len(system)))
+        )
+
+    def _made(self, flow: Flow, options: Options, method: Lettered) -> Piston:
+        lengths: Floats = self._live.lengths
+        group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths, strict=True)]
+        along = flow.forces.virials_along
+        return Piston(
+            bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), lengths,
+            np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
+            float(options[PRESSURE.name]), 2.0 * reach_of(flow.subject), np.zeros(3), along[0] if along else None,
+            np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
+        )  # fmt: skip
+
+    def stages(self, method: Lettered) -> tuple[Floats, Floats]:
+        """Stages and further stages of the method's word with the flows of the box; see `Splitting`."""
+        word, weights = mtk.word_with_box(method.word, method.weights) if self.flows else (method.word, method.weights)
+        rows = rows_of(word, weights, method.further + "".join(self.flows))
+        return rows[:3].copy(), rows[3:6].copy()
+
+    @property
+    def added(self) -> list[tuple[BoundSubflow, bool]]:
+        """The flows with whether each moves positions, in the order of their letters."""
+        return [(bound, letter == mtk.STRETCH) for letter, bound in self.flows.items()]
+
+    @property
+    def accepted(self) -> float | None:
+        """Part of the Monte Carlo moves that were accepted; None without any."""
+        tried, taken = self.piston.state[[monte_carlo.TRIED, monte_carlo.ACCEPTED]]
+        return float(taken / tried) if self._kind == MONTE_CARLO and tried else None
+
+    @property
+    def work(self) -> float:
+        """Energy that the particles have got from the box since the state was set."""
+        return float(self.piston.work[0])
+
+    @property
+    def trouble(self) -> str:
+        """Why the barostat stopped."""
+        cause, which, value = self.piston.trouble
+        if cause == TOO_SHORT:
+            cutoff = 0.5 * self.piston.shortest
+            advice = (
+                "a fluid does not hold the shape of its box, so take coupling = isotropic"
+                if self._coupling in APART
+                else "take more particles or another pressure"
+            )
+            return (
+                f"the barostat would make box edge {'xyz'[int(which)]} {value:.6g}, shorter than twice the cutoff, "
+                f"2 x {cutoff:.6g} = {2 * cutoff:.6g}; {advice}"
+            )
+        return f"the barostat would change the volume by a factor of {which:.3g} at once; give a longer pressure_tau"
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        own = {"lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums}
+        own |= {"work": self.piston.work, "state": self.piston.state}
+        own |= {} if self.piston.along is None else {ALONG: self.piston.along}
+        chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
+        return own | {f"chain {letter}": chain.state for letter, chain in chains if chain}
+
+    def reset(self) -> None:
+        """Begin anew in the box of now."""
+        for name, array in self._arrays.items():
+            if name != "lengths":
+                array[...] = 0
+        self.pressed.place[ACTED] = NEVER
+        self.piston.trouble[...] = 0.0
+
+    def memory(self) -> Memory:
+        """Copies of all that later actions depend on."""
+        return {name: by_value(array) for name, array in self._arrays.items()}
+
+    def recall(self, memory: Memory) -> None:
+        """Restore this from a memory, which may come from a file.
+
+        Memories of version 0.2.0 lack the virials along the axes. The next action then evaluates all forces again."""
+        for name, array in self._arrays.items():
+            if name == ALONG and name not in memory:
+                self.pressed.place[SUMMED] = 0
+                continue
+            given = np.asarray(memory[name])
+            if given.shape != array.shape or not np.all(np.isfinite(given)):
+                raise InputError(f"checkpoint: {name} of its barostat does not fit a run of this system")
+            if name == "lengths" and not np.array_equal(given > 0, array > 0):
+                raise InputError("checkpoint: its box is open along other axes")
+            array[...] = given
+
+
+def pressure_warnings(dt: float, options: Options, system: Any) -> list[str]:
+    """One line for each doubtful choice."""
+    found = []
+    tau = options.get(PRESSURE_TAU.name)
+    if tau is not None and tau < SHORTEST_TAU * dt:
+        found.append(f"pressure_tau = {tau:g} is {tau / dt:.3g} steps; use {SHORTEST_TAU} steps or more")
+    every = options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default
+    if tau is not None and options.get(COMPRESSIBILITY.name) is not None and tau < FEWEST_ACTIONS * every * dt:
+        actions = tau / (every * dt)
+        found.append(
+            f"pressure_tau = {tau:g} is {actions:.3g} actions of the barostat; use {FEWEST_ACTIONS} or more, "
+            f"or a pressure_every below {every}"
+        )
+    for force in system.forces:
+        if isinstance(force, PairForce) and force.truncation == "cut" and not force.tail:
+            found.append(
+                f"pressure: {force.name} is cut, so its force jumps at the cutoff, and the virial lacks this impulse; "
+                'take truncation = "shift", "force-shift" or "switch", or tail corrections'
+            )
+    return found

@@ -1,0 +1,105 @@
+"""New velocities from noise that can be replayed: the loop that all baths with a random number per velocity share.
+
+The normal numbers of a particle are Philox at (id, stage, step) under the seed. A refined path draws them so that two
+half spans together have the noise that the whole span has in the run at twice the step. With R the whole span's number,
+Q a new one, and c the part of the first half's noise that is left at the end of the second, the halves have
+
+R1 = (c R + Q) / sqrt(1 + c^2) and R2 = (R - c Q) / sqrt(1 + c^2),
+
+which are independent standard normal numbers with (c R1 + R2) / sqrt(1 + c^2) = R. This is the bridge of an
+Ornstein-Uhlenbeck process for c = exp(-friction span), and that of Brownian motion (Levy's construction) for c = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.errors import InputError
+from kickdrift.integrators.options.option import NOISE, REFINE
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.memory import flat, load, masked_load, masked_store
+from kickdrift.jit.lanes.random import normals, uniforms
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.model.state import Floats
+
+CHOICE = 1 << 12  # added to the stage for the numbers that choose the particles
+BRIDGE = 1 << 13  # added to the stage for the numbers Q
+
+
+class Draw(NamedTuple):
+    """Place of a draw, and its shares of the numbers R and Q."""
+
+    step: int
+    stage: int
+    whole: float  # share of R
+    bridge: float  # share of Q; 0 draws no Q
+
+
+def bridges(weights: Floats) -> NDArray[np.int64]:
+    """Table (2, stages, 2) of a refined path: for even and odd steps and each stage, the stage of the whole span in the
+    step of twice the length, and whether this is its second half. ``weights`` are the flow's parts of the step.
+
+    Raises InputError for parts that differ: their halves end inside others."""
+    places = np.flatnonzero(weights)
+    if np.ptp(weights[places]) > 1e-14:
+        raise InputError(f"{NOISE.name}: {REFINE} needs a word whose bath acts for equal parts of the step")
+    table = np.zeros((2, len(weights), 2), np.int64)
+    for passed in range(2 * len(places)):
+        odd, k = divmod(passed, len(places))
+        table[odd, places[k]] = places[passed // 2], passed % 2
+    return table
+
+
+@as_written
+def drawn(table, left, step, stage):
+    """Place of the draw of a stage; ``left`` is the c of refined paths, and ``table`` is empty for others."""
+    if table.size == 0:
+        return Draw(step, stage, 1.0, 0.0)
+    scale = 1.0 / math.sqrt(1.0 + left * left)
+    whole = table[step & 1, stage, 0]
+    if table[step & 1, stage, 1]:
+        return Draw(step >> 1, whole, scale, -left * scale)
+    return Draw(step >> 1, whole, left * scale, scale)
+
+
+@as_written
+def mixed(draw, whole, bridge):
+    """The number of half a span."""
+    return draw.whole * whole + draw.bridge * bridge
+
+
+@as_written
+def changed(hit, kept, noise, normal, row, i, count):
+    """Velocities ``row[i : i + count]`` after the noise. Return the change of their squares."""
+    old = masked_load(row, i, count)
+    new = select(hit, kept * old + noise * normal, old)
+    masked_store(row, i, new, count)
+    return new * new - old * old
+
+
+@as_written
+def shake(bath, v, kept, noise, likely, draw):
+    """v <- kept v + noise sqrt(k_B T / m) R for velocities (3, n) of each particle, with probability ``likely``."""
+    row, n, heat = flat(v), v.shape[1], splat(0.0)
+    for i in range(0, n, WIDTH):
+        count = min(WIDTH, n - i)
+        first, second, third, fourth = uniforms(bath.ids, i, draw.stage, draw.step, bath.seed)
+        x, y, z = normals(first, second, third, fourth)
+        if draw.bridge != 0.0:
+            one, two, three, four = uniforms(bath.ids, i, draw.stage + BRIDGE, draw.step, bath.seed)
+            p, q, r = normals(one, two, three, four)
+            x, y, z = mixed(draw, x, p), mixed(draw, y, q), mixed(draw, z, r)
+        if likely < 1.0:
+            first, _, _, _ = uniforms(bath.ids, i, draw.stage + CHOICE, draw.step, bath.seed)
+        hit, some = first < likely, noise * load(bath.spread, i)
+        change = changed(hit, kept, some, x, row, i, count) + changed(hit, kept, some, y, row, n + i, count)
+        if bath.axes == 3:
+            change = change + changed(hit, kept, some, z, row, 2 * n + i, count)
+        heat = heat + load(bath.masses, i) * change
+    bath.heat[0] += 0.5 * lane_sum(heat)

@@ -1,0 +1,254 @@
+"""Bodies that meet: their accelerations, and Gauss-Radau steps through a time h.
+
+A body moves about the central body and feels the bodies near it. In a pericentre passage the velocity u is taken from
+the moving central body, so the central body's own acceleration counts too:
+
+    u' = -G m_0 x / r^3 + sum over near j of G m_j (x_j - x) / d^3 - sum over massive j of G m_j x_j / r_j^3,
+
+In this way the drift includes the map's jump. Other forces add to these accelerations (see ``others``).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED
+from kickdrift.integrators.gauss_radau.series import (
+    AHEAD,
+    AT_NODE,
+    BASE,
+    ENDS,
+    GUESS,
+    GUESS_LAST,
+    LAST,
+    LOST_V,
+    LOST_X,
+    NODES,
+    NOW,
+    ROWS,
+    V,
+    X,
+    correct,
+    finish,
+    place_velocities,
+    predict,
+    prepare,
+    set_scale,
+)
+from kickdrift.integrators.gauss_radau.step import AGAIN, MOST, TERMS, next_step, verdict
+from kickdrift.integrators.trace.others import INSIDE, add_inside
+from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS, TABLE_ROW
+from kickdrift.jit.compile import inlined, jit
+from kickdrift.jit.lanes.functions import lane_max, plus, splat
+from kickdrift.jit.lanes.masks import mask_bits
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.vector3 import dot, numbers3, store3, vector3
+from kickdrift.jit.lanes.vectors import WIDTH
+
+EPSILON = 1e-8  # of the length of steps; longer ones do not return to their start to a rounding
+SETTLED = 1e-13  # expected residual of another iteration; places then miss less than rounding
+ETA = (5040.0 * EPSILON) ** (1.0 / 7.0)
+SHORTER = 0.6  # a step is done again if the next would be shorter by this factor
+SHORTEST = 1e-13  # of the time h
+
+
+@jit
+def attract(hybrid, others, s, x, a):
+    """a <- the accelerations at x of the bodies that meet, a time s after the step's start. Return a status."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, jumps = meeting.slots, meeting.gm, meeting.jumps
+    n, everyone = meeting.size[NUMBER], meeting.size[ALL]
+    pull_x, pull_y, pull_z = 0.0, 0.0, 0.0
+    for i in range(n):
+        px, py, pz = x[i], x[n + i], x[2 * n + i]
+        inverse2 = 1.0 / (px * px + py * py + pz * pz)
+        cube = inverse2 * math.sqrt(inverse2)
+        w, pull = -gm_0 * cube, gm[i] * cube
+        ax, ay, az = w * px, w * py, w * pz
+        pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
+        for j in range(i):
+            if everyone or near[slots[j], slots[i]]:
+                dx, dy, dz = x[j] - px, x[n + j] - py, x[2 * n + j] - pz
+                inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
+                cube = inverse2 * math.sqrt(inverse2)
+                w, back = gm[j] * cube, gm[i] * cube
+                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
+                a[j] -= back * dx
+                a[n + j] -= back * dy
+                a[2 * n + j] -= back * dz
+        a[i], a[n + i], a[2 * n + i] = ax, ay, az
+    for i in range(n):
+        if jumps[i]:
+            a[i] -= pull_x
+            a[n + i] -= pull_y
+            a[2 * n + i] -= pull_z
+    meeting.size[FOUND] += 1
+    return add_inside(hybrid, others, s, x, a) if hybrid.present[INSIDE] else OK
+
+
+@jit
+def note_path(hybrid, t):
+    """Note positions and velocities of the bodies that meet, at a time t since the step's start."""
+    meeting, path, counts = hybrid.meeting, hybrid.path, hybrid.counts
+    x, v = meeting.x, meeting.v
+    n, first = meeting.size[NUMBER], counts[POINTS]
+    if first + n > path.shape[0]:
+        return
+    for i in range(n):
+        row, slot = first + i, meeting.slots[i]
+        path[row, 0], path[row, 1] = t, slot if i >= meeting.size[FIRST_NOTED] else -1 - slot
+        path[row, 8], path[row, 9] = n, meeting.size[TABLE_ROW]
+        for k in range(3):
+            path[row, 2 + k], path[row, 5 + k] = x[k * n + i], v[k * n + i]
+    counts[POINTS] = first + n
+
+
+@inlined
+def rate2(x, y, z, u, v, w, gm):
+    """1 / tau^2 of a Kepler motion; see ``switch.passage``."""
+    r2, v2, along = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w
+    sigma2 = along * along / r2
+    c = 2.0 * gm / math.sqrt(r2) - 3.0 * v2 + 15.0 * sigma2
+    root = math.sqrt(max(0.0, c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2))
+    return (v2 + 3.0 * sigma2 + root) / (2.0 * r2)
+
+
+@jit
+def shortest_time(hybrid):
+    """Shortest time scale at the start: that of a motion about the central body, or of a near pair."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
+    n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
+    for i in range(n):
+        j, k = n + i, 2 * n + i
+        fastest = max(fastest, rate2(x[i], x[j], x[k], v[i], v[j], v[k], gm_0))
+        for b in range(i):
+            if everyone or near[slots[b], slots[i]]:
+                c, d = n + b, 2 * n + b
+                rate = rate2(
+                    x[i] - x[b], x[j] - x[c], x[k] - x[d], v[i] - v[b], v[j] - v[c], v[k] - v[d], gm[i] + gm[b]
+                )  # fmt: skip
+                fastest = max(fastest, rate)
+    return 1.0 / math.sqrt(fastest)
+
+
+@jit
+def iterate(hybrid, others, width, done, h):
+    """Correct the step's polynomial until only rounding is left, as ``gauss_radau.loop.iterate`` does. Return a
+    status."""
+    meeting, tables = hybrid.meeting, hybrid.tables
+    work, x, a, residual = meeting.work, meeting.x, meeting.a, np.inf
+    prepare(work, width, tables, 0, h, True)
+    for i in range(0, width, WIDTH):
+        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
+        store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
+    for count in range(MOST):
+        worst = splat(0.0)
+        for row in range(NODES):
+            following = row + 1 if row + 1 < NODES else 0
+            if hybrid.moving:
+                place_velocities(work, width, meeting.v, 0, tables, row, h)
+            status = attract(hybrid, others, done + tables.nodes[row + 1] * h, x, a)
+            if status != OK:
+                return status
+            prepare(work, width, tables, following, h, True)
+            worst, odd = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
+            if mask_bits(odd >= 0.0) != 255:
+                return BLOWN_UP
+        missed = lane_max(worst)
+        status = verdict(count, missed, residual, SETTLED)
+        if status != AGAIN:
+            return status
+        residual = missed
+    return BLOWN_UP
+
+
+@inlined
+def slopes(d, u, b, h):
+    """Return h times the first and h^2 / 2 times the second time derivative of d / r^3, with u = d' and b = d''."""
+    inverse2 = 1.0 / dot(d, d)
+    cube, alpha = inverse2 * math.sqrt(inverse2), dot(d, u) * inverse2
+    beta = (dot(u, u) + dot(d, b)) * inverse2 + alpha * alpha
+    first = cube * u - (3.0 * alpha * cube) * d
+    return h * first, (0.5 * h * h) * (cube * b - (6.0 * alpha) * first - (3.0 * beta * cube) * d)
+
+
+@jit
+def guess(hybrid, width, n, h):
+    """Begin the first step's polynomial with its c_1 and c_2: the first two time derivatives of the attraction."""
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    slots, gm, x, v, a, work = meeting.slots, meeting.gm, meeting.x, meeting.v, meeting.a, meeting.work
+    one, two = (NOW + 1) * width, (NOW + 2) * width
+    pull, bend = vector3(0.0, 0.0, 0.0), vector3(0.0, 0.0, 0.0)
+    for i in range(n):
+        first, second = slopes(numbers3(x, i, n), numbers3(v, i, n), numbers3(a, i, n), h)
+        pull, bend = pull + gm[i] * first, bend + gm[i] * second
+        first, second = -gm_0 * first, -gm_0 * second
+        for j in range(n):
+            if j != i and (meeting.size[ALL] or near[slots[j], slots[i]]):
+                d, u = numbers3(x, j, n) - numbers3(x, i, n), numbers3(v, j, n) - numbers3(v, i, n)
+                more, still = slopes(d, u, numbers3(a, j, n) - numbers3(a, i, n), h)
+                first, second = first + gm[j] * more, second + gm[j] * still
+        store3(work, one + i, n, first)
+        store3(work, two + i, n, second)
+    for i in range(n):
+        if meeting.jumps[i]:
+            store3(work, one + i, n, numbers3(work, one + i, n) - pull)
+            store3(work, two + i, n, numbers3(work, two + i, n) - bend)
+
+
+@jit
+def follow(hybrid, others, h):
+    """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
+    meeting, tables = hybrid.meeting, hybrid.tables
+    work, n = meeting.work, meeting.size[NUMBER]
+    width = WIDTH * ((3 * n + WIDTH - 1) // WIDTH)
+    for i in range(ROWS * width):
+        work[i] = 0.0
+    for i in range(3 * n, width):
+        meeting.x[i] = meeting.a[i] = 0.0
+    for i in range(3 * n):
+        work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
+    done, last, before, step = 0.0, 0.0, 0.0, min(h, ETA * shortest_time(hybrid))
+    while done < h:
+        rest = h - done
+        parts = math.ceil(rest / step - 1e-9)
+        step = rest / parts if parts > 1 else rest
+        for i in range(0, width, WIDTH):
+            store(meeting.x, i, load(work, X * width + i))
+            if hybrid.moving:
+                store(meeting.v, i, load(work, V * width + i))
+        status = attract(hybrid, others, done, meeting.x, meeting.a)
+        if status != OK:
+            return status
+        for i in range(0, width, WIDTH):
+            store(work, NOW * width + i, load(meeting.a, i))
+        ratio = step / last if last > 0.0 else 0.0
+        predict(work, width, ratio, before, tables.shifts)
+        if last == 0.0:
+            guess(hybrid, width, n, step)
+        set_scale(work, width, step, True)
+        status = iterate(hybrid, others, width, done, step)
+        if status == RAISED:
+            return status
+        wanted = 0.0
+        if status == OK:
+            wanted = next_step(work, width, NOW, ENDS, V, 3, n, step, ETA)
+        if not wanted >= SHORTER * step:
+            step = wanted if 0.0 < wanted < SHORTER * step else 0.25 * step
+            if not step > SHORTEST * h:
+                return BLOWN_UP
+            continue
+        for i in range(0, TERMS * width, WIDTH):
+            store(work, LAST * width + i, load(work, NOW * width + i))
+            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
+        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, step, True)
+        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
+        done = h if parts <= 1 else done + step
+        last, before, step = step, ratio, min(wanted, 4.0 * step)
+        for i in range(3 * n):
+            meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+        note_path(hybrid, done)
+    return OK

@@ -1,0 +1,299 @@
+"""Wisdom-Holman integration: its coordinates and its warnings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from kickdrift.forces.bound.evaluate import SLOTS
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.gravity.direct import Gravity
+from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.integrators.options.option import JACOBI, KERNEL, STANDARD
+from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.stepping.loops import STEP
+from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Retimed
+from kickdrift.integrators.wisdom_holman.bodies import (
+    GM,
+    HILL,
+    INSIDE,
+    LIVE,
+    NEAR,
+    OTHERS,
+    ROWS,
+    SHARE,
+    SOURCE,
+    UNBOUND,
+    WHICH,
+    WORK,
+    Bodies,
+)
+from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
+from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kernel_of
+from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
+from kickdrift.integrators.wisdom_holman.loop import wisdom_holman_loop
+from kickdrift.integrators.wisdom_holman.places import leave, listed_masses, shown_steps
+from kickdrift.jit.by_address import address_of
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.model.memory import Memory
+from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flows.flow import Flow
+    from kickdrift.model.system import System
+
+FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
+
+
+class WisdomHolmanStepper(Retimed, Regular):
+    """Integration that stays before the last drift of a step, which is joined to the next step's first.
+
+    ``y`` is a copy with that drift, and the corrector, done. A checkpoint holds the orbits there, the centre of mass,
+    the carries of compensated sums, and the data of warnings.
+    """
+
+    trouble = ""
+    _loop_at: int | None = None  # the address of the loop's machine code, once known
+    _shows: bool = False  # whether ``_shown`` is at the step point
+    _shortest: tuple[float, int] | None = None  # steps of the shortest pericentre passage, and its body
+    saved: ClassVar[tuple[str, ...]] = (
+        "_cursor", "_start", "_under_way", "_corrected", "_shortest", "_hill",
+        "_bodies.orbit", "_bodies.carry", "_bodies.centre", "_bodies.first",
+    )  # fmt: skip
+
+    def __init__(self, flow: Flow, table: Splitting, options: Options) -> None:
+        assert options.dt is not None
+        system: Any = flow.subject
+        self._system, self.dt = system, options.dt
+        self._jacobi, self._compensated = options.coordinates == JACOBI, options.compensated
+        others = system.under(force for force in system.forces if not isinstance(force, Gravity))
+        self._others = BoundForces(others, flow.forces.threads)
+        flow.others = self._others  # type: ignore[union-attr]
+        self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of samples
+        drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
+        passed = np.cumsum(drift)
+        kernel = options.get(KERNEL.name) or STANDARD
+        self._kernel = kernel if kernel in KICKS else None
+        begin = np.array([drift, kick, passed, np.full(len(kick), CORRECTION)])
+        self._begin, self._end = begin[:, :-1].copy(), begin[:, -1:].copy()
+        self._step = self._begin.copy()
+        self._step[0, 0] += drift[-1]  # the last drift of the step before
+        mirrored = kernel != STANDARD
+        self._least = self.dt / (1 if mirrored else len(table.kick))
+        row = corrector(options.corrector, mirrored) if options.corrector else np.zeros((2, 0))
+        self._correct, self._decorrect = (
+            np.array([*part, *np.zeros((2, part.shape[1]))]) for part in (row, undone(row) if row.size else row)
+        )
+        gravity = next(force for force in system.forces if isinstance(force, Gravity))
+        self._G = gravitational_constant(gravity.name, gravity.G, system)
+        self._place(system)
+
+    def _place(self, system: System) -> None:
+        """Assign bodies to slots, and fill in their constants."""
+        masses = system.state.masses
+        central = int(np.argmax(masses))
+        others = np.delete(np.arange(len(masses)), central)
+        heavy, light = others[masses[others] > 0], others[masses[others] == 0]
+        order = np.concatenate([_filled(heavy), _filled(light)])
+        massive, slots = len(_filled(heavy)), len(order)
+        self._real = order >= 0
+        self._listed = np.array([central, *others])  # in the order of coordinates.py
+        self._row = 1 + np.searchsorted(others, order)  # of each slot in that list
+        self._row[~self._real] = 0
+        gm = self._G * masses
+        before = np.zeros(slots)  # G times the mass of the other bodies listed before
+        before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
+        before[~self._real] = gm[others].sum()
+        table = aligned((ROWS, slots))
+        table[LIVE, self._real], table[SOURCE, self._real] = 1.0, gm[order[self._real]]
+        table[INSIDE] = 1.0 / (gm[central] + before)
+        table[GM] = gm[central] + before + table[SOURCE]
+        table[SHARE] = table[SOURCE] / table[GM]
+        table[OTHERS] = before * table[INSIDE]
+        if not self._jacobi:
+            table[GM], table[OTHERS] = gm[central], table[SOURCE] / gm[central]
+        inside = np.searchsorted(heavy, order)
+        self._bodies = Bodies(
+            orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)),
+            centre=aligned((5, WIDTH)), table=table, inside=inside, first=np.full((3, slots), np.nan),
+            work=aligned((WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
+            gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
+            a=np.zeros((3, len(masses))),
+        )  # fmt: skip
+        own = self._bodies
+        self._shown = own._replace(  # at the step point
+            orbit=aligned(own.orbit.shape), carry=aligned(own.carry.shape), centre=aligned(own.centre.shape),
+            first=np.empty(own.first.shape),
+        )  # fmt: skip
+        if self._kernel:
+            self._bodies, self._shown = (
+                each._replace(kernel=kernel_of(self._kernel, each)) for each in (own, self._shown)
+            )
+        self._slots = np.zeros(len(masses), np.int64)
+        self._slots[self._row[self._real]] = np.flatnonzero(self._real)
+        self._masses = listed_masses(own.shares[self._listed])
+        self._aside = np.zeros(SLOTS, np.int64)
+
+    # --- coordinates ---
+
+    def _enter(self, y: Floats) -> None:
+        """The map's coordinates from positions and velocities (2, 3, n)."""
+        bodies = self._bodies
+        x, v = y.transpose(0, 2, 1)[:, self._listed]
+        masses = bodies.shares[self._listed]
+        q = np.array(
+            (to_jacobi(x, masses), to_jacobi(v, masses)) if self._jacobi else to_democratic(x, v, masses)
+        ).transpose(0, 2, 1)
+        bodies.centre[...] = 0.0
+        bodies.centre[:2, :3] = q[:, :, 0]
+        farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
+        out = farthest * (1.0 + np.arange(len(self._real)))  # no two of them at one place
+        speed = np.sqrt(bodies.table[GM] / out)
+        for row, filling in enumerate((out, 0.0, 0.0, 0.0, speed, 0.0)):
+            bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
+        bodies.carry[...] = 0.0
+
+    def _leave(self, bodies: Bodies) -> Floats:
+        """(2, 3, n) positions and velocities."""
+        y = np.empty((2, 3, len(self._listed)))
+        leave(bodies.orbit, bodies.carry, bodies.centre, self._slots, self._listed, self._masses, self._jacobi, y)
+        return y
+
+    # --- steps ---
+
+    def reset(self, y: Floats, time: float, steps: int) -> None:
+        self._begin_at(y, time, steps)
+        self._enter(y)
+        self._look_at_start()
+
+    def _begin_at(self, y: Floats, time: float, steps: int) -> None:
+        self.y, self.steps_done = y, steps
+        self._start = time - steps * self.dt
+        self._cursor = np.zeros(SLOTS, np.int64)
+        self._under_way = self._shows = False
+        self._corrected = not self._correct.size
+        self._others.forget()
+        self._bodies.first[:] = np.nan
+
+    def begin_from(self, run: Self) -> None:
+        """Start anew at the step point of another stepper of the same method, without a change of coordinates."""
+        if run._under_way and not run._shows:
+            run._synchronise()
+        own, there = self._bodies, run._shown if run._under_way else run._bodies
+        self._begin_at(run.y.copy(), run.time, run.steps_done)
+        for key in ("orbit", "carry", "centre"):
+            getattr(own, key)[...] = getattr(there, key)
+        own.table[HILL], self._shortest = run._hill, run._shortest
+
+    def recall(self, memory: Memory) -> None:
+        """See Stepper."""
+        super().recall(memory)
+        self._shows = False
+
+    @property
+    def _lists(self) -> BoundForces:
+        return self._others
+
+    @property
+    def _hill(self) -> Floats:
+        """Squared Hill radii at the start."""
+        return self._bodies.table[HILL]
+
+    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None) -> int:
+        return (others or self._others).call(
+            wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
+        )  # fmt: skip
+
+    def advance(self, steps: int, until: float = np.inf) -> int:
+        if not steps:
+            return self._call(self._bodies, self._step, 0, self._cursor)
+        status, rows = 0, []
+        if not self._corrected:
+            rows.append((self._correct, 1, 0))
+        if not self._under_way:
+            rows.append((self._begin, 1, 1))
+        done = sum(row[2] for row in rows)
+        for row, count, forward in [*rows, (self._step, steps - done, steps - done)]:
+            self._cursor[STEP:] = 0
+            status = self._call(self._bodies, row, count, self._cursor)
+            self.steps_done += min(int(self._cursor[STEP]), forward)
+            if status:
+                return status
+            self._corrected = True
+            self._under_way = self._under_way or forward > 0
+        return self._synchronise()
+
+    @property
+    def steady(self) -> bool:  # type: ignore[override]
+        return self._under_way and self._corrected
+
+    @property
+    def compiled_steps(self) -> CompiledSteps | None:
+        if self._others.forces:  # their lists are made anew for the shown state
+            return None
+        own, shown, others = self._bodies, self._shown, self._others
+        if self._loop_at is None:
+            given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
+            self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
+        given = (
+            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, shown.kernel,
+            self._step, self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt,
+            self._start, self.y,
+        )  # fmt: skip
+        return shown_steps, others, given
+
+    def _synchronise(self) -> int:
+        """y <- the state at the step point. Return a status."""
+        own, shown = self._bodies, self._shown
+        shown.orbit[...], shown.carry[...] = own.orbit, own.carry
+        shown.centre[...], shown.first[...] = own.centre, own.first
+        self._cursor[STEP:] = 0
+        self._looks.forget()
+        for row in (self._end, self._decorrect):
+            if row.size:
+                self._aside[:] = 0
+                if status := self._call(shown, row, 1, self._aside, self._looks):
+                    return status
+        self.y, self._shows = self._leave(shown), True
+        return 0
+
+    def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
+        y = self._leave(self._bodies)
+        return y, y[0] - self.dt * y[1]
+
+    # --- warnings ---
+
+    def _look_at_start(self) -> None:
+        """Find Hill radii, and the body whose pericentre passage takes fewest steps."""
+        bodies, real = self._bodies, np.flatnonzero(self._real)
+        self._shortest = None
+        bodies.table[HILL] = 0.0
+        if not len(real):
+            return
+        orbit, table = bodies.orbit[:, real], bodies.table[:, real]
+        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], bodies.gm)
+        bodies.table[HILL, real] = hill
+        k = int(np.argmin(passages))
+        if passages[k] < np.inf:
+            self._shortest = float(passages[k]), int(bodies.order[real[k]])
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about effects that the map does not follow."""
+        first, order = self._bodies.first, self._bodies.order
+        unbound = np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
+        near = np.flatnonzero(~np.isnan(first[NEAR]))
+        return warning_lines(
+            self._system, self.dt, self._least, self._shortest,
+            [(int(order[slot]), float(first[UNBOUND, slot])) for slot in unbound],
+            [(int(order[slot]), int(order[int(first[WHICH, slot])]), float(first[NEAR, slot])) for slot in near],
+        )  # fmt: skip
+
+
+def _filled(ids: Any) -> Any:
+    """The ids, filled up with -1 to a multiple of eight."""
+    return np.concatenate([ids, np.full(-len(ids) % WIDTH, -1)]).astype(np.int64)

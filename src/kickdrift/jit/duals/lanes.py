@@ -1,0 +1,239 @@
+"""Functions of lanes that take duals of lanes as well, so that one kernel gives forces and their slopes.
+
+A kernel that imports these names runs on lanes as before. Where its arrays hold duals, what it loads and computes
+becomes duals of lanes. In memory a `SINGLE` dual is a number followed by its slope. `dual_numbers` makes such arrays,
+and `with_duals` shows them to compiled code.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import elementary, gathering, masks, memory
+from kickdrift.jit.lanes import functions as lanes
+from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
+
+_DTYPE = np.dtype([("value", np.float64), ("slope", np.float64)])
+_DUALS = Dual(lanes_type, lanes_type)
+_PAIRS = ir.VectorType(F64, 2 * WIDTH)
+_APART = [list(range(part, 2 * WIDTH, 2)) for part in range(2)]
+_TOGETHER = [k // 2 + WIDTH * (k % 2) for k in range(2 * WIDTH)]
+
+
+def dual_numbers(shape: tuple[int, ...]) -> Any:
+    """Array of duals with the fields ``value`` and ``slope``, all zero."""
+    return memory.aligned((*shape, 2)).view(_DTYPE).reshape(shape)
+
+
+def with_duals(kind: types.Type) -> Any:
+    """The type of parts in compiled code: arrays of `dual_numbers` hold duals there."""
+    if isinstance(kind, types.BaseNamedTuple):
+        return types.BaseTuple.from_types([with_duals(each) for each in kind], kind.instance_class)
+    if isinstance(kind, types.Array) and isinstance(kind.dtype, types.Record):
+        return types.Array(SINGLE, kind.ndim, "C")
+    return kind
+
+
+def _of_duals(array: types.Type) -> bool:
+    return isinstance(array, types.Array) and array.dtype == SINGLE
+
+
+def value_of(x: Any) -> Any:
+    """Value of a dual; a number or lanes unchanged."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(value_of)
+def _value_of(x):
+    return (lambda x: x.value) if isinstance(x, Dual) else (lambda x: x)
+
+
+# --- memory ---
+
+
+def _place(context: Any, builder: Any, sig: Any, args: Any) -> ir.Value:
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    return builder.bitcast(builder.gep(data, [args[1]]), _PAIRS.as_pointer())
+
+
+def _shuffled(builder: Any, a: ir.Value, b: ir.Value, order: list[int]) -> ir.Value:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, len(order)), order))
+
+
+@intrinsic
+def _load(typingctx, array, index):
+    def codegen(context, builder, sig, args):
+        both = builder.load(_place(context, builder, sig, args))
+        both.align = 8
+        return made(builder, *(_shuffled(builder, both, both, order) for order in _APART))
+
+    return _DUALS(array, types.intp), codegen
+
+
+@intrinsic
+def _store(typingctx, array, index, value):
+    def codegen(context, builder, sig, args):
+        value, slope = (builder.extract_value(args[2], k) for k in range(2))
+        written = builder.store(_shuffled(builder, value, slope, _TOGETHER), _place(context, builder, sig, args))
+        written.align = 8
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, _DUALS), codegen
+
+
+def load(array: Any, index: int) -> Any:
+    """See `memory.load`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(load)
+def _load_either(array, index):
+    return (
+        (lambda array, index: _load(array, index))
+        if _of_duals(array)
+        else (lambda array, index: memory.load(array, index))
+    )
+
+
+def store(array: Any, index: int, value: Any) -> None:
+    """See `memory.store`. An array of duals takes lanes as duals without slopes."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(store)
+def _store_either(array, index, value):
+    if not _of_duals(array):
+        return lambda array, index, value: memory.store(array, index, value)
+    if of_lanes(value):
+        return lambda array, index, value: _store(array, index, value)
+    return lambda array, index, value: _store(array, index, dual(value, lanes.splat(0.0)))
+
+
+@intrinsic
+def _rows_at(typingctx, table, places, first):
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        data, whole, columns = builder.bitcast(data, F64.as_pointer()), ir.IntType(64), []
+        places = gathering.places_in(context, builder, sig.args[1], args[1], args[2])
+        for half in range(2):
+            starts = [
+                builder.add(builder.mul(place, whole(2 * gathering.ROW)), whole(half * gathering.ROW))
+                for place in places
+            ]
+            a, b, c, d = gathering.gathered(builder, data, starts)
+            columns += [made(builder, a, b), made(builder, c, d)]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(_DUALS, gathering.ROW)(table, places, types.intp), codegen
+
+
+@intrinsic
+def _numbers_at(typingctx, table, places, first):
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        parts = [ir.Constant(F64X8, ir.Undefined)] * 2
+        for k, place in enumerate(gathering.places_in(context, builder, sig.args[1], args[1], args[2])):
+            number = builder.bitcast(builder.gep(data, [place]), F64.as_pointer())
+            for part in range(2):
+                each = builder.load(builder.gep(number, [I32(part)]))
+                parts[part] = builder.insert_element(parts[part], each, I32(k))
+        return made(builder, *parts)
+
+    return _DUALS(table, places, types.intp), codegen
+
+
+def _teach_reading(of_lanes_alone: Any, of_duals: Any) -> Any:
+    """A function of a table and two further arguments, by what the table holds."""
+
+    def read(table: Any, places: Any, first: int) -> Any:
+        raise NotImplementedError("for compiled code")
+
+    @overload(read)
+    def _read(table, places, first):
+        if _of_duals(table):
+            return lambda table, places, first: of_duals(table, places, first)
+        return lambda table, places, first: of_lanes_alone(table, places, first)
+
+    return read
+
+
+rows_at = _teach_reading(gathering.rows_at, _rows_at)
+numbers_at = _teach_reading(gathering.numbers_at, _numbers_at)
+
+
+# --- selection and sums ---
+
+
+def select(mask: Any, yes: Any, no: Any) -> Any:
+    """See `masks.select`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(select)
+def _select(mask, yes, no):
+    if not (of_lanes(yes) or of_lanes(no)):
+        return lambda mask, yes, no: masks.select(mask, yes, no)
+    if not of_lanes(no):
+        return lambda mask, yes, no: dual(masks.select(mask, yes.value, no), masks.select(mask, yes.slope, 0.0))
+    if not of_lanes(yes):
+        return lambda mask, yes, no: dual(
+            masks.select(mask, yes, no.value), masks.select(mask, lanes.splat(0.0), no.slope)
+        )
+    return lambda mask, yes, no: dual(masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope))
+
+
+def lane_sum(x: Any) -> Any:
+    """See `lanes.lane_sum`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(lane_sum)
+def _lane_sum(x):
+    if of_lanes(x):
+        return lambda x: dual(lanes.lane_sum(x.value), lanes.lane_sum(x.slope))
+    return lambda x: lanes.lane_sum(x)
+
+
+# --- functions ---
+
+
+def _teach(function: Any, slope: Any) -> Any:
+    """A function of lanes and of their duals; ``slope`` is its derivative, from the argument and the value."""
+    rule = as_written(slope)
+
+    def either(x: Any) -> Any:
+        raise NotImplementedError("for compiled code")
+
+    def of_duals(x):
+        value = function(x.value)
+        return dual(value, rule(x.value, value) * x.slope)
+
+    overload(either)(lambda x: of_duals if of_lanes(x) else (lambda x: function(x)))
+    return either
+
+
+inverse_sqrt = _teach(lanes.inverse_sqrt, lambda x, y: -0.5 * (y * y * y))
+lane_exp = _teach(elementary.lane_exp, lambda x, y: y)
+lane_log = _teach(elementary.lane_log, lambda x, y: 1.0 / x)
+
+
+def lane_sine_cosine(x: Any) -> Any:
+    """See `elementary.lane_sine_cosine`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(lane_sine_cosine)
+def _lane_sine_cosine(x):
+    def of_duals(x):
+        sine, cosine = elementary.lane_sine_cosine(x.value)
+        return dual(sine, cosine * x.slope), dual(cosine, -sine * x.slope)
+
+    return of_duals if of_lanes(x) else (lambda x: elementary.lane_sine_cosine(x))

@@ -1,0 +1,192 @@
+"""Compiled form of a Box: its edge vectors and its images.
+
+Positions are moved into the *brick* [0, ax) x [0, by) x [0, cz). The brick fills space under the lattice of any lower
+triangular matrix, as the cell between the edge vectors does. So a leaning box is sorted like a rectangular one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from math import floor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.jit.compile import inlined, jit, strict
+from kickdrift.model.box.box import Box
+
+SHIFTS = 27  # images of the brick that may touch the brick
+
+
+class Cell(NamedTuple):
+    """Box in compiled code; `kickdrift.model.box.box.Images` describes the last four fields."""
+
+    matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
+    leans: bool
+    edges: NDArray[np.float64]  # (3,) edge lengths of a box that does not lean, else zero
+    reduced: NDArray[np.float64]  # (3, 3)
+    inverse: NDArray[np.float64]  # (3, 3)
+    neighbours: NDArray[np.float64]  # (26, 3) or fewer
+    sure2: float
+
+
+class Bricks(NamedTuple):
+    """The 27 images of a brick that may hold particles within reach of the brick.
+
+    Image (i, j, k) is shifted by i a + j b + k c, less whole edges a that bring its x for i = 0 into [-ax/2, ax/2]. So
+    all images with the same j and k, a *row*, are shifted by one vector against the columns of the brick itself.
+    """
+
+    shifts: NDArray[np.float64]  # (3, 27) at index 9 (i + 1) + 3 (j + 1) + k + 1
+    leans: NDArray[np.float64]  # (rows, 2) shift along x and y; all rows without a shift count as one
+    whole: NDArray[np.int64]  # (rows, 4) first and last j, first and last k of each row
+    reach: float  # the images cover everything within this distance; infinite in an open box
+
+
+def cell_of(box: Box) -> Cell:
+    """Return the Cell of a Box."""
+    matrix = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
+    reduced, inverse = np.zeros((3, 3)), np.zeros((3, 3))
+    if not box.triclinic:
+        return Cell(matrix, False, np.diag(matrix).copy(), reduced, inverse, np.zeros((0, 3)), np.inf)
+    images = box.images
+    reduced[: len(images.reduced)], inverse[:, : len(images.reduced)] = images.reduced, images.inverse
+    return Cell(matrix, True, np.zeros(3), reduced, inverse, images.neighbours, images.sure2)
+
+
+def bricks_of(cell: Cell) -> Bricks:
+    """Return the Bricks of a Cell."""
+    a, b, c = cell.matrix
+    shifts, leans, whole = np.zeros((3, SHIFTS)), [], []
+    most = [int(edge > 0) for edge in np.diag(cell.matrix)]
+    for i, j, k in itertools.product((-1, 0, 1), repeat=3):
+        lean = j * b + k * c
+        if a[0]:
+            lean = lean - np.rint(lean[0] / a[0]) * a
+        shifts[:, 9 * (i + 1) + 3 * (j + 1) + k + 1] = lean + i * a
+        if i == 0 and cell.leans and abs(j) <= most[1] and abs(k) <= most[2]:
+            leans.append([lean[0], k * c[1]])
+            whole.append([j, j, k, k])
+    if not cell.leans:
+        leans, whole = [[0.0, 0.0]], [[-most[1], most[1], -most[2], most[2]]]
+    along = np.array(leans)
+    room = np.diag(cell.matrix) - [*np.abs(along).max(axis=0), 0.0]
+    reach = float(min((room[k] for k in range(3) if most[k]), default=np.inf))
+    return Bricks(shifts, along, np.array(whole, np.int64), reach)
+
+
+class MinimumImage(NamedTuple):
+    """Numbers that give distances between nearest images of particles inside a box; see `squared_distances`."""
+
+    matrix: NDArray[np.float64]  # (3, 3) as of a Cell
+    inverse: NDArray[np.float64]  # (3,) 1 over its diagonal, 0 for an axis that is not periodic
+    edges: NDArray[np.float64]  # (3,) the edge lengths of a box that does not lean, else infinite
+    leans: bool
+    axis: int  # the last periodic axis: places along this axis repeat after ``period``, however the box leans
+    period: float
+
+
+def minimum_image_of(box: Box) -> MinimumImage:
+    """The MinimumImage of a Box that is periodic along one axis or more."""
+    cell, axis = cell_of(box), int(np.flatnonzero(box.periodic_axes)[-1])
+    diagonal = np.diag(cell.matrix)
+    inverse = np.divide(1.0, diagonal, out=np.zeros(3), where=diagonal > 0)
+    edges = np.where(cell.edges > 0, cell.edges, np.inf)
+    return MinimumImage(cell.matrix, inverse, edges, cell.leans, axis, float(diagonal[axis]))
+
+
+@inlined
+def squared_distances(image, x, i, begin, end, row):
+    """row[j] <- squared distance between particles i and j at x (3, n), inside the box, for begin <= j < end.
+
+    The distance is between nearest images where this is within half the least height; elsewhere that or more.
+    """
+    if image.leans:
+        for j in range(begin, end):
+            dx, dy, dz = x[0, i] - x[0, j], x[1, i] - x[1, j], x[2, i] - x[2, j]
+            row[j] = square_by_edges(image.matrix, image.inverse, dx, dy, dz)
+    else:
+        for j in range(begin, end):
+            squared = 0.0
+            for k in range(3):
+                d = abs(x[k, i] - x[k, j])
+                d = min(d, image.edges[k] - d)
+                squared += d * d
+            row[j] = squared
+
+
+@inlined
+def nearest_image(cell, d):
+    """Bring a separation d (3,) to that between nearest images in a box of any shape; return its square."""
+    r2 = 0.0
+    for k in range(3):
+        d[k] = along(cell.edges[k], d[k])
+        r2 += d[k] * d[k]
+    if cell.leans:
+        leaning_image(cell, d)
+        r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    return r2
+
+
+@inlined
+def along(edge, d):
+    """Component d of a separation between nearest images in a box that does not lean; the axis is open if edge is 0."""
+    return d - edge * floor(d / edge + 0.5) if edge > 0.0 else d
+
+
+@inlined
+def square_by_edges(matrix, inverse, dx, dy, dz):
+    """Square of a separation after removing whole edges, from the last to the first. This is the nearest image's square
+    if it is within half the least height, else an upper bound. ``inverse`` (3,) is 1 over the diagonal, 0 for an axis
+    that is not periodic."""
+    count = floor(dz * inverse[2] + 0.5) * 1.0
+    dx, dy, dz = dx - count * matrix[2, 0], dy - count * matrix[2, 1], dz - count * matrix[2, 2]
+    count = floor(dy * inverse[1] + 0.5) * 1.0
+    dx, dy = dx - count * matrix[1, 0], dy - count * matrix[1, 1]
+    dx -= floor(dx * inverse[0] + 0.5) * matrix[0, 0]
+    return dx * dx + dy * dy + dz * dz
+
+
+@jit
+def leaning_image(cell, d):
+    """Replace a separation d (3,) in a leaning box by that between nearest images. Whole edges are removed first; if
+    another image may be nearer, the shortest lattice vectors follow."""
+    matrix, steps = cell.matrix, cell.neighbours
+    for k in range(2, -1, -1):
+        if matrix[k, k] > 0.0:
+            take_off(d, matrix, k, floor(d[k] / matrix[k, k] + 0.5))
+    if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= cell.sure2:
+        return
+    whole = np.empty(3)
+    for k in range(3):
+        whole[k] = floor(d[0] * cell.inverse[0, k] + d[1] * cell.inverse[1, k] + d[2] * cell.inverse[2, k] + 0.5)
+    for k in range(3):
+        take_off(d, cell.reduced, k, whole[k])
+    best, least = -1, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    for k in range(steps.shape[0]):
+        u, v, w = d[0] + steps[k, 0], d[1] + steps[k, 1], d[2] + steps[k, 2]
+        if u * u + v * v + w * w < least:
+            best, least = k, u * u + v * v + w * w
+    if best >= 0:
+        take_off(d, steps, best, -1.0)
+
+
+@jit
+def take_off(d, rows, k, count):
+    """Subtract ``count`` times row k from d (3,)."""
+    for m in range(3):
+        d[m] -= count * rows[k, m]
+
+
+@strict
+def into_brick(matrix, k, x, offset):
+    """Add to ``offset`` (3, n) the whole edges k between positions x (3, n) and the brick along coordinate k. Take the
+    edges from the last to the first."""
+    edge = matrix[k, k]
+    for i in range(x.shape[1]):
+        count = floor((x[k, i] - offset[k, i]) / edge)
+        offset[k, i] += count * edge
+        for m in range(k):
+            if matrix[k, m] != 0.0:
+                offset[m, i] += count * matrix[k, m]

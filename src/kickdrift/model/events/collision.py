@@ -1,0 +1,176 @@
+"""Collisions of bodies, as plain data: the event, and what becomes of the two bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.model.checks.arguments import checked_arguments, misfit
+from kickdrift.model.checks.values import is_number, number, positive, whole_number
+from kickdrift.model.subject import Bodies, index_of
+from kickdrift.text import shown, suggestion
+
+if TYPE_CHECKING:
+    from kickdrift.model.state import Floats
+
+Radii = float | Sequence[float] | Mapping[str, float]
+BRIDGES = "bridges"  # a restitution that depends on the speed
+C_STAR, MU_BAR = 1.9, 0.36  # of planets; Leinhardt & Stewart 2012
+NEW_BODIES = 100  # default limit
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class Collision:
+    """Bodies that touch: their separation falls to the sum of their radii.
+
+    A step of a method without error control in which bodies that attract each other may touch is taken in parts up to
+    the contact. In other steps the moment of contact is found on the cubic through both ends, then on the method's own
+    solution. The event acts at that moment, and the rest of the step is taken and searched again. So the collisions of
+    a step act in the order of their times. An adaptive method begins anew from there. A method of fixed steps completes
+    the step with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch
+    of a `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the
+    first.
+
+    Attributes
+    ----------
+    radii : one for all, one for each, or {name: radius} with all other bodies as points; optional
+        Lengths, zero or more; default the system's radii.
+    action : str
+        "merge": the heavier body absorbs the lighter one, which leaves the run. Mass, momentum and centre of mass are
+        conserved, and volumes add up. "bounce": hard spheres exchange their velocities along the line of centres.
+        "fragment": the scaling laws of Leinhardt & Stewart 2012, doi:10.1088/0004-637X/745/1/79. "rule": the function
+        ``rule``, which is the default action if there is a rule. "stop": the run ends, at contact with an adaptive
+        method, at the end of the step with fixed steps.
+    restitution : float or "bridges"
+        Ratio of the normal speeds after and before a bounce, from 0 to 1; 1 conserves energy. "bridges" is that of
+        frosty ice, 0.32 v^-0.234 with v in cm/s and at most 1 (Bridges, Hatzes & Lin 1984, doi:10.1038/309333a0).
+    elastic_below : float
+        Approach speed below which a bounce is elastic; default 0. With a constant restitution below 1, crowded bodies
+        else come to rest on each other, and the run stops.
+    fragment_mass : float
+        Smallest mass of a fragment; required by "fragment".
+    c_star, mu_bar : float
+        Material parameters of "fragment"; default those of planets, 1.9 and 0.36. Small bodies have 5 and 0.37.
+    reference_density : float
+        Density rho_1 of "fragment"; default 1000 kg/m^3, required in reduced units.
+    new_bodies : int
+        Most bodies that "fragment" and "rule" may add in the whole run. A run's file has a row for each.
+    rule : callable
+        ``rule(heavier, lighter)`` gets two `Sphere` and returns a sequence of any number of them. They have the mass
+        and the momentum of the two.
+    loss : bool
+        Whether a rule may return less mass, and other momentum. The report books what is lost.
+    """
+
+    radii: Radii | None = None
+    action: str = "merge"
+    restitution: float | str = 1.0
+    elastic_below: float = 0.0
+    fragment_mass: float | None = None
+    c_star: float = C_STAR
+    mu_bar: float = MU_BAR
+    reference_density: float | None = None
+    new_bodies: int = NEW_BODIES
+    rule: Callable[..., Any] | None = None
+    loss: bool = False
+
+    kind: ClassVar[str] = "collision"
+    actions: ClassVar[tuple[str, ...]] = ("merge", "bounce", "fragment", "rule", "stop")
+
+    def __post_init__(self) -> None:
+        one_of(self.kind, "action", self.action, self.actions)
+        if self.rule is not None and self.action == "merge":
+            object.__setattr__(self, "action", "rule")
+        self._check_restitution()
+        self._check_own_keys()
+        values = self.radii.items() if isinstance(self.radii, Mapping) else enumerate(_listed(self.radii))
+        for key, radius in values:
+            if not (math.isfinite(number(radius)) and radius >= 0):
+                which = "" if is_number(self.radii) else f"[{key}]"
+                raise InputError(f"{self.kind}: radii{which} must be a length, zero or more, got {shown(radius)}")
+
+    def _check_restitution(self) -> None:
+        given = self.restitution
+        if given != BRIDGES and not (is_number(given) and 0 <= given <= 1):  # type: ignore[operator]
+            known = "" if is_number(given) else f", or {BRIDGES!r}"
+            raise InputError(f"{self.kind}: restitution must be a number from 0 to 1{known}, got {shown(given)}")
+        if given != 1 and self.action != "bounce":
+            raise InputError(f"{self.kind}: restitution needs action 'bounce', not {self.action!r}")
+        if not (math.isfinite(number(self.elastic_below)) and self.elastic_below >= 0):
+            raise InputError(
+                f"{self.kind}: elastic_below must be a speed, zero or more, got {shown(self.elastic_below)}"
+            )
+        if self.elastic_below and self.action != "bounce":
+            raise InputError(f"{self.kind}: elastic_below needs action 'bounce', not {self.action!r}")
+
+    def _check_own_keys(self) -> None:
+        """Check the keys that belong to one action."""
+        plain = {"fragment_mass": None, "c_star": C_STAR, "mu_bar": MU_BAR, "reference_density": None}
+        owners = {**dict.fromkeys(plain, "fragment"), "rule": "rule", "loss": "rule"}
+        for key, default in {**plain, "rule": None, "loss": False}.items():
+            value = getattr(self, key)
+            if value != default and owners[key] != self.action:
+                raise InputError(f"{self.kind}: {key} needs action {owners[key]!r}, not {self.action!r}")
+            if key in plain and value is not None:
+                positive(f"{self.kind}: {key}", value)
+        if not isinstance(self.loss, bool):
+            raise InputError(f"{self.kind}: loss must be True or False, got {shown(self.loss)}")
+        whole_number(f"{self.kind}: new_bodies", self.new_bodies, 0)
+        if self.action == "fragment" and self.fragment_mass is None:
+            raise InputError(f"{self.kind}: fragment_mass: required by action 'fragment'")
+        if self.action == "rule":
+            if self.rule is None:
+                raise InputError(f"{self.kind}: rule: required by action 'rule'")
+            if not callable(self.rule):
+                raise InputError(f"{self.kind}: rule: expected a function of two bodies, got {shown(self.rule)}")
+            if takes := misfit(self.rule, "heavier", "lighter"):
+                raise InputError(f"{self.kind}: rule must take (heavier, lighter); it takes {takes}")
+
+    @property
+    def adds(self) -> bool:
+        """Whether a collision may add bodies, or change masses other than by a merger."""
+        return self.action in ("fragment", "rule")
+
+    def radii_in(self, system: Bodies) -> Floats:
+        """Radii (n,) of a system's bodies."""
+        n, given = len(system), self.radii
+        if given is None:
+            if system.radii is None:
+                raise InputError(f"{self.kind}: radii: required, since the bodies of {system.name!r} have no radii")
+            return np.array(system.radii)
+        if isinstance(given, Mapping):
+            radii = np.zeros(n)
+            for name, radius in given.items():
+                radii[index_of(system, name, f"{self.kind}: radii")] = radius
+            return radii
+        if is_number(given):
+            return np.full(n, float(given))  # type: ignore[arg-type]
+        if len(given) != n:  # type: ignore[arg-type]
+            raise InputError(f"{self.kind}: radii: expected one number or {n}, got {len(given)}")  # type: ignore[arg-type]
+        return np.array(given, dtype=float)
+
+
+def one_of(kind: str, key: str, value: Any, allowed: Sequence[str]) -> None:
+    """Raise InputError unless the value is one of these names."""
+    if not (isinstance(value, str) and value in allowed):
+        hint = suggestion(value, allowed) if isinstance(value, str) else ""
+        raise InputError(f"{kind}: {key} must be one of {', '.join(allowed)}, got {shown(value)}{hint}")
+
+
+def _listed(radii: Any) -> Sequence[Any]:
+    if radii is None:
+        return []
+    if is_number(radii):
+        return [radii]
+    if isinstance(radii, str):
+        raise InputError(f"collision: radii must be lengths, got {shown(radii)}")
+    try:
+        return list(radii)
+    except TypeError:
+        raise InputError(f"collision: radii must be lengths, got {shown(radii)}") from None

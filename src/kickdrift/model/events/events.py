@@ -1,0 +1,184 @@
+"""Events that a run can watch for, as plain data: close approaches, collisions, escapes and zeros of any function.
+
+``Simulation(system, events=[…])`` and a system file's ``[[event]]`` take events, and `kickdrift.run.watch` finds them.
+A body is given by its name in the system or by its number, counted from 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from kickdrift.errors import InputError
+from kickdrift.model.body_checks import check_name
+from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.model.checks.values import is_number, positive
+from kickdrift.model.events.collision import Collision, one_of
+from kickdrift.text import shown
+
+Body = str | int
+NAME_BYTES = 64  # size of an event's name in a run's file
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class CloseApproach:
+    """Pairs of bodies that come nearer than a distance: one entry for each passage, with its closest point.
+
+    A passage begins with the step in which the separation falls below the distance. It ends, and is logged, with the
+    step in which the separation exceeds the distance. The report shows a passage that the end of the run cuts short.
+
+    Attributes
+    ----------
+    distance : float
+        A length; with ``hill`` a number of mutual Hill radii ((m_i + m_j) / (3 M))^(1/3) (r_i + r_j) / 2 (Chambers,
+        Wetherill & Boss 1996, doi:10.1006/icar.1996.0019, eq. 1). M is the heaviest body, which is then in no pair, and
+        r are the present distances from M in place of semi-major axes.
+    bodies : names or numbers, optional
+        One body: its pairs with all others. Several: the pairs among them. Default: all pairs.
+    action : str
+        "log", or "stop": the run ends with the step in which a passage begins.
+    """
+
+    distance: float
+    bodies: Sequence[Body] | None = None
+    hill: bool = False
+    action: str = "log"
+
+    kind: ClassVar[str] = "close-approach"
+    actions: ClassVar[tuple[str, ...]] = ("log", "stop")
+
+    def __post_init__(self) -> None:
+        _positive(self.kind, "distance", self.distance)
+        one_of(self.kind, "action", self.action, self.actions)
+        if self.bodies is not None:
+            object.__setattr__(self, "bodies", _several(self.kind, self.bodies))
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class Escape:
+    """A body beyond a distance from the centre of mass of the others, or from a body, and unbound.
+
+    Unbound means a positive energy relative to all others together. The ends of steps are checked, and each body
+    escapes once. A body heavier than all others together never escapes: the others do.
+
+    Attributes
+    ----------
+    distance : float
+        A length.
+    about : name or number, optional
+        Origin of the distance; default the centre of mass of all others.
+    action : str
+        "log", "remove" (the body leaves the run) or "stop".
+    """
+
+    distance: float
+    about: Body | None = None
+    action: str = "log"
+
+    kind: ClassVar[str] = "escape"
+    actions: ClassVar[tuple[str, ...]] = ("log", "remove", "stop")
+
+    def __post_init__(self) -> None:
+        _positive(self.kind, "distance", self.distance)
+        one_of(self.kind, "action", self.action, self.actions)
+
+
+@dataclass(frozen=True)
+class Between:
+    """Scalar of one body relative to another, as the function of a `Crossing`.
+
+    "approach" is r . v, which changes sign at pericentre and apocentre. "height" is z, which changes sign at the nodes.
+    """
+
+    quantity: str
+    body: Body
+    about: Body
+
+    def __post_init__(self) -> None:
+        one_of("crossing", "quantity", self.quantity, ("approach", "height"))
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class Crossing:
+    """Zeros of g(t, x, v), with x and v (n, 3) of the present particles in their order; of a Problem's g(t, y, *args).
+
+    g is evaluated at the ends of steps, and inside steps for a quick test of hidden zeros. Where the test cannot
+    exclude them, polynomials in t isolate each zero of the solution inside the step. Brent's method (1973) finds its
+    time. The page on `kickdrift.solve` says what can still be missed, such as two zeros nearer than 1e-7 of the step. A
+    zero at the very start goes unseen. For the test, particles move along cubics that fit their positions and
+    velocities at both ends of the step.
+
+    Attributes
+    ----------
+    function : callable, or a `Between`, as in `pericentre`
+    name : str
+        Name in the log.
+    direction : int
+        1: g rises through zero; -1: it falls; 0: both.
+    tolerance : float
+        Error of the time, as a part of the step.
+    """
+
+    function: Callable[..., Any] | Between
+    name: str
+    direction: int = 0
+    tolerance: float = 1e-13
+
+    def __post_init__(self) -> None:
+        if isinstance(self.name, str) and self.name:
+            check_name("crossing: name", self.name)
+        if not (isinstance(self.name, str) and 0 < len(self.name.encode()) <= NAME_BYTES):
+            raise InputError(f"crossing: name must be text of 1 to {NAME_BYTES} bytes, got {shown(self.name)}")
+        if not (callable(self.function) or isinstance(self.function, Between)):
+            raise InputError(f"crossing {self.name!r}: function must be callable, got {shown(self.function)}")
+        if self.direction not in (-1, 0, 1):
+            raise InputError(f"crossing {self.name!r}: direction must be -1, 0 or 1, got {shown(self.direction)}")
+        if not (is_number(self.tolerance) and 0 < self.tolerance < 1):
+            raise InputError(f"crossing {self.name!r}: tolerance must lie between 0 and 1, got {shown(self.tolerance)}")
+
+    @property
+    def kind(self) -> str:
+        return self.name
+
+    @classmethod
+    def pericentre(cls, body: Body, about: Body) -> Crossing:
+        """Minimum of the distance between two bodies."""
+        return cls(Between("approach", body, about), "pericentre", 1)
+
+    @classmethod
+    def apocentre(cls, body: Body, about: Body) -> Crossing:
+        """Maximum of the distance between two bodies."""
+        return cls(Between("approach", body, about), "apocentre", -1)
+
+    @classmethod
+    def ascending_node(cls, body: Body, about: Body) -> Crossing:
+        """Passage of a body, with rising z, through the plane of constant z of another."""
+        return cls(Between("height", body, about), "ascending-node", 1)
+
+    @classmethod
+    def descending_node(cls, body: Body, about: Body) -> Crossing:
+        """Passage of a body, with falling z, through the plane of constant z of another."""
+        return cls(Between("height", body, about), "descending-node", -1)
+
+
+Event = CloseApproach | Collision | Escape | Crossing
+
+
+def _several(kind: str, bodies: Any) -> tuple[Body, ...]:
+    if isinstance(bodies, str | int):
+        return (bodies,)
+    try:
+        found = tuple(bodies)
+    except TypeError:
+        found = ()
+    if not found:
+        raise InputError(f"{kind}: bodies: expected one or more, got {shown(bodies)}")
+    return found
+
+
+def _positive(kind: str, key: str, value: Any) -> None:
+    positive(f"{kind}: {key}", value)

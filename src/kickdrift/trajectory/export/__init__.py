@@ -1,0 +1,4 @@
+"""Export to formats of other programs.
+
+Imports `read`. The command line and `kickdrift.export` use `export`.
+"""
