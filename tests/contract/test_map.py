@@ -1,29 +1,32 @@
-"""The map of families in ARCHITECTURE.md: it names every module of the two large folders."""
+"""The tables of families in ARCHITECTURE.md: they name every folder inside a layer, with the first line of its text."""
 
 from __future__ import annotations
 
+import ast
 import re
-from fnmatch import fnmatchcase
-
-import pytest
 
 from tests.folders import TOP
 
-TEXT = (TOP / "ARCHITECTURE.md").read_text(encoding="utf-8")
+PACKAGE = TOP / "src/kickdrift"
 
 
-def table(folder: str) -> list[tuple[str, list[str]]]:
-    """The first module and the patterns of each family."""
-    part = re.split(r"^##+ ", TEXT.partition(f"### `{folder}`\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
-    rows = [line.strip("|").split("|") for line in part.splitlines() if line.startswith("|")][2:]
-    return [(first.strip().strip("`"), re.findall("`([^`]+)`", names)) for _, first, names in rows]
+def tables() -> dict[str, str]:
+    """What each folder holds, by its path in the package, from the page."""
+    page = (TOP / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Families\n")[2].partition("\n## ")[0]
+    parts = re.split(r"^### `(\w+)`$", page, flags=re.MULTILINE)
+    return {
+        f"{layer}/{folder}": text
+        for layer, part in zip(parts[1::2], parts[2::2], strict=True)
+        for folder, text in re.findall(r"^\| `([\w/]+)` \| (.+) \|$", part, flags=re.MULTILINE)
+    }
 
 
-@pytest.mark.parametrize("folder", ["integrators", "forces"])
-def test_each_module_has_a_family(folder):
-    modules = {file.stem for file in (TOP / "src/kickdrift" / folder).glob("[!_]*.py")}
-    families = table(folder)
-    patterns = [pattern for _, each in families for pattern in each]
-    assert not [name for name in modules if not any(fnmatchcase(name, pattern) for pattern in patterns)]
-    assert not [pattern for pattern in patterns if not any(fnmatchcase(name, pattern) for name in modules)]
-    assert not [first for first, _ in families if first not in modules]
+def test_the_page_names_each_folder_and_quotes_what_it_is():
+    found = {}
+    for file in PACKAGE.rglob("__init__.py"):
+        folder = file.parent.relative_to(PACKAGE).as_posix()
+        if "/" in folder and not folder.startswith("systems"):
+            text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            found[folder] = " ".join(text.split("\n\n")[0].split()).removesuffix(".")
+    assert len(found) > 40
+    assert tables() == found

@@ -1,4 +1,4 @@
-"""The layers of ARCHITECTURE.md: imports run one way, including deferred imports and imports for types."""
+"""The layers of ARCHITECTURE.md: imports run one way at every level, deferred imports and imports for types too."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,8 @@ PAGE = TOP / "ARCHITECTURE.md"
 
 def rooms() -> list[str]:
     """Layers in the page's table, from the lowest to the highest."""
-    names = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    part = PAGE.read_text(encoding="utf-8").partition("## The layers\n")[2].partition("\n## ")[0]
+    names = re.findall(r"^\| `(\w+)` \|", part, flags=re.MULTILINE)
     return ["text", "errors", *names]
 
 
@@ -64,10 +66,14 @@ def module_of(path: str) -> str:
 
 
 def arrows(sources: dict[str, str]) -> dict[str, set[str]]:
-    """Modules that each module imports; sources are given by their path in the package.
+    """Modules that each module imports; sources are given by their path in the package."""
+    return _arrows(tuple(sources.items()))
 
-    A name in a module counts as the module. A name with gaps counts as every module that it may mean.
-    """
+
+@cache
+def _arrows(given: tuple[tuple[str, str], ...]) -> dict[str, set[str]]:
+    """A name in a module counts as the module. A name with gaps counts as every module that it may mean."""
+    sources = dict(given)
     modules = {module_of(path): text for path, text in sources.items()}
     found: dict[str, set[str]] = {}
     for module, text in modules.items():
@@ -78,20 +84,49 @@ def arrows(sources: dict[str, str]) -> dict[str, set[str]]:
     return found
 
 
-def circles(sources: dict[str, str]) -> list[list[str]]:
-    """Sets of modules that import one another, each in alphabetical order."""
-    left = arrows(sources)
-    while free := [module for module, there in left.items() if not there & left.keys()]:  # these lead nowhere
-        for module in free:
-            del left[module]
+def folders(modules: Iterable[str]) -> set[str]:
+    """Packages that hold these modules."""
+    return {module.rsplit(".", depth)[0] for module in modules for depth in range(1, module.count(".") + 1)}
+
+
+def entries(sources: dict[str, str], folder: str) -> dict[str, set[str]]:
+    """Entries of a folder, its modules and the folders in it, and the entries that each imports."""
+    graph: dict[str, set[str]] = {}
+
+    def entry(module: str) -> str | None:
+        if module == folder:
+            return "__init__"
+        return module.removeprefix(folder + ".").split(".")[0] if module.startswith(folder + ".") else None
+
+    for module, there in arrows(sources).items():
+        if (here := entry(module)) is not None:
+            graph.setdefault(here, set()).update({name for other in there if (name := entry(other))} - {here})
+    return graph
+
+
+def circles(sources: dict[str, str]) -> list[tuple[str, list[str]]]:
+    """Sets of entries that import one another, at each level: the folder, and the entries in alphabetical order."""
+    return [
+        (folder, circle)
+        for folder in sorted(folders(module_of(path) for path in sources))
+        for circle in circles_of(entries(sources, folder))
+    ]
+
+
+def circles_of(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Sets of nodes that reach one another, each in alphabetical order."""
+    left = dict(graph)
+    while free := [node for node, there in left.items() if not there & left.keys()]:  # these lead nowhere
+        for node in free:
+            del left[node]
     reached: dict[str, set[str]] = {}
-    for module in left:
-        seen, front = set[str](), {module}
+    for node in left:
+        seen, front = set[str](), {node}
         while front:
             front = {name for each in front for name in left[each] & left.keys()} - seen
             seen |= front
-        reached[module] = seen
-    found = {frozenset(other for other in reached[module] if module in reached[other]) for module in left}
+        reached[node] = seen
+    found = {frozenset(other for other in reached[node] if node in reached[other]) for node in left}
     return sorted(sorted(circle) for circle in found if circle)
 
 
@@ -142,34 +177,52 @@ def test_an_import_the_wrong_way_is_seen():
     assert backwards({"run/plan/plan.py": "from kickdrift.forces.gravity.direct import Gravity\nimport numpy\n"}) == []
 
 
-def test_no_modules_import_one_another():
+def test_no_entries_import_one_another_at_any_level():
     read = sources()
     assert sum(map(len, arrows(read).values())) > 1000
     assert circles(read) == []
 
 
+@pytest.mark.parametrize("folder", ["kickdrift", "kickdrift.forces", "kickdrift.integrators.splitting"])
+def test_an_arrow_back_is_seen_at_each_level(folder):
+    read = sources()
+    graph = entries(read, folder)
+    here, there = next((here, there) for here in sorted(graph) for there in sorted(graph[here]) if "_" not in there)
+    inside = folder.replace("kickdrift", "", 1).replace(".", "/").removeprefix("/")
+    begin = f"{inside}/{there}".removeprefix("/")
+    planted = next(path for path in read if path.removesuffix(".py") == begin or path.startswith(begin + "/"))
+    text = f"{read[planted]}\n\ndef planted():\n    from {folder} import {here}\n"
+    assert [at for at, circle in circles(read | {planted: text}) if {here, there} <= {*circle}] == [folder]
+
+
+def test_no_folder_has_more_than_25_modules_and_each_says_what_it_is():
+    for folder in {path.parent for path in PACKAGE.rglob("*.py")} - {PACKAGE}:
+        assert len([*folder.glob("[!_]*.py")]) <= 25, folder
+        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))), folder
+
+
 @pytest.mark.parametrize(
     "back",
     [
-        "from kickdrift.forces.seam.kernel import bind\n",
-        "from kickdrift.forces.seam import kernel\n",
-        "import kickdrift.forces.seam.kernel\n",
-        "def f():\n    from kickdrift.forces.seam.kernel import bind\n",
-        "if TYPE_CHECKING:\n    from kickdrift.forces.seam.kernel import Kernel\n",
+        "from kickdrift.forces.kernel import bind\n",
+        "from kickdrift.forces import kernel\n",
+        "import kickdrift.forces.kernel\n",
+        "def f():\n    from kickdrift.forces.kernel import bind\n",
+        "if TYPE_CHECKING:\n    from kickdrift.forces.kernel import Kernel\n",
         "def f(name):\n    return import_module(f'kickdrift.forces.{name}')\n",
-        "def f():\n    return importlib.import_module('kickdrift.forces.seam.kernel')\n",
+        "def f():\n    return importlib.import_module('kickdrift.forces.kernel')\n",
     ],
 )
 def test_a_circle_is_seen(back):
     planted = {
-        "forces/__init__.py": "from kickdrift.forces.laws.law import Law\n",
-        "forces/laws/law.py": "from kickdrift.forces.list import List\nfrom kickdrift.model.box.box import Box\n",
+        "forces/__init__.py": "from kickdrift.forces.law import Law\n",
+        "forces/law.py": "from kickdrift.forces.list import List\nfrom kickdrift.model.box import Box\n",
         "forces/list.py": back,
-        "forces/seam/kernel.py": "import numpy\nfrom kickdrift.forces.laws.law import Law\n",
-        "model/box/box.py": "",
+        "forces/kernel.py": "import numpy\nfrom kickdrift.forces.law import Law\n",
+        "model/box.py": "",
     }
-    assert circles(planted) == [["kickdrift.forces.seam.kernel", "kickdrift.forces.laws.law", "kickdrift.forces.list"]]
-    assert circles(planted | {"forces/list.py": "from kickdrift.model.box import box\n"}) == []
+    assert circles(planted) == [("kickdrift.forces", ["kernel", "law", "list"])]
+    assert circles(planted | {"forces/list.py": "from kickdrift.model import box\n"}) == []
 
 
 def test_no_test_module_imports_another():

@@ -59,7 +59,8 @@ FAULTS = (
         "if room >= 0.0 and 4.0 * inner <= room**2:", "if room >= 0.0 and inner <= room**2:",
     ),
     Fault(
-        "kepler-series", "the series of Kepler's problem used to ten times its range", "integrators/wisdom_holman/kepler.py",
+        "kepler-series", "the series of Kepler's problem used to ten times its range",
+        "integrators/wisdom_holman/kepler.py",
         "SERIES = 0.7 ", "SERIES = 7.0 ", small=True,
     ),
 )  # fmt: skip

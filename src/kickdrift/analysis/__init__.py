@@ -26,26 +26,26 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
-    "Diffusion": "analysis.observables.motion",
-    "EnsembleChecks": "analysis.certify.certificate",
-    "ForceChecks": "analysis.certify.force_certificate",
-    "OrbitReport": "analysis.orbits.secular_report",
-    "ProperOrbit": "analysis.orbits.secular_report",
-    "Resonance": "analysis.orbits.librations",
-    "SamplingComparison": "analysis.compare.sampling",
-    "SamplingRow": "analysis.compare.sampling",
-    "Spectrum": "statistics.quasi_periodic",
-    "block_average": "statistics.blocks",
-    "engine_checks": "analysis.certify.certifying",
-    "ensemble_checks": "analysis.certify.certifying",
-    "force_checks": "analysis.certify.force_testing",
-    "mean_squared_displacement": "analysis.observables.motion",
-    "orbit_report": "analysis.orbits.secular_run",
-    "orbital_elements": "analysis.orbits.orbits",
-    "pressure_tensor": "analysis.observables.pressure",
-    "radial_distribution": "analysis.observables.structure",
-    "structure_factor": "analysis.observables.structure",
-    "velocity_autocorrelation": "analysis.observables.motion",
+    "Diffusion": "kickdrift.analysis.observables.motion",
+    "EnsembleChecks": "kickdrift.analysis.certify.certificate",
+    "ForceChecks": "kickdrift.analysis.certify.force_certificate",
+    "OrbitReport": "kickdrift.analysis.orbits.secular_report",
+    "ProperOrbit": "kickdrift.analysis.orbits.secular_report",
+    "Resonance": "kickdrift.analysis.orbits.librations",
+    "SamplingComparison": "kickdrift.analysis.compare.sampling",
+    "SamplingRow": "kickdrift.analysis.compare.sampling",
+    "Spectrum": "kickdrift.statistics.quasi_periodic",
+    "block_average": "kickdrift.statistics.blocks",
+    "engine_checks": "kickdrift.analysis.certify.certifying",
+    "ensemble_checks": "kickdrift.analysis.certify.certifying",
+    "force_checks": "kickdrift.analysis.certify.force_testing",
+    "mean_squared_displacement": "kickdrift.analysis.observables.motion",
+    "orbit_report": "kickdrift.analysis.orbits.secular_run",
+    "orbital_elements": "kickdrift.analysis.orbits.orbits",
+    "pressure_tensor": "kickdrift.analysis.observables.pressure",
+    "radial_distribution": "kickdrift.analysis.observables.structure",
+    "structure_factor": "kickdrift.analysis.observables.structure",
+    "velocity_autocorrelation": "kickdrift.analysis.observables.motion",
 }
 
 __all__ = [
@@ -75,7 +75,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'kickdrift.analysis' has no attribute {name!r}")
-    value = getattr(import_module(f"kickdrift.{_HOMES[name]}"), name)
+    value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 

@@ -4,8 +4,8 @@ ASE's units are angstrom, eV and u, so its unit of time is angstrom sqrt(u / eV)
 numbers are converted. In ``lj``, ``nbody`` and ``astro`` the numbers stay the same, as in ASE's Lennard-Jones examples
 and in our files: an angstrom is one sigma, an eV one epsilon, a u one m, ASE's unit of time one tau.
 
-Velocities are converted with our own constants (``model.units.quantities``), so that m v^2 is the same energy on both sides. ASE's
-fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
+Velocities are converted with our own constants (``model.units.quantities``), so that m v^2 is the same energy on both
+sides. ASE's fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 """
 
 from __future__ import annotations

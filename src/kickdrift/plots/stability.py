@@ -31,7 +31,8 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     """Draw the stability regions of the named methods. Return the figure's path.
 
     For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
-    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see ``integrators.step_choice.stability``.
+    an oscillator's propagation matrix against omega dt. Computed from the coefficients: see
+    ``integrators.step_choice.stability``.
     """
     target = checked_target(output, overwrite)
     return save_figure(stability_figure(names), target)

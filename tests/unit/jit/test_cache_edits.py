@@ -224,31 +224,12 @@ def test_code_comes_from_what_a_module_imports():
     def of(name):
         return {each.removeprefix("kickdrift.") for each in reach(frozenset([f"kickdrift.{name}"]))}
 
-    assert of("analysis.observables.pair_counts") > {
-        "analysis.observables.pair_counts",
-        "jit.compile",
-        "jit.inner",
-        "model.box.box",
-    }
-    assert of("forces.pairs.terms") > {
-        "forces.pairs.terms",
-        "forces.pairs.lanes",
-        "forces.pairs.truncation",
-        "jit.lanes.functions",
-    }
-    for name in (
-        "forces.pairs.terms",
-        "integrators.stepping.loops",
-        "integrators.wisdom_holman.loop",
-        "forces.tree.kernel",
-    ):
-        assert not of(name) & {
-            "cli.main",
-            "plots.runs",
-            "run.simulation",
-            "run.report.report",
-            "trajectory.layout.names",
-        }
+    counts, terms = "analysis.observables.pair_counts", "forces.pairs.terms"
+    assert of(counts) > {counts, "jit.compile", "jit.inner", "model.box.box"}
+    assert of(terms) > {terms, "forces.pairs.lanes", "forces.pairs.truncation", "jit.lanes.functions"}
+    above = {"cli.main", "plots.runs", "run.simulation", "run.report.report", "trajectory.layout.names"}
+    for name in (terms, "integrators.stepping.loops", "integrators.wisdom_holman.loop", "forces.tree.kernel"):
+        assert not of(name) & above
         # The first imports from numba, the second a user's functions, which no compiled code calls.
         for module in of(name) - {"jit.numba_private", "forces.seam.named"}:
             text = modules()[f"kickdrift.{module}"].read_text()
@@ -505,7 +486,8 @@ def test_different_values_are_described_differently(what):
 
 def test_a_description_is_the_same_in_every_process(user, tmp_path):
     wanted = described(user().everything)
-    script = "import sys; sys.dont_write_bytecode = True; import mine\nfrom kickdrift.jit.cache.described import Description\n"
+    script = "import sys; sys.dont_write_bytecode = True; import mine\n"
+    script += "from kickdrift.jit.cache.described import Description\n"
     script += "print(repr(Description().of(mine.everything)))"
     for seed in ("1", "2"):
         environment = os.environ | {"PYTHONHASHSEED": seed}

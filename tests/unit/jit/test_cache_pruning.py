@@ -142,7 +142,8 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
 def test_processes_that_save_and_prune_at_once(tmp_path):
     """Each process gets its results, whatever the others remove."""
     script = (
-        "import sys; from pathlib import Path; import kickdrift.jit.cache.cache as c; from kickdrift.jit.cache import pruning;"
+        "import sys; from pathlib import Path; import kickdrift.jit.cache.cache as c;"
+        "from kickdrift.jit.cache import pruning;"
         "pruning.BYTES = 1; c.PRUNED_EVERY = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"
         "from kickdrift.jit.compile import driver;"
         "made = lambda n: driver(lambda x: x + n)(1.0);"

@@ -14,7 +14,8 @@ COMPILED, COMPILING, COMPUTING = 0, 1, 2
 # Where long work begins: (module, class or "", function).
 WORK = (
     ("kickdrift.run.simulation", "Simulation", "run"), ("kickdrift.run.simulation", "Simulation", "equilibrate"),
-    ("kickdrift.analysis.chaos.megno", "", "megno"), ("kickdrift.analysis.compare.work_precision", "", "work_precision"),
+    ("kickdrift.analysis.chaos.megno", "", "megno"),
+    ("kickdrift.analysis.compare.work_precision", "", "work_precision"),
     ("kickdrift.analysis.compare.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
     ("kickdrift.analysis.derivatives.transits", "", "transits"), ("kickdrift.analysis.certify.force_testing", "", "force_checks"),
     ("kickdrift.analysis.certify.certifying", "", "engine_checks"), ("kickdrift.plots.movie", "", "movie"),

@@ -2,8 +2,8 @@
 
 Numbers and arrays in ``args`` are parameters: they lie in memory that belongs to the code, so that other values need no
 compilation. All else in ``args`` is a constant of the code. A function is known by its description (see
-``jit.cache.described``), so that the same code serves each call of ``kickdrift.solve`` with an equal function. Two Problems
-never share code at the same time.
+``jit.cache.described``), so that the same code serves each call of ``kickdrift.solve`` with an equal function. Two
+Problems never share code at the same time.
 """
 
 from __future__ import annotations

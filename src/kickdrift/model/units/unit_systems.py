@@ -1,7 +1,7 @@
 """Unit systems: the names of their units, and the physical constants in these units.
 
-Constants are CODATA's (`kickdrift.model.units.constants`). The gravitational constant of ``astro`` comes from the GM of the
-Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to five.
+Constants are CODATA's (`kickdrift.model.units.constants`). The gravitational constant of ``astro`` comes from the GM of
+the Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to five.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Watchers of a run, and its search for collisions, close approaches, escapes and crossings."""
+"""The search of a run's steps for collisions, close approaches, escapes and crossings, and what these do."""
