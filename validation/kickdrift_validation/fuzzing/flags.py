@@ -17,7 +17,8 @@ WORK = (
     ("kickdrift.analysis.chaos.megno", "", "megno"),
     ("kickdrift.analysis.compare.work_precision", "", "work_precision"),
     ("kickdrift.analysis.compare.work_precision", "", "equilibrated"), ("kickdrift.ensemble", "Ensemble", "run"),
-    ("kickdrift.analysis.derivatives.transits", "", "transits"), ("kickdrift.analysis.certify.force_testing", "", "force_checks"),
+    ("kickdrift.analysis.derivatives.transits", "", "transits"),
+    ("kickdrift.analysis.certify.force_testing", "", "force_checks"),
     ("kickdrift.analysis.certify.certifying", "", "engine_checks"), ("kickdrift.plots.movie", "", "movie"),
     ("kickdrift.analysis.compare.bench", "", "plan"), ("kickdrift.analysis.compare.bench", "", "lj_energy"),
 )  # fmt: skip
