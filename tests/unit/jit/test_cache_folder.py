@@ -26,7 +26,7 @@ def place(tmp_path, monkeypatch):
     """A package whose own folder is not writable, and a user with a separate home."""
     (tmp_path / "site-packages").write_text("a file where a folder would be")
     (tmp_path / "tmp").mkdir()
-    monkeypatch.setattr(folders, "__file__", str(tmp_path / "site-packages" / "jit" / "folders.py"))
+    monkeypatch.setattr(folders, "__file__", str(tmp_path / "site-packages" / "jit" / "cache" / "folders.py"))
     monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path / "tmp"))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
@@ -111,7 +111,7 @@ def test_nowhere_to_write(place, monkeypatch):
 def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
     package = place / "package"
     (package / "__pycache__" / folders.CODE).mkdir(parents=True)
-    monkeypatch.setattr(folders, "__file__", str(package / "jit" / "folders.py"))
+    monkeypatch.setattr(folders, "__file__", str(package / "jit" / "cache" / "folders.py"))
     monkeypatch.setattr(folders, "_writable", lambda place: package not in place.parents)
     assert folders.folder() == place / "home" / ".cache" / "kickdrift"
     assert folders.warm.__wrapped__() == (package / "__pycache__",)
@@ -151,7 +151,7 @@ def test_the_first_user_of_an_installation_does_not_lock_out_others(before):
             pycache.mkdir(0o700)
 
         def used(user):
-            file = str(pycache.parent / "jit" / "folders.py")
+            file = str(pycache.parent / "jit" / "cache" / "folders.py")
             words = [sys.executable, "-c", USER, file, str(user), str(homes[user])]
             done = subprocess.run(words, capture_output=True, text=True, check=True)
             return Path(done.stdout.strip())

@@ -176,10 +176,10 @@ assert dict(os.environ) == before
 
 
 def test_the_cache_folder_is_writable_and_falls_back(tmp_path, monkeypatch):
-    assert folders.folder() == Path(folders.__file__).resolve().parents[1] / "__pycache__"
+    assert folders.folder() == Path(folders.__file__).resolve().parents[2] / "__pycache__"
     blocked = tmp_path / "site-packages"
     blocked.write_text("a file where a folder would be")
-    monkeypatch.setattr(folders, "__file__", str(blocked / "jit" / "folders.py"))
+    monkeypatch.setattr(folders, "__file__", str(blocked / "jit" / "cache" / "folders.py"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert folders.folder.__wrapped__() == tmp_path / "xdg" / "kickdrift"
 

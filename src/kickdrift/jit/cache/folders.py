@@ -43,7 +43,7 @@ def warm() -> tuple[Path, ...]:
 
 
 def _candidates() -> Iterator[Path]:
-    yield Path(__file__).resolve().parents[1] / PYTHONS
+    yield Path(__file__).resolve().parents[2] / PYTHONS
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         home = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative path does not count
