@@ -12,7 +12,7 @@ from collections.abc import Sequence
 # Runs every command of a JSON list in one process, and ends each output with a line that nothing else prints.
 SCRIPT = """
 import json, os, sys
-from kickdrift.analysis import bench, ladder
+from kickdrift.analysis.compare import bench, ladder
 from kickdrift.cli.main import main
 bench.EQUILIBRATION_TIME, ladder.RUNGS = 0.1, 5  # a short benchmark and a short comparison
 for words in json.loads(sys.argv[1]):

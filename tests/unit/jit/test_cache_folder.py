@@ -122,7 +122,7 @@ def test_a_warm_folder_that_cannot_be_written_is_read(place, monkeypatch):
 USER = """
 import os, sys
 from pathlib import Path
-from kickdrift.jit import code_files, folders
+from kickdrift.jit.cache import code_files, folders
 folders.__file__, user, home = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 os.environ["HOME"] = home
 os.umask(0o022)
