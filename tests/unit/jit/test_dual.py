@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kickdrift.jit.compile import as_written, driver
+from kickdrift.jit.duals import arrays as arrays
 from kickdrift.jit.duals.dual import SLOT, dual, dual_rows
 from kickdrift.jit.lanes.functions import lane_numbers, splat
 from kickdrift.jit.lanes.memory import store

@@ -9,9 +9,7 @@ import numpy as np
 from kickdrift.forces.lists.clusters import cluster_list
 from kickdrift.forces.lists.neighbours import neighbours_of
 from kickdrift.forces.lists.row_lanes import Wide
-from kickdrift.forces.many_body import (
-    embedded_atom_kernel as embedded_atom_kernel,  # these register the bodies of the laws
-)
+from kickdrift.forces.many_body import embedded_atom_kernel as embedded_atom_kernel  # these three register laws' bodies
 from kickdrift.forces.many_body import stillinger_weber_kernel as stillinger_weber_kernel
 from kickdrift.forces.many_body import tersoff_kernel as tersoff_kernel
 from kickdrift.forces.many_body.kernel import ManyBodyKernel, ManyBodyWork

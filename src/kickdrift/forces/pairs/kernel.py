@@ -18,6 +18,7 @@ from kickdrift.forces.lists.clusters import (
 from kickdrift.forces.lists.list_code import list_code, prune, refresh
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
+from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
 from kickdrift.forces.pairs.sorted_steps import take_steps
 from kickdrift.forces.pairs.truncation import AtCutoff
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force

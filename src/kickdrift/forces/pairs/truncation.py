@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.masks import select

@@ -11,6 +11,7 @@ from kickdrift.forces.laws.body_kernel import BodyWork
 from kickdrift.forces.laws.field_kernel import FieldWork, clocked, parameters_of
 from kickdrift.forces.seam.kernel import OK, run_body
 from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.duals import arrays as arrays  # what duals, alone and in arrays, take part in
 from kickdrift.jit.duals.operators import dual_vector, vector_at
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload

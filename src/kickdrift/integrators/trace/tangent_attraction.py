@@ -13,6 +13,7 @@ from kickdrift.integrators.gauss_radau.series import BLOCK, ROWS
 from kickdrift.integrators.trace.tangent_others import add_inside_duals
 from kickdrift.integrators.trace.tangent_rows import MASSES
 from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import SLOT, dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes.memory import aligned

@@ -37,6 +37,7 @@ from kickdrift.integrators.trace.tangent_attraction import attract_duals
 from kickdrift.integrators.trace.tangent_extrapolation import replay_extrapolation
 from kickdrift.integrators.trace.tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
+from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import as_dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes.functions import lane_max, plus, splat

@@ -30,6 +30,7 @@ from kickdrift.integrators.wisdom_holman.tangent_kicks import (
     to_jacobi,
 )
 from kickdrift.jit.compile import driver
+from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import SLOT, as_dual, dual_rows
 from kickdrift.jit.lanes.vectors import WIDTH
 

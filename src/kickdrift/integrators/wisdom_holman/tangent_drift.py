@@ -13,6 +13,7 @@ from typing import Any
 
 from kickdrift.integrators.wisdom_holman.kepler import lagrange, one_g, one_solution
 from kickdrift.jit.compile import jit, never_inline
+from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import DUAL, Dual, as_dual, as_dual_like, dual
 from kickdrift.jit.duals.operators import put_vector, vector_at
 from kickdrift.jit.inner import overload

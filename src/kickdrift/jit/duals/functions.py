@@ -10,6 +10,7 @@ import numpy as np
 from numba import types
 
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.duals import operators as operators  # operators of the duals that these functions return
 from kickdrift.jit.duals.dual import DUAL, TWICE, Dual, as_dual, dual, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.vectors import Lanes

@@ -15,6 +15,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.duals import operators as operators  # operators of the duals that these functions return
 from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import elementary, gathering, masks, memory

@@ -15,6 +15,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.compile import features
+from kickdrift.jit.lanes import operators as operators  # operators of the lanes that these functions return
 from kickdrift.jit.lanes.vectors import (
     F64,
     F64X8,
