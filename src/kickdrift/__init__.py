@@ -19,7 +19,7 @@ from kickdrift.display.showing import ABOVE
 # Not lazy: loading these packages later would replace the functions of the same names.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
-from kickdrift.model.bridging import BRIDGES, SYSTEM_FILES
+from kickdrift.model.bridged import BRIDGES, SYSTEM_FILES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from kickdrift.forces.laws.body_law import body_law
     from kickdrift.forces.laws.field_law import field_law
     from kickdrift.forces.pairs.law import pair_law
-    from kickdrift.forces.seam.registration import register_force
+    from kickdrift.forces.seam.named import register_force
     from kickdrift.integrators.asked import integrator
     from kickdrift.integrators.options.option import Option
     from kickdrift.integrators.own.custom import accelerations
@@ -47,11 +47,10 @@ if TYPE_CHECKING:
     from kickdrift.looks.observers import Energies
     from kickdrift.model.bodies import Body
     from kickdrift.model.box.box import Box
-    from kickdrift.model.events.collision import Collision
+    from kickdrift.model.events.collision import Collision, Sphere
     from kickdrift.model.events.events import CloseApproach, Crossing, Escape
-    from kickdrift.model.events.sphere import Sphere
     from kickdrift.model.molecules.topology import Topology
-    from kickdrift.model.orbits.table import Orbit, OrbitTable
+    from kickdrift.model.orbits.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
@@ -95,14 +94,14 @@ _HOMES = {
     "LyapunovSpectrum": "analysis.chaos.lyapunov",
     "Minimum": "run.relax.minimization",
     "Option": "integrators.options.option",
-    "Orbit": "model.orbits.table",
-    "OrbitTable": "model.orbits.table",
+    "Orbit": "model.orbits.orbits",
+    "OrbitTable": "model.orbits.orbits",
     "Problem": "model.problem",
     "Report": "run.report.report",
     "RunError": "errors",
     "Simulation": "run.simulation",
     "Solution": "run.solve.solve",
-    "Sphere": "model.events.sphere",
+    "Sphere": "model.events.collision",
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.molecules.topology",
@@ -128,7 +127,7 @@ _HOMES = {
     "dihedral_law": "forces.bonded.law",
     "improper_law": "forces.bonded.law",
     "pair_law": "forces.pairs.law",
-    "register_force": "forces.seam.registration",
+    "register_force": "forces.seam.named",
     "register_splitting": "integrators.own.registration",
     "register_step": "integrators.own.registration",
     "register_tableau": "integrators.own.registration",

@@ -13,8 +13,8 @@ import pytest
 from numba import typeof
 
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.jit.cache.described import Sources, fingerprint
 from kickdrift.jit.cache.folders import folder
-from kickdrift.jit.cache.sources import Sources, fingerprint
 from kickdrift.model.system import System
 
 MEASURE = """

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.file_units import Scale
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 from kickdrift_validation.kills import content
 

@@ -31,7 +31,7 @@ from kickdrift.analysis import ensemble_checks
 from kickdrift.analysis.certify.certificate import EnsembleChecks
 from kickdrift.analysis.certify.certifying import checked
 from kickdrift.analysis.certify.sampled_run import SampledRun, kinetic_groups, sampled_run
-from kickdrift.integrators.splitting.baths import csvr, ornstein_uhlenbeck
+from kickdrift.integrators.splitting.baths import csvr, velocity_noise
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.wrong_baths import gas, oscillators
 
@@ -101,7 +101,7 @@ def doubled_drag(seed: int, path: Path) -> EnsembleChecks:
     kept = np.exp(-FRICTION * DT)
     share = np.sqrt((1 - kept**2) / (1 - kept**4))
     with (
-        numbers(ornstein_uhlenbeck, lambda bath: bath._replace(spread=bath.spread * share)),
+        numbers(velocity_noise, lambda bath: bath._replace(spread=bath.spread * share)),
         patch.dict(BATHS, baoab={"friction": 2 * FRICTION}),
     ):
         return ensemble_checks(written(simulation("baoab", seed), path))
@@ -109,13 +109,13 @@ def doubled_drag(seed: int, path: Path) -> EnsembleChecks:
 
 def half_noise(seed: int, path: Path) -> EnsembleChecks:
     """The variance of the noise is half of what belongs to the drag."""
-    with numbers(ornstein_uhlenbeck, lambda bath: bath._replace(spread=bath.spread * np.sqrt(0.5))):
+    with numbers(velocity_noise, lambda bath: bath._replace(spread=bath.spread * np.sqrt(0.5))):
         return ensemble_checks(written(simulation("baoab", seed), path))
 
 
 def off_temperature(seed: int, path: Path) -> EnsembleChecks:
     """k_B is 2 % too large; runs are five times as long, as their errors are then 0.4 %."""
-    with numbers(ornstein_uhlenbeck, lambda bath: bath._replace(spread=bath.spread * np.sqrt(1.02))):
+    with numbers(velocity_noise, lambda bath: bath._replace(spread=bath.spread * np.sqrt(1.02))):
         return ensemble_checks(written(simulation("baoab", seed), path, 5 * STEPS))
 
 
@@ -136,7 +136,7 @@ def long_step(seed: int, path: Path) -> EnsembleChecks:
 
 def two_axes(seed: int, path: Path) -> EnsembleChecks:
     """The bath leaves out the third axis, of particles that do not collide; runs are three times as long."""
-    with numbers(ornstein_uhlenbeck, lambda bath: bath._replace(axes=2)):
+    with numbers(velocity_noise, lambda bath: bath._replace(axes=2)):
         return ensemble_checks(written(simulation("baoab", seed, system=wells(seed)), path, 3 * STEPS))
 
 

@@ -20,7 +20,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.exact.stepper import Lattice
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.folders import DATA
 

@@ -27,7 +27,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.model.molecules.internal import measured
+from kickdrift.model.molecules.relatives import measured
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.own_laws import OwnCosine, OwnFene
 

@@ -21,11 +21,10 @@ from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.integrators.step_choice.step_length import start_warning
-from kickdrift.integrators.stepping.batch_stepping import LaneStepper, from_lanes
+from kickdrift.integrators.stepping.batch_loops import LaneStepper, from_lanes
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.record import BOTH, Record, Series, even_stretch
-from kickdrift.model.checks.capacity import check_room
-from kickdrift.model.checks.limits import whole_number
+from kickdrift.model.checks.limits import check_room, whole_number
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.plan.plan import looks_at

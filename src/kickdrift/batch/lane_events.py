@@ -18,8 +18,8 @@ from kickdrift.forces.gravity.batch import LOOK
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.trace.batch import Reaches
 from kickdrift.integrators.trace.state import COUNTS, PATH_COLUMNS, POINTS
-from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver
+from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.events.events import CloseApproach, Crossing, Escape, Event
 from kickdrift.model.state import Floats

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.integrators.stepping.batch_stepping import LaneStepper
+from kickdrift.integrators.stepping.batch_loops import LaneStepper
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 

@@ -30,7 +30,7 @@ from kickdrift.model.box.box import Box, Oriented
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.file_units import Scale
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import choices, shown
 

@@ -30,7 +30,7 @@ from kickdrift.cli.viewing import view
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 
 COMMANDS = (  # in the order of --help
     new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,

@@ -18,7 +18,7 @@ from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.options.option import MIXED, PRESSURE
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:

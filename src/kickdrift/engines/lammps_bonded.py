@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.bonded import LAWS, split, strange
-from kickdrift.model.molecules.internal import measured
+from kickdrift.model.molecules.relatives import measured
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

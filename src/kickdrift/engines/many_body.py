@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from kickdrift.engines.bonded import split
-from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.many_body.base import ManyBodyForce, TabledForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
-from kickdrift.forces.many_body.entries import potential_file
-from kickdrift.forces.many_body.setfl import FORMS
+from kickdrift.forces.many_body.entries import FORMS, potential_file
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
-from kickdrift.forces.many_body.tabled import TabledForce
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.model.system import System
 

@@ -21,7 +21,7 @@ from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.flow import Flow
-from kickdrift.integrators.flows.particle_states import ParticleStates
+from kickdrift.integrators.flows.particle_flow import ParticleStates
 from kickdrift.integrators.options.option import FRICTION, RATE, SEED, TAU, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import bath_warnings, bathed
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts

@@ -26,8 +26,7 @@ from kickdrift.integrators.asked import from_text, meant, unpacked
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.jit.compile import processor
-from kickdrift.model.checks.capacity import PROCESS_BYTES, check_room
-from kickdrift.model.checks.limits import whole_number
+from kickdrift.model.checks.limits import PROCESS_BYTES, check_room, whole_number
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.plan.plan import check_run

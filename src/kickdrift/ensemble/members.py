@@ -12,8 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
-from kickdrift.model.checks.capacity import check_room
-from kickdrift.model.checks.limits import whole_text
+from kickdrift.model.checks.limits import check_room, whole_text
 from kickdrift.text import shown
 
 VALUE_BYTES = 32  # memory of a grid's value

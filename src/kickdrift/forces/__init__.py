@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.forces.around.central_potential import CentralPotential
-from kickdrift.forces.around.gas import DynamicalFriction, GasDrag
+from kickdrift.forces.around.gas import DynamicalFriction, GasDrag, Migration
 from kickdrift.forces.around.mass_change import MassChange
-from kickdrift.forces.around.migration import Migration
-from kickdrift.forces.around.oblateness import Oblateness
-from kickdrift.forces.around.post_newtonian import EinsteinInfeldHoffmann, LenseThirring, RadiationReaction
+from kickdrift.forces.around.oblateness import CentralPotential, Oblateness
 from kickdrift.forces.around.radiation import NonGravitational, RadiationPressure
-from kickdrift.forces.around.relativity import PostNewtonian
+from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
 from kickdrift.forces.around.tides import Tides
 from kickdrift.forces.around.tides_spin import TidesSpin
 from kickdrift.forces.bonded.shipped import (
@@ -35,7 +32,7 @@ from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
-from kickdrift.forces.seam.registration import FORCES, registered
+from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
 _ALL: tuple[Any, ...] = (

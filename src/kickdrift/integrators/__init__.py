@@ -19,7 +19,7 @@ from kickdrift.integrators.splitting import method as splitting
 from kickdrift.integrators.splitting import respa, reversible, stormer
 from kickdrift.integrators.trace import method as trace
 from kickdrift.integrators.wisdom_holman import method as wisdom_holman
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.text import VALUE, shown
 
 INTEGRATORS: dict[str, Method] = {

@@ -13,7 +13,7 @@ from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, merged
 from kickdrift.integrators.options.options import Options
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import VALUE, clean, shown

@@ -29,7 +29,7 @@ SOLVES = "solves equations to the rounding of float64"
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.state import Floats
     from kickdrift.model.system import System

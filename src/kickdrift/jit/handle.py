@@ -1,4 +1,4 @@
-"""Bound forces by reference.
+"""Bound forces by reference, and calls of compiled code by address, without a second copy of the code.
 
 A NamedTuple of arrays unpacks into hundreds of numbers, which made compiling ten times slower. Compiled functions pass
 one pointer instead, and threads can share it. ``handle(value)`` puts a NamedTuple, or a tuple of them, on the caller's
@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from llvmlite import ir
@@ -20,8 +20,12 @@ from numba import typeof, types
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
 
+from kickdrift.jit.cache.cache import CallbackCache
+from kickdrift.jit.compile import FAST_MATH, no_collection
+from kickdrift.jit.inner import OPTIONS
 from kickdrift.jit.numba_private import (
     AttributeTemplate,
+    CFunc,
     as_dtype,
     cgutils,
     cpu_target,
@@ -182,3 +186,81 @@ def handle_at(kind: Handle) -> Any:
         return kind(types.intp), codegen
 
     return restore
+
+
+def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
+    """Compile a function with the signature ``of`` plain numbers and pointers, for calls by ``address``. ``kind`` is
+    the type for which it is compiled; the disk keeps the machine code of each type."""
+    made: Any = CFunc(function, (of.args, of.return_type), {}, OPTIONS | {"fastmath": FAST_MATH})
+    made._cache = CallbackCache(function, kind)
+    with no_collection():
+        made.compile()
+    return made
+
+
+def address_of(driver: Any, *args: Any) -> int:
+    """Address of a driver's machine code for arguments of these types, for ``status_at``. It is valid while the driver
+    lives."""
+    kinds = tuple(driver.typeof_pyval(each) for each in args)
+    if kinds not in driver.overloads:
+        driver.compile(kinds)
+    compiled = driver.overloads[kinds]
+    assert compiled.signature.return_type == types.intp, compiled.signature
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+@intrinsic
+def status_at(typingctx, address, args):
+    """Return the whole number that the driver at an address returns. The tuple of arguments must have the driver's
+    types."""
+
+    def codegen(context, builder, sig, values):
+        kinds = tuple(sig.args[1])
+        kind = context.call_conv.get_function_type(types.intp, kinds)
+        function = builder.inttoptr(values[0], kind.as_pointer())
+        given = [builder.extract_value(values[1], k) for k in range(len(kinds))]
+        status, found = context.call_conv.call_function(builder, function, types.intp, kinds, given)
+        with cgutils.if_unlikely(builder, status.is_error):  # a user's function raised
+            context.call_conv.return_status_propagate(builder, status)
+        return found
+
+    return types.intp(types.intp, args), codegen
+
+
+class Bound:
+    """Numbers and arrays, bound to the machine code that is compiled for their type.
+
+    Attributes
+    ----------
+    parts : NamedTuple of numbers and arrays
+    address, work : addresses of the machine code and of the parts in memory; 0 before `ready`
+    signature : numba signature of the machine code, with plain numbers and pointers
+    """
+
+    address = work = 0
+    signature: ClassVar[types.Type]
+    _compiled_for: ClassVar[dict[Any, Any]]  # machine code by the type of parts; each kind of Bound has its own
+
+    def __init_subclass__(cls) -> None:
+        if "signature" in cls.__dict__:
+            cls._compiled_for = {}
+
+    def __init__(self, parts: Any) -> None:
+        self.parts = parts
+
+    def ready(self) -> Any:
+        """Return the same with its machine code, compiled if necessary. The parts live as long as the result."""
+        return self if self.work else self._compiled(self.parts)
+
+    def _compiled(self, parts: Any) -> Any:
+        kind = typeof(parts)
+        if kind not in self._compiled_for:
+            self._compiled_for[kind] = callback(self._compute_for(kind), self.signature, kind)
+        made = type(self)(parts)
+        made._memory = memory_of(parts)  # type: ignore[attr-defined]
+        made.address, made.work = int(self._compiled_for[kind].address), int(made._memory.ctypes.data)  # type: ignore[attr-defined]
+        return made
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        """Function to compile for parts of this type."""
+        raise NotImplementedError

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import fill_accelerations
+from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.jit.by_address import address_of
 from kickdrift.jit.compile import driver, inlined, is_finite
-from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.handle import address_of, handle, unowned
 from kickdrift.looks.columns import (
     ANGULAR,
     CENTRE,

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
-from kickdrift.forces.bonded.check import value_of
-from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.bonded.law import BondedForce, value_of
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats

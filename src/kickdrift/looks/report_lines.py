@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kickdrift.display.card import Spark
+from kickdrift.errors import InputError
+from kickdrift.looks.record import Stretch, even_looks
+from kickdrift.model.checks.values import unwarned
+from kickdrift.model.state import Floats
+from kickdrift.statistics.drift import ROUNDINGS, Drift, EnergyError, drift, energy_error, rounding_of
 from kickdrift.text import measured, with_error
 
 
@@ -91,3 +101,61 @@ def _size(energy: Mapping[str, Any], length: float) -> str:
 
 def _are_numbers(values: Mapping[str, Any], *keys: str) -> bool:
     return all(isinstance(value := values.get(key), int | float) and not math.isnan(value) for key in keys)
+
+
+def energy_spark(total: ArrayLike, kinetic: float) -> Spark | None:
+    """Relative error of the energies (n,); ``kinetic`` is K(0). None for fewer than two energies, and without any."""
+    energies = np.asarray(total, dtype=float)
+    if len(energies) < 2:
+        return None
+    try:
+        found = energy_error(energies, np.nan_to_num(kinetic))
+    except InputError:  # energies that are not finite
+        return None
+    scale = {"initial energy": abs(found.initial), "kinetic energy": abs(float(kinetic))}.get(found.relative_to, 1.0)
+    relative = "" if found.relative_to == "absolute" else f" of the {found.relative_to}"
+    values = ((energies - found.initial) / scale).tolist()
+    return Spark(values, f"energy error: RMS {found.rms_relative_error:.2g}{relative}")
+
+
+@unwarned
+def energy_trend(
+    steps: NDArray[np.int64],
+    times: Floats,
+    total: Floats,
+    kinetic: float,
+    even: bool,
+    error: EnergyError,
+    looks: Stretch | None = None,
+) -> Drift:
+    """Drift of the relative energy error.
+
+    Parameters
+    ----------
+    steps, times, total : (k,) of the samples
+    kinetic : the first sample's kinetic energy; nan if there is none
+    even : whether steps are equally long. Otherwise the errors are interpolated to evenly spaced times.
+    error : the ``energy_error`` of ``total``
+    looks : the `even_looks`, if they are known
+
+    Raises
+    ------
+    InputError
+        For values that are not finite.
+    """
+    first = 0.0 if np.isnan(kinetic) else kinetic
+    scale = {"initial energy": abs(error.initial), "kinetic energy": kinetic}.get(error.relative_to, 1.0)
+    at, errors = times, (total - error.initial) / scale
+    if even:
+        chosen = even_looks(steps, times) if looks is None else looks
+        at, errors = at[chosen], errors[chosen]
+    if at[-1] < at[0]:  # back in time
+        at, errors = at[::-1], errors[::-1]
+    if not even and len(at) > 2:  # the step points of an adaptive run are only about evenly spaced
+        grid = np.linspace(at[0], at[-1], len(at))
+        at, errors = grid, np.interp(grid, at, errors)
+    rounding = rounding_of(max(abs(error.initial), first), int(steps[-1] - steps[0])) / scale
+    trend = drift(at, errors, rounding)
+    over_run = abs(trend.slope * (times[-1] - times[0]))
+    tiny = trend.verdict == "secular drift" and over_run <= ROUNDINGS * rounding
+    return replace(trend, verdict="round-off") if tiny else trend

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError, RunError
 from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING, Energies, Sample, Taken, observables_of
-from kickdrift.model.checks.capacity import check_room
+from kickdrift.model.checks.limits import check_room
 from kickdrift.model.state import Floats
 
 FIRST_ROOM = 1024  # rows at first

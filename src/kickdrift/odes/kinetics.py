@@ -6,7 +6,7 @@ import math
 
 from kickdrift.errors import InputError
 from kickdrift.model.problem import Problem
-from kickdrift.odes.start import Numbers, positive, start_values
+from kickdrift.odes.mechanics import Numbers, positive, start_values
 
 
 def logistic(y0: Numbers = (1.0,), rate: float = 0.25, capacity: float = 20.0, t0: float = 0.0) -> Problem:

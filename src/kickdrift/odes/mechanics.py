@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.problem import Problem
+from kickdrift.model.problem import Problem, finite_numbers
 from kickdrift.model.state import Floats
-from kickdrift.odes.start import Numbers, positive, start_values
+
+Numbers = Sequence[float]
+
+
+def start_values(y0: Numbers, count: int) -> Floats:
+    """Return y0 as an array of ``count`` numbers."""
+    start = finite_numbers("y0", y0)
+    if start.shape != (count,):
+        got = len(start) if start.ndim == 1 else f"shape {start.shape}"
+        raise InputError(f"y0: expected {count} number{'s' if count > 1 else ''}, got {got}")
+    return start
+
+
+def positive(key: str, value: float) -> float:
+    """Return the value if it is positive, else raise InputError."""
+    if not value > 0:
+        raise InputError(f"{key}: expected a positive number, got {value!r}")
+    return value
 
 
 def harmonic_oscillator(y0: Numbers = (1.0, 0.0), omega: float = 1.0, t0: float = 0.0) -> Problem:

@@ -13,8 +13,7 @@ from kickdrift.forces.around.spins import SPINS, spinning
 from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.record import OBSERVING
 from kickdrift.looks.table import SAMPLE_BYTES
-from kickdrift.model.checks.capacity import check_room
-from kickdrift.model.checks.limits import NEVER
+from kickdrift.model.checks.limits import NEVER, check_room
 from kickdrift.model.state import Floats
 from kickdrift.model.units.quantities import unit_named
 from kickdrift.model.units.unit_systems import UnitSystem

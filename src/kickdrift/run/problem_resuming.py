@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.observers import Energies, Sample
-from kickdrift.model.events.checks import checked_crossings
+from kickdrift.model.events.events import checked_crossings
 from kickdrift.model.problem import Problem
 from kickdrift.run.files.problem import slopes_of
 from kickdrift.trajectory.layout.points import same

@@ -16,9 +16,9 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import check_threads
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
-from kickdrift.model.checks.capacity import PROCESS_BYTES, check_room
+from kickdrift.model.checks.limits import PROCESS_BYTES, check_room
 from kickdrift.model.checks.values import path_text, whole_number
-from kickdrift.model.events.checks import checked_crossings
+from kickdrift.model.events.events import checked_crossings
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.run_defaults import Equilibration

@@ -1,4 +1,4 @@
-"""Drift of an invariant: the size of the energy error, and the slope of a correlated series with an honest interval."""
+"""Drift of an invariant: the energy error, its growth in a pilot run, and the slope of a correlated series."""
 
 from __future__ import annotations
 
@@ -9,9 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.statistics.regression import mean_regression, trend_regression
+from kickdrift.model.state import Floats
+from kickdrift.statistics.regression import (
+    Trend,
+    goes_one_way,
+    is_bent,
+    mean_regression,
+    mixed_trend,
+    quantile,
+    student,
+    trend_regression,
+    walk_trend,
+)
 from kickdrift.statistics.spectral_lines import Fits, folded, spectral_lines
-from kickdrift.statistics.trend import Trend, goes_one_way, is_bent, mixed_trend, quantile, student, walk_trend
 
 Array = NDArray[np.float64]
 Verdict = Literal["bounded", "secular drift", "random walk", "round-off", "not resolvable"]
@@ -244,3 +254,68 @@ def _finite(name: str, values: ArrayLike) -> Array:
     if not np.isfinite(array).all():
         raise InputError(f"{name}: sample {int(np.flatnonzero(~np.isfinite(array))[0])} is not finite")
     return array
+
+
+WINDOWS, LEAST_WINDOWS = 8, 7
+FIRST = 2  # windows left out, so that the slow beginning of an error does not hide its later growth
+LEAST_SAMPLES = 4  # per window
+SURE = 2.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Behaviour of an error after the pilot.
+
+    Attributes
+    ----------
+    exponent, exponent_error : p of error ~ t^p for positions and its standard error, fitted to the largest errors in
+        the last six of eight windows of the pilot
+    drift : bound on the drift of the relative energy error per unit of time: slope plus half-width of its 95 % interval
+    verdict : of the energy's drift, "bounded", "secular drift", "random walk", "round-off" or "not
+        resolvable"
+    """
+
+    exponent: float | None = None
+    exponent_error: float | None = None
+    drift: float | None = None
+    verdict: str | None = None
+
+    def factor(self, error: float, ratio: float, length: float) -> float | None:
+        """Bound on the growth of the error in a run of this ``length``, ``ratio`` times the pilot's; None if the pilot
+        cannot tell."""
+        if ratio <= 1.0:
+            return 1.0
+        if self.drift is not None:
+            if self.verdict == "not resolvable" or not np.isfinite(self.drift):
+                return None
+            wander = np.sqrt(ratio) if self.verdict in ("random walk", "round-off") else 1.0
+            return float(np.hypot(wander, self.drift * length / np.sqrt(3.0) / error))
+        if self.exponent is None or self.exponent_error is None:
+            return None
+        return float(ratio ** max(0.0, self.exponent + SURE * self.exponent_error))
+
+
+def position_growth(times: Floats, errors: Floats) -> Growth:
+    """Exponent from the largest error in each window; none if there are too few samples or no errors."""
+    t, e = times[1:] - times[0], errors[1:]
+    count = min(WINDOWS, len(t) // LEAST_SAMPLES)
+    if count < LEAST_WINDOWS:
+        return Growth()
+    parts = np.array_split(np.arange(len(t)), count)[FIRST:]
+    peaks = [part[np.argmax(e[part])] for part in parts]
+    largest = e[peaks]
+    if not (largest > 0).all():
+        return Growth()
+    matrix = np.vander(np.log(t[peaks]), 2)
+    found, residual, *_ = np.linalg.lstsq(matrix, np.log(largest), rcond=None)
+    variance = float(residual[0]) / (len(parts) - 2) if len(residual) else 0.0
+    error = np.sqrt(variance * np.linalg.inv(matrix.T @ matrix)[0, 0])
+    return Growth(float(found[0]), float(error))
+
+
+def energy_growth(times: Floats, energies: Floats, errors: Floats) -> Growth:
+    """Drift of the energy, by the regression that accounts for autocorrelation (``statistics.drift``)."""
+    largest = float(np.abs(energies - energies[0]).max())
+    scale = largest / float(errors.max()) if largest > 0 else 1.0
+    trend = drift(times, (energies - energies[0]) / scale, rounding_of(energies[0], len(times)) / scale)
+    return Growth(drift=abs(trend.slope) + trend.error, verdict=trend.verdict)

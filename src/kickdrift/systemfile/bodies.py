@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import Structure, generator
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses

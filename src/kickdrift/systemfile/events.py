@@ -9,9 +9,8 @@ from pydantic import BeforeValidator, Field
 
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.named import found_function
-from kickdrift.model.events.checks import checked_events
 from kickdrift.model.events.collision import C_STAR, MU_BAR, NEW_BODIES
-from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import path_text
 from kickdrift.systemfile.plain import DEEPEST
 from kickdrift.text import shown, suggestion

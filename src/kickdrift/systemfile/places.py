@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
-from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.starts.builders import LATTICES, Structure, lattice, mixture
 from kickdrift.model.starts.plane import PLANE_LATTICES, plane_lattice
 from kickdrift.model.system import body_names

@@ -16,8 +16,8 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box.box import Box
-from kickdrift.model.bridging import bridge
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.bridged import bridge
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
 from kickdrift.model.orbits.orbits import G_given
 from kickdrift.model.problem import Problem

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, NonNegativeInt, PositiveInt, ValidationInfo, model_validator
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.systemfile.schema_base import GravitationalParameter, In, Length, Mass, Radius, Table, Velocity
 
 

@@ -14,8 +14,8 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
 from kickdrift.integrators.options.option import DT, OPTIONS, Option
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.limits import MOST_STEPS
-from kickdrift.model.checks.other_names import other_name
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked

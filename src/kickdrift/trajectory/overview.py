@@ -13,8 +13,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.looks.doubts import UNRELIABLE
-from kickdrift.looks.energy_trend import energy_trend
-from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
+from kickdrift.looks.report_lines import energy_lines, energy_trend, mean_text, method_text, verdict_text
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import symbol_of

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.model.box.box import Box
-from kickdrift.model.orbits import ellipses
-from kickdrift.model.orbits.orbits import G_given, Paths, central_row, invariable_axes
+from kickdrift.model.orbits.orbits import G_given, Paths, axes_of, central_row, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
@@ -125,7 +124,7 @@ class Stage:
             paths = Paths(np.asarray(times), x, v, self.masses, np.broadcast_to(m, x.shape[:2]), (), self.gravity,
                           central_row(self.masses))  # fmt: skip
             if paths.central is not None:
-                found["ellipses"] = packed(ellipses.axes_of(paths).astype("f4"))
+                found["ellipses"] = packed(axes_of(paths).astype("f4"))
         return found
 
     def scene(self, chunks: Sequence[dict[str, Any]], x: Floats, v: Floats, **more: Any) -> dict[str, Any]:

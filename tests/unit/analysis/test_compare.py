@@ -19,7 +19,7 @@ from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, 
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 from kickdrift.plots.shadow import plot_shadow
-from kickdrift.statistics.growth import Growth, energy_growth, position_growth
+from kickdrift.statistics.drift import Growth, energy_growth, position_growth
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from kickdrift.analysis.certify.canonical import Point, distribution, independen
 from kickdrift.analysis.certify.certifying import checked, engine_checks
 from kickdrift.analysis.certify.sampled_run import SampledRun, kinetic_groups, sampled_run
 from kickdrift.errors import InputError
-from kickdrift.integrators.splitting.baths import ornstein_uhlenbeck
+from kickdrift.integrators.splitting.baths import velocity_noise
 from tests.refusals import assert_refused
 from tests.systems import liquid
 
@@ -84,14 +84,14 @@ def test_a_run_of_another_temperature_fails(runs):
 
 def test_a_doubled_drag_fails(tmp_path):
     """With friction 2 γ, and noise of γ."""
-    kept, true = math.exp(-5.0 * 0.004), ornstein_uhlenbeck.bathed
+    kept, true = math.exp(-5.0 * 0.004), velocity_noise.bathed
     share = math.sqrt((1 - kept**2) / (1 - kept**4))
 
     def wrong(*given, **named):
         bath = true(*given, **named)
         return bath._replace(spread=bath.spread * share)
 
-    with patch.object(ornstein_uhlenbeck, "bathed", wrong):
+    with patch.object(velocity_noise, "bathed", wrong):
         found = ensemble_checks(written(tmp_path / "run.h5md", 1.0, friction=10.0))
     assert found.rows[0].verdict == "fail"
     assert found.rows[0].measured == pytest.approx(share**2, rel=0.03)

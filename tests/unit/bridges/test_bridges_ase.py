@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.bridges.ase import Calculator, Scale
-from kickdrift.model.bridging import bridge
+from kickdrift.model.bridged import bridge
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.trajectory.export.export import export

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
 from kickdrift.bridges.rebound_names import KERNELS, PASSAGES
-from kickdrift.model.bridging import bridge
+from kickdrift.model.bridged import bridge
 from kickdrift.model.run_defaults import RunDefaults
 
 FIELDS = ("m", "x", "y", "z", "vx", "vy", "vz", "r")

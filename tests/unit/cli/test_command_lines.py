@@ -22,7 +22,7 @@ from kickdrift.disk.interrupt import heard_everywhere, whole
 from kickdrift.ensemble.keys import with_values
 from kickdrift.ensemble.members import members_of
 from kickdrift.errors import InputError, RunError
-from kickdrift.model.checks import capacity
+from kickdrift.model.checks import limits
 from kickdrift.model.checks import values as checks
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.odes import harmonic_oscillator
@@ -124,7 +124,7 @@ def test_a_run_within_the_limits_is_planned():
 
 
 def test_samples_are_bounded_by_what_the_process_may_have(monkeypatch):
-    monkeypatch.setattr(capacity, "memory", lambda: 20e6)
+    monkeypatch.setattr(limits, "memory", lambda: 20e6)
     sim = kd.Simulation(kd.load("sun-jupiter"))
     assert plan_of(sim, 5000, None, 1, None, None).every == 1
     with pytest.raises(InputError, match=r"run: 5,001 samples take about 4\.77 MiB, and this machine has 19\.1 MiB"):
@@ -333,7 +333,7 @@ def test_samples_of_a_run_of_unknown_length_stop_at_the_memory(monkeypatch):
     sim = kd.Simulation(harmonic_oscillator(), integrator="dormand-prince45")
     sim.run(until=1.0, every=1)
     monkeypatch.setattr("kickdrift.looks.table.COUNTED", 64)
-    monkeypatch.setattr(capacity, "memory", lambda: 4 * 1000 * 100)
+    monkeypatch.setattr(limits, "memory", lambda: 4 * 1000 * 100)
     with pytest.raises(
         RunError, match=r"^stopped at step \d+ .*: run: 128 samples take .* give a larger every or interval"
     ):

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import kickdrift as kd
 from kickdrift.cli.main import app
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 
 RUNNER = CliRunner()
 SHORT = ("run", "two-body", "--steps", "5")

@@ -20,7 +20,7 @@ from ase.md.verlet import VelocityVerlet
 import kickdrift as kd
 from kickdrift.forces.seam.named import _MODULES, _NAMED
 from kickdrift.integrators.own.registration import load_code
-from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.file_units import Scale
 from kickdrift.systemfile.reading import loads
 
 DT = 0.005

@@ -13,7 +13,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.seam import registration
+from kickdrift.forces.seam import named
 
 X = np.array([[0.1, 0.0, 0.0], [1.0, 0.5, 0.2], [0.3, -1.0, 0.4]])
 
@@ -21,7 +21,7 @@ X = np.array([[0.1, 0.0, 0.0], [1.0, 0.5, 0.2], [0.3, -1.0, 0.4]])
 @pytest.fixture(autouse=True)
 def own(monkeypatch):
     """Remove a test's registrations after the test."""
-    monkeypatch.setattr(registration, "REGISTERED", dict(registration.REGISTERED))
+    monkeypatch.setattr(named, "REGISTERED", dict(named.REGISTERED))
     before = dict(FORCES)
     yield
     FORCES.clear()

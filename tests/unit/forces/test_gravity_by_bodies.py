@@ -7,9 +7,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.slopes import gravity_directions
-from kickdrift.forces.slopes.gravity_directions import prefers_bodies
+from kickdrift.forces.slopes import variations_kernel
 from kickdrift.forces.slopes.variations import varied
+from kickdrift.forces.slopes.variations_kernel import prefers_bodies
 
 
 def by_mpmath(mp, force, x, m, dx, dm):
@@ -59,7 +59,7 @@ def test_slopes_have_their_digits(n, light, softening, moves, monkeypatch):
     with mp.workdps(40):
         wanted = by_mpmath(mp, force, x, m, dx, dm)
     for cheaper in (0.0, np.inf):  # lanes of deviations, lanes of bodies
-        monkeypatch.setattr(gravity_directions, "CHEAPER", cheaper)
+        monkeypatch.setattr(variations_kernel, "CHEAPER", cheaper)
         masses = np.concatenate([dm, np.zeros((n, 3))], axis=1) if moves else None
         made = varied(system, deviations, masses, (), 2)
         found = BoundForces(made).measure(0.0, made.state.phase).accelerations[:, n:].reshape(3, n, 5)

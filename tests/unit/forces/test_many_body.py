@@ -12,7 +12,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.many_body.setfl import hermite
+from kickdrift.forces.many_body.entries import hermite
 from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
 from kickdrift.forces.many_body.tersoff import SiliconOf1988
 from kickdrift.forces.slopes.variations import varied

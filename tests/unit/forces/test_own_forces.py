@@ -11,7 +11,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.seam import registration
+from kickdrift.forces.seam import named
 
 FORCE = """
 import math
@@ -54,7 +54,7 @@ steps = 20
 @pytest.fixture(autouse=True)
 def own(monkeypatch):
     """Remove a test's registrations after the test."""
-    monkeypatch.setattr(registration, "REGISTERED", dict(registration.REGISTERED))
+    monkeypatch.setattr(named, "REGISTERED", dict(named.REGISTERED))
     before = dict(FORCES)
     yield
     FORCES.clear()
@@ -103,7 +103,7 @@ def test_a_name_that_is_taken():
     def trap(**body):
         return type("Trap", (kd.HarmonicTrap,), {"__module__": "a", "__qualname__": "Trap", **body})
 
-    assert kd.register_force(trap()) is registration.REGISTERED["a", "Trap"]
+    assert kd.register_force(trap()) is named.REGISTERED["a", "Trap"]
     assert FORCES["harmonic-trap"] is kd.HarmonicTrap  # a class with an inherited name does not replace the force
     with pytest.raises(InputError, match=r"^force 'gravity' exists already: Gravity of kickdrift\.forces\.gravity$"):
         kd.register_force(trap(name="gravity"))
@@ -142,7 +142,7 @@ def test_laws_of_one_name():
 
     first, second = law("Square", "one"), law("Square", "two")
     assert FORCES["square"] is second
-    assert registration.registered("one", "Square") is first
+    assert named.registered("one", "Square") is first
     with pytest.raises(InputError, match=r"^force 'lennard-jones' exists already: LennardJones of kickdrift\."):
         law("LennardJones", "mine")
     assert FORCES["lennard-jones"] is kd.LennardJones

@@ -14,7 +14,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.pairs.law import pair_law
 from kickdrift.integrators.exact import stepper as exact_stepper
-from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.exact.stepper import Lattice
 from kickdrift.integrators.stepping import loops
 from kickdrift.jit.compile import jit
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
@@ -84,7 +84,7 @@ BACK = """
 import sys
 import numpy as np
 import kickdrift as kd
-from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.exact.stepper import Lattice
 lattice = Lattice(**np.load(sys.argv[1]))
 edges = lattice.spacing * 2.0**64
 x = (lattice.positions * lattice.spacing[:, None] + lattice.images * edges[:, None]).T

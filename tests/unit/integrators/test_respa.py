@@ -9,7 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.splitting.words import letters_of, nested
+from kickdrift.integrators.splitting.subflows import letters_of, nested
 
 STIFF = """
 units = "lj"

@@ -22,9 +22,8 @@ import kickdrift as kd
 from kickdrift.forces.seam import kernel
 from kickdrift.jit.cache import cache as code_cache
 from kickdrift.jit.cache import package_files
-from kickdrift.jit.cache.described import Description
+from kickdrift.jit.cache.described import Description, Sources, fingerprint
 from kickdrift.jit.cache.package_files import UnknownSource, imports, reach, sources_hash
-from kickdrift.jit.cache.sources import Sources, fingerprint
 from kickdrift.jit.compile import driver, never_inline
 from kickdrift.jit.lanes import masks
 from kickdrift.jit.lanes.functions import splat
@@ -42,7 +41,7 @@ def planted(x):
 """
 FILES = {  # text that is added to files in a copy of the package
     "jit/lanes/masks.py": PLANTED,
-    "forces/pairs/truncation.py": PLANTED,
+    "forces/pairs/lanes.py": PLANTED,
     "integrators/wisdom_holman/kepler.py": PLANTED,
     "model/units/quantities.py": "\nPLANTED = 2.0\n",
     "forces/deep/__init__.py": "",
@@ -65,7 +64,7 @@ def _stub(x):
 """,
     "forces/deep/er/drivers.py": """
 from kickdrift.model.units import quantities as units
-from kickdrift.forces.pairs import truncation
+from kickdrift.forces.pairs import lanes
 from kickdrift.forces.deep.er.code import planted
 from kickdrift.forces.deep.stub import stub
 from kickdrift.integrators.wisdom_holman.kepler import planted as of_kepler
@@ -86,7 +85,7 @@ def by_jit(x):
 
 @driver
 def by_forces(x):
-    return truncation.planted(x)
+    return lanes.planted(x)
 
 @driver
 def by_integrators(x):
@@ -126,7 +125,7 @@ print(d.by_class(Kind(1.0)), d.by_far(1.0), counts[0])
 """
 EDITS = [  # file, old, new, index of the number that changes
     ("jit/lanes/masks.py", "2.0 * x", "3.0 * x", 0),
-    ("forces/pairs/truncation.py", "2.0 * x", "3.0 * x", 1),
+    ("forces/pairs/lanes.py", "2.0 * x", "3.0 * x", 1),
     ("integrators/wisdom_holman/kepler.py", "2.0 * x", "3.0 * x", 2),
     ("model/units/quantities.py", "PLANTED = 2.0", "PLANTED = 3.0", 3),
     ("forces/deep/er/code.py", "2.0 * x", "3.0 * x", 4),
@@ -226,7 +225,7 @@ def test_code_comes_from_what_a_module_imports():
 
     counts, terms = "analysis.observables.pair_counts", "forces.pairs.terms"
     assert of(counts) > {counts, "jit.compile", "jit.inner", "model.box.box"}
-    assert of(terms) > {terms, "forces.pairs.lanes", "forces.pairs.truncation", "jit.lanes.functions"}
+    assert of(terms) > {terms, "forces.pairs.binding", "forces.pairs.lanes", "jit.lanes.functions"}
     above = {"cli.main", "plots.runs", "run.simulation", "run.report.report", "trajectory.layout.names"}
     for name in (terms, "integrators.stepping.loops", "integrators.wisdom_holman.loop", "forces.tree.kernel"):
         assert not of(name) & above

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from kickdrift.jit.cache import cache as code_cache
-from kickdrift.jit.cache import pruning
+from kickdrift.jit.cache import code_files
 from kickdrift.jit.compile import driver
 
 
@@ -22,13 +22,13 @@ def code(tmp_path, monkeypatch):
     """A folder of compiled code, and a function that puts files of some size there, last used some days ago."""
     place = tmp_path / "code"
     place.mkdir()
-    monkeypatch.setattr(pruning, "_used", set())
+    monkeypatch.setattr(code_files, "_used", set())
 
     def put(name, size=10, days=0.0):
         path = place / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"x" * size)
-        then = time.time() - days * pruning.DAY
+        then = time.time() - days * code_files.DAY
         os.utime(path, (then, then))
         return path
 
@@ -38,19 +38,19 @@ def code(tmp_path, monkeypatch):
 def left(code):
     place = code("probe.nbc").parent
     (place / "probe.nbc").unlink()
-    pruning.prune(place)
+    code_files.prune(place)
     return {str(path.relative_to(place)) for path in place.rglob("*")}
 
 
 def test_code_that_nobody_used_for_long_is_removed(code):
-    code("new.nbc", days=pruning.DAYS - 1)
-    code("old.nbc", days=pruning.DAYS + 1)
-    code("old.txt", days=pruning.DAYS + 1)  # another program's file
+    code("new.nbc", days=code_files.DAYS - 1)
+    code("old.nbc", days=code_files.DAYS + 1)
+    code("old.txt", days=code_files.DAYS + 1)  # another program's file
     code("from-the-future.nbc", days=-1000)
     code("half.nbc.tmp0123", days=0.5)  # another process may be writing it
     code("given-up.nbc.tmp0123", days=1.5)
-    code("abc/old-1.py311.nbi", days=pruning.DAYS + 1)  # from earlier versions
-    code("abc/old-1.py311.1.nbc", days=pruning.DAYS + 1)
+    code("abc/old-1.py311.nbi", days=code_files.DAYS + 1)  # from earlier versions
+    code("abc/old-1.py311.1.nbc", days=code_files.DAYS + 1)
     code("def/new-1.py311.1.nbc")
     kept = {"new.nbc", "old.txt", "from-the-future.nbc", "half.nbc.tmp0123", "def", "def/new-1.py311.1.nbc"}
     assert left(code) == {*kept, "abc"}
@@ -58,26 +58,26 @@ def test_code_that_nobody_used_for_long_is_removed(code):
 
 
 def test_the_least_recently_used_code_is_removed_when_there_is_too_much(code, monkeypatch):
-    monkeypatch.setattr(pruning, "BYTES", 100)
+    monkeypatch.setattr(code_files, "BYTES", 100)
     for days in range(1, 6):
         code(f"{days}.nbc", 40, days)
     assert left(code) == {"1.nbc", "2.nbc"}
-    pruning.use(code("used.nbc", 90, 50))
+    code_files.use(code("used.nbc", 90, 50))
     assert left(code) == {"used.nbc"}
 
 
 def test_what_this_process_uses_stays(code, monkeypatch):
-    monkeypatch.setattr(pruning, "BYTES", 100)
+    monkeypatch.setattr(code_files, "BYTES", 100)
     for k in range(5):
-        pruning.use(code(f"{k}.nbc", 90, pruning.DAYS + k))
+        code_files.use(code(f"{k}.nbc", 90, code_files.DAYS + k))
     assert left(code) == {f"{k}.nbc" for k in range(5)}
-    assert time.time() - os.stat(code("x.txt").parent / "4.nbc").st_mtime < pruning.DAY, "others must see the use"
+    assert time.time() - os.stat(code("x.txt").parent / "4.nbc").st_mtime < code_files.DAY, "others must see the use"
 
 
 def test_what_is_used_again_counts_as_recent(code):
-    path = code("old.nbc", days=pruning.DAYS + 1)
-    pruning.use(path)
-    pruning._used.clear()  # as in another process
+    path = code("old.nbc", days=code_files.DAYS + 1)
+    code_files.use(path)
+    code_files._used.clear()  # as in another process
     assert left(code) == {"old.nbc"}
 
 
@@ -85,7 +85,7 @@ def test_what_is_used_again_counts_as_recent(code):
 def test_other_processes_prune_too(code, monkeypatch, error):
     """A file that another process has removed, or holds open, is no error, and does not stop the removal of others."""
     for k in range(3):
-        code(f"{k}.nbc", days=pruning.DAYS + 1 + k)
+        code(f"{k}.nbc", days=code_files.DAYS + 1 + k)
     unlink = os.unlink
 
     def raced(path):
@@ -93,10 +93,10 @@ def test_other_processes_prune_too(code, monkeypatch, error):
             raise error(path)
         unlink(path)
 
-    monkeypatch.setattr(pruning.os, "unlink", raced)
+    monkeypatch.setattr(code_files.os, "unlink", raced)
     assert left(code) == {"1.nbc"}
-    pruning.prune(Path("/nowhere/at/all"))
-    pruning.use(Path("/nowhere/at/all"))
+    code_files.prune(Path("/nowhere/at/all"))
+    code_files.use(Path("/nowhere/at/all"))
 
 
 def test_links_are_not_followed(code, tmp_path):
@@ -107,7 +107,7 @@ def test_links_are_not_followed(code, tmp_path):
     os.utime(old, (0, 0))
     (place / "link").symlink_to(tmp_path / "others")
     (place / "link.nbc").symlink_to(old)
-    pruning.prune(place)
+    code_files.prune(place)
     assert old.exists()
     assert (place / "link").is_symlink()
 
@@ -116,8 +116,8 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
     home = tmp_path / "home"
     monkeypatch.setattr(code_cache, "folder", lambda: home)
     monkeypatch.setattr(code_cache, "warm", lambda: ())
-    monkeypatch.setattr(pruning, "_used", set())
-    monkeypatch.setattr(pruning, "BYTES", 1)
+    monkeypatch.setattr(code_files, "_used", set())
+    monkeypatch.setattr(code_files, "BYTES", 1)
     monkeypatch.setattr(code_cache, "PRUNED_EVERY", 1)
 
     def compiled(number):
@@ -126,13 +126,13 @@ def test_code_is_pruned_when_more_is_saved(tmp_path, monkeypatch):
 
     assert len(compiled(1.0)) == 1
     assert len(compiled(2.0)) == 2, "this process still uses the first"
-    pruning._used.clear()
+    code_files._used.clear()
     assert len(compiled(3.0)) == 1
     monkeypatch.setattr(code_cache, "PRUNED_EVERY", 2)
     monkeypatch.setattr(code_cache, "_saved", itertools.count(1))
-    pruning._used.clear()
+    code_files._used.clear()
     assert len(compiled(4.0)) == 2, "not every save looks for old code"
-    pruning._used.clear()
+    code_files._used.clear()
     assert len(compiled(5.0)) == 1
     monkeypatch.setattr(code_cache, "prune", lambda folder: (_ for _ in ()).throw(AssertionError))
     assert len(compiled(5.0)) == 1, "nothing may be saved"
@@ -143,8 +143,8 @@ def test_processes_that_save_and_prune_at_once(tmp_path):
     """Each process gets its results, whatever the others remove."""
     script = (
         "import sys; from pathlib import Path; import kickdrift.jit.cache.cache as c;"
-        "from kickdrift.jit.cache import pruning;"
-        "pruning.BYTES = 1; c.PRUNED_EVERY = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"
+        "from kickdrift.jit.cache import code_files;"
+        "code_files.BYTES = 1; c.PRUNED_EVERY = 1; c.folder = lambda: Path(sys.argv[1]); c.warm = lambda: ();"
         "from kickdrift.jit.compile import driver;"
         "made = lambda n: driver(lambda x: x + n)(1.0);"
         "print(sum(made(float(n)) for n in range(12)))"

@@ -13,6 +13,7 @@ from kickdrift.jit.compile import as_written, in_order, inlined, jit, strict
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import load
 from kickdrift.jit.lanes.vector3 import (
+    Vector3,
     cross,
     dot,
     lane_sums,
@@ -25,7 +26,6 @@ from kickdrift.jit.lanes.vector3 import (
     thrice,
     vector3,
 )
-from kickdrift.jit.lanes.vector3_operators import Vector3
 from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
 from tests.long import shortened
 

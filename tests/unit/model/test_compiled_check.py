@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.forces.equations.check import _states
+from kickdrift.forces.equations.equation import _states
 from tests.folders import DATA
 
 POLLU = json.loads((DATA / "pollu.json").read_text(encoding="utf-8"))

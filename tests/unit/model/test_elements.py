@@ -10,8 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
-from kickdrift.model.starts.elements import Elements, elements, states, true_anomaly
-from kickdrift.model.starts.universal import stumpff
+from kickdrift.model.starts.elements import Elements, elements, states, stumpff, true_anomaly
 
 EPS = np.finfo(float).eps
 ECCENTRICITIES = [0.0, 1e-12, 0.1, 0.9, 0.999999, 1 - 1e-15, 1.0, 1 + 1e-15, 1.000001, 1.5, 30.0]

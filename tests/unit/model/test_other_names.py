@@ -14,7 +14,7 @@ from kickdrift.forces import FORCES
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import known_options
-from kickdrift.model.checks.other_names import ROWS, TEMPERATURE, other_name
+from kickdrift.model.checks.arguments import ROWS, TEMPERATURE, other_name
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, unit_system
 from kickdrift.systemfile.files import shipped

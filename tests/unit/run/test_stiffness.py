@@ -9,7 +9,7 @@ import kickdrift as kd
 from kickdrift.analysis.compare.stiffness import stiffness
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.step_choice.stability_limit import stability_boundary, stability_warning
+from kickdrift.integrators.step_choice.step_length import stability_boundary, stability_warning
 
 
 def robertson(t, y):

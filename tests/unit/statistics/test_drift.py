@@ -13,8 +13,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.odes import kepler
-from kickdrift.statistics.drift import MIN_SAMPLES, drift, energy_error, rounding_of
-from kickdrift.statistics.growth import Growth
+from kickdrift.statistics.drift import MIN_SAMPLES, Growth, drift, energy_error, rounding_of
 from kickdrift_validation import drift_statistics, drift_verdicts
 
 JUDGED = [kind for kind in drift_statistics.CLASSES if kind.judged]

@@ -10,7 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.integrators.step_choice.step_length import TOO_LONG, bound_by_gravity, fastest
-from kickdrift.model.checks import capacity
+from kickdrift.model.checks import limits
 from kickdrift.model.checks import values as checks
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import quantity
@@ -146,22 +146,22 @@ def test_a_count_beyond_the_memory_is_refused_with_what_fits(text, count):
 
 
 def test_the_bound_is_a_share_of_the_memory(monkeypatch):
-    monkeypatch.setattr(capacity, "memory", lambda: 2**33)
-    capacity.check_particles("count", 4 * 10**6)
+    monkeypatch.setattr(limits, "memory", lambda: 2**33)
+    limits.check_particles("count", 4 * 10**6)
     with pytest.raises(
         kd.InputError, match=r"count: 5,000,000 particles take about 4\.66 GiB, and this machine has 8 GiB"
     ):
-        capacity.check_particles("count", 5 * 10**6)
+        limits.check_particles("count", 5 * 10**6)
 
 
 def test_the_memory_is_at_most_what_the_process_may_have():
-    assert 0 < capacity.memory() <= capacity._of_machine()
+    assert 0 < limits.memory() <= limits._of_machine()
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    assert limit == resource.RLIM_INFINITY or capacity.memory() <= limit
+    assert limit == resource.RLIM_INFINITY or limits.memory() <= limit
 
 
 def test_close_approaches_among_too_many_bodies_are_refused(monkeypatch):
-    monkeypatch.setattr(capacity, "memory", lambda: 10**5)
+    monkeypatch.setattr(limits, "memory", lambda: 10**5)
     bodies = kd.System(np.arange(300.0).reshape(100, 3), forces=[kd.Gravity(G=1.0)])
     with pytest.raises(kd.InputError, match="close-approach: 4,950 pairs of bodies take"):
         bodies.watched([kd.CloseApproach(0.1)])

@@ -10,7 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces.seam import registration
+from kickdrift.forces.seam import named
 from kickdrift.model.events.events import Escape
 from kickdrift.systemfile.files import shipped
 from kickdrift.systemfile.reading import load
@@ -74,7 +74,7 @@ def test_a_force_of_ones_own_is_found_where_it_was_registered(tmp_path, monkeypa
     system = kd.System(np.eye(3), forces=[Trap(2.0)])
     with pytest.raises(InputError, match=r"force Trap belongs to module somebodys_forces, which is not loaded"):
         written(tmp_path / "b.h5md", system)  # importing a class does not register it
-    monkeypatch.setattr(registration, "REGISTERED", {})
+    monkeypatch.setattr(named, "REGISTERED", {})
     assert kd.register_force(Trap) is Trap
     same(system, written(tmp_path / "a.h5md", system))
     with pytest.raises(InputError, match="register_force: expected a dataclass with name, check and bind"):

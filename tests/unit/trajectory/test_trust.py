@@ -16,7 +16,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
-from kickdrift.forces.seam import registration
+from kickdrift.forces.seam import named
 from kickdrift.integrators.own.registration import load_file
 from kickdrift.trajectory.layout.names import run_hash, system_hash
 from kickdrift.trajectory.write.h5md import Writer
@@ -254,7 +254,7 @@ class Trap(kd.HarmonicTrap):
 
 
 def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(registration, "REGISTERED", {})
+    monkeypatch.setattr(named, "REGISTERED", {})
     (tmp_path / "loaded_law.py").write_text(LAW)
     load_file(tmp_path / "loaded_law.py")
     module = sys.modules["loaded_law"]
@@ -270,7 +270,7 @@ def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
                 assert run.system().forces == (force,)
             for table in ({}, {("loaded_law", "Mine"): kd.LennardJones} if name != "Mine" else {}):
                 with monkeypatch.context() as patch:  # a class of a loaded module is not found in that module
-                    patch.setattr(registration, "REGISTERED", table)
+                    patch.setattr(named, "REGISTERED", table)
                     with pytest.raises(
                         InputError, match=f"force {name} belongs to module loaded_law, which is not loaded"
                     ):

@@ -17,7 +17,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.integrators import integrator
-from kickdrift.integrators.exact.lattice import Lattice
+from kickdrift.integrators.exact.stepper import Lattice
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.odes import kepler
 from kickdrift_validation.claims.article import Claim, Reading, article, main

@@ -55,7 +55,7 @@ def set_up(hosts: str, processes: str) -> int:
     """Make a Simulation whose processes are on the machines of a hosts file, all of them this one."""
     import kickdrift as kd
     from kickdrift.engines import hosts as machines
-    from kickdrift.model.checks.capacity import PROCESS_BYTES, check_room
+    from kickdrift.model.checks.limits import PROCESS_BYTES, check_room
 
     machines._ends = lambda name: ("127.0.0.1", "127.0.0.1")  # asks no name server
 

@@ -24,14 +24,13 @@ from numba import types
 import kickdrift as kd
 from kickdrift.forces.bound.forces import most_threads
 from kickdrift.forces.lists.clusters import N_CLUSTERS
-from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import handle
+from kickdrift.jit.handle import callback, handle
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.atomic import nanoseconds, read, write
 from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
-from kickdrift.jit.threads.task import call_task
+from kickdrift.jit.threads.numba_threads import call_task
 from kickdrift.jit.threads.team import AWAKE, CODE, CROWDED, TASK_PLACE, Team, team_of
 from kickdrift_validation.performance.peaks import MEMORY, caches
 from kickdrift_validation.performance.peaks import read as sum_of

@@ -27,8 +27,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.lists.clusters import N_CLUSTERS
-from kickdrift.forces.lists.pairlist import prune
-from kickdrift.forces.lists.search import search
+from kickdrift.forces.lists.pairlist import prune, search
 from kickdrift.forces.lists.sort import sort
 from kickdrift.forces.lists.sums import collected_mean
 from kickdrift.forces.pairs.sorted_steps import GIVEN, Crossing, Sweep

@@ -13,7 +13,7 @@ from kickdrift.batch.members import common, members_of
 from kickdrift.batch.sampling import run_lanes
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity.batch import LOOK, measure_in_lanes
-from kickdrift.integrators.stepping.batch_stepping import Deviations, Members, from_lanes, to_lanes
+from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats

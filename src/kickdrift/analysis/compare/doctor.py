@@ -11,7 +11,7 @@ from typing import Any
 
 from kickdrift.analysis.compare.bench import processor
 from kickdrift.display.showing import Lines, Shown, Table
-from kickdrift.model.checks.capacity import cores
+from kickdrift.model.checks.limits import cores
 from kickdrift.text import counted
 
 ABSENT = "not installed"

@@ -15,7 +15,7 @@ from kickdrift.errors import RunError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.statistics.growth import Growth, energy_growth, position_growth
+from kickdrift.statistics.drift import Growth, energy_growth, position_growth
 
 COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of steps
 RUNGS = 16  # most runs in a ladder

@@ -14,7 +14,7 @@ from kickdrift.analysis.compare.comparison import Comparison
 from kickdrift.analysis.compare.ladder import Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.statistics.growth import SURE
+from kickdrift.statistics.drift import SURE
 
 FARTHEST = 1000.0  # times the pilot's length; errors that grow as a measured power are trusted no farther
 CYCLES = 5.0  # of the solution that a pilot must have seen, to say what later ones do

@@ -42,7 +42,7 @@ def pushes_of(system: System, columns: Columns | None) -> Pushes:
 def bound_others(forces: list[Any], pushes: Pushes, system: System, threads: int) -> BoundOthers:
     """Bind the slopes of these forces, and these pushes."""
     from kickdrift.forces.seam.kernel import BoundForce
-    from kickdrift.forces.slopes.bound_slopes import BoundSlopes
+    from kickdrift.forces.slopes.dual_slopes import BoundSlopes
 
     slopes = [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
     bound = [BoundForce(push.bind(system, threads)).ready() for _, push in pushes]

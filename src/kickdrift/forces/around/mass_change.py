@@ -6,9 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.around import column
 from kickdrift.forces.laws.body_law import body_law
-from kickdrift.forces.laws.central import check_open, check_positive, gravitational_constant
+from kickdrift.forces.laws.central import check_open, check_positive, column, gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 

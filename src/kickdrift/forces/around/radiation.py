@@ -9,11 +9,11 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.around.relativity import FORMS
-from kickdrift.forces.laws.around import around
 from kickdrift.forces.laws.body_law import body_law
 from kickdrift.forces.laws.central import (
     Attraction,
     Central,
+    around,
     central_body,
     check_central,
     check_positive,

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.around import around, column
 from kickdrift.forces.laws.body_law import body_law
 from kickdrift.forces.laws.central import (
     Attraction,
     Central,
+    around,
     check_central,
     check_positive,
+    column,
 )
 from kickdrift.forces.seam.arguments import Vector, check_not_negative, values_in
 from kickdrift.model.state import Floats

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.around import column
 from kickdrift.forces.laws.body_law import body_law
-from kickdrift.forces.laws.central import check_open, check_positive, gravitational_constant
+from kickdrift.forces.laws.central import check_open, check_positive, column, gravitational_constant
 from kickdrift.forces.seam.arguments import Vector, check_not_negative, values_in
 from kickdrift.model.state import Floats
 

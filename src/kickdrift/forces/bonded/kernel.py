@@ -18,7 +18,7 @@ from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.memory import named_numbers
 from kickdrift.model.box.cell import Cell, along, cell_of, leaning_image
-from kickdrift.model.molecules.internal import LONGEST
+from kickdrift.model.molecules.relatives import LONGEST
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

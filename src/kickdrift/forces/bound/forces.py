@@ -8,11 +8,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.bound.evaluate import SLOTS, derivative, measure
-from kickdrift.forces.bound.table import Forces, few_of, table_of
-from kickdrift.forces.external.host import Host, host_of
-from kickdrift.forces.external.kernel import ExternalKernel
-from kickdrift.forces.laws.check import not_compiled
+from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, measure, table_of
+from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
+from kickdrift.forces.laws.law import not_compiled
 from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
 from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.kernel import PairKernel

@@ -11,12 +11,12 @@ from ase import Atoms
 from ase.calculators.calculator import all_changes
 
 from kickdrift.errors import InputError
-from kickdrift.forces.external.host import Host
+from kickdrift.forces.external.kernel import Host
 from kickdrift.forces.external.turns import Question, asked
 from kickdrift.forces.seam.named import takes_batches
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import Subject
-from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.file_units import Scale
 from kickdrift.text import shown
 
 MOVED = ["positions"]

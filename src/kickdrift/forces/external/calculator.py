@@ -15,8 +15,7 @@ from kickdrift.forces.fields.shipped import Field
 from kickdrift.forces.seam.arguments import check_massive
 from kickdrift.forces.seam.named import found, is_calculator, named, path_of, takes_batches
 from kickdrift.model.checks.arguments import checked_arguments
-from kickdrift.model.units.ase_units import Scale
-from kickdrift.model.units.file_units import FileUnits
+from kickdrift.model.units.file_units import FileUnits, Scale
 from kickdrift.text import choices, shown
 
 if TYPE_CHECKING:

@@ -185,7 +185,7 @@ class PythonForce(Field):
 
     def bind(self, system: Subject, threads: int = 1) -> ExternalKernel:
         """See Field."""
-        from kickdrift.forces.external.host import Host
+        from kickdrift.forces.external.kernel import Host
 
         force, box = self, system.box
 

@@ -1,6 +1,6 @@
 """Slopes of gravity, and its second derivatives, with eight bodies in the lanes of a register.
 
-For few deviations this wastes less than eight deviations in the lanes, as `gravity_directions` has them.
+For few deviations this wastes less than eight deviations in the lanes, as `variations_kernel` has them.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import in_order, never_inline
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, splat
+from kickdrift.jit.lanes.gathering import add_strided, strided, transposed
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_store, store
-from kickdrift.jit.lanes.transposing import add_strided, strided, transposed
 from kickdrift.jit.lanes.vector3 import dot, load3, numbers3, store3, thrice
 from kickdrift.jit.lanes.vectors import WIDTH
 
@@ -174,7 +174,7 @@ def fill_first(force, room, b, column, directions, keep):
 @in_order
 def fill_second(force, room, b, one, two, column, directions):
     """found <- the accelerations of eight bodies along a deviation of order 2, see
-    `gravity_directions.second_slopes_of_pairs`."""
+    `variations_kernel.second_slopes_of_pairs`."""
     pairs, own, slots, count = room.pairs, room.own, room.slots, room.sources.size
     base, apart = 3 * column * slots, room.apart
     mine, total = load3(own, base + b, slots), thrice(splat(0.0))

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.laws.around import column, pull, room, vector
+from kickdrift.forces.laws.central import column, pull, room, vector
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.duals.dual import DUAL

@@ -21,8 +21,7 @@ from kickdrift.jit.lanes import law_operators as law_operators  # operators of t
 from kickdrift.jit.lanes.functions import lane_numbers, lane_sum, lanes_like, plus, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_store
-from kickdrift.jit.lanes.vector3 import load3, store3, vector3
-from kickdrift.jit.lanes.vector3_operators import Vector3, joined
+from kickdrift.jit.lanes.vector3 import Vector3, joined, load3, store3, vector3
 from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cgutils, cpu_target
 

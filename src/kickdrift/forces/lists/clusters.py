@@ -41,7 +41,7 @@ class ClusterList(NamedTuple):
     inner_skin: float
     outer_skin: float
     cell: Cell
-    live: NDArray[np.float64]  # (3,) edge lengths now, which a barostat changes; see `box_change`
+    live: NDArray[np.float64]  # (3,) edge lengths now, which a barostat changes; see `load`
     made_in: NDArray[np.float64]  # (2, 3) edge lengths at the last search and the last pruning
     bricks: Bricks
     shifts: NDArray[np.float64]  # (3, 32), using the 27 shifts of the bricks

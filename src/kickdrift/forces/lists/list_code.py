@@ -15,9 +15,8 @@ from numba.extending import intrinsic
 from kickdrift.forces.lists import pairlist
 from kickdrift.forces.lists.clusters import ClusterList
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import Handle, address, handle_at
+from kickdrift.jit.handle import Handle, address, callback, handle_at
 from kickdrift.jit.threads.chunks import Chunks
 
 REFRESH, PRUNE, OUTLAST = range(3)  # tasks of the code

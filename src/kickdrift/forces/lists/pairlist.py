@@ -1,29 +1,158 @@
 """The cluster pair list: pairs of particles that may be within the cutoff, arranged for SIMD.
 
-The list has two levels. The outer list has the clusters near each cluster (`search`). The inner list has rows
-of particles (`particle_rows`) or of tiles (`tile_rows`), and is made again from the outer list between two searches.
+The list has two levels. The outer list has the clusters near each cluster (see `search`). The inner list has rows
+of particles or of tiles (both in `particle_rows`), and is made again from the outer list between two searches.
 """
 
 from __future__ import annotations
 
+from math import ceil, floor
 from typing import Any
 
-from kickdrift.forces.lists.box_change import PRUNED, SEARCHED, adopt, keep_lengths, least_factor
-from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, PRUNES, ROOM_NEEDED, chunk_clusters, copy
-from kickdrift.forces.lists.load import Loading, keep_positions, move_since
+from kickdrift.forces.lists.clusters import (
+    BUILT,
+    JUMPS_ALLOWED,
+    NX,
+    NY,
+    OUTER_BUILDS,
+    PRUNES,
+    ROOM_NEEDED,
+    SHIFT_BITS,
+    chunk_clusters,
+    copy,
+)
+from kickdrift.forces.lists.load import (
+    PRUNED,
+    SEARCHED,
+    Loading,
+    adopt,
+    keep_lengths,
+    keep_positions,
+    least_factor,
+    move_since,
+)
 from kickdrift.forces.lists.pair_rows import copy_to_single
-from kickdrift.forces.lists.particle_rows import particle_rows
+from kickdrift.forces.lists.particle_rows import particle_rows, write_tiles
 from kickdrift.forces.lists.row_lanes import Tiles
-from kickdrift.forces.lists.search import search
 from kickdrift.forces.lists.sort import sort
 from kickdrift.forces.lists.special_pairs import place_special
-from kickdrift.forces.lists.tile_rows import write_tiles
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK
 from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.memory import flat
 from kickdrift.jit.threads.chunks import chunk_task, each_chunk
+
+
+@jit
+def search(pairs, chunks):
+    """Make the outer list from the sorted clusters."""
+    each_chunk(pairs, chunks, "search_chunk")
+    needed = 0
+    for made in pairs.made:
+        needed = max(needed, made)
+    pairs.counts[ROOM_NEEDED] = needed
+    pairs.counts[OUTER_BUILDS] += 1
+    keep_lengths(pairs, SEARCHED)
+
+
+@chunk_task
+def search_chunk(pairs, c):
+    """Make chunk c's share of the outer list, and count its entries even if they do not fit."""
+    never_inline()
+    reach2 = (pairs.cutoff + pairs.outer_skin) ** 2
+    span, near, touched = pairs.near_span, pairs.near[c], pairs.touched[c]
+    for cluster in range(touched.size):
+        touched[cluster] = False
+    begin, end = chunk_clusters(pairs, c)
+    made = 0
+    for cluster in range(begin, end):
+        touched[cluster] = True
+        span[cluster, 0] = min(made, near.size)
+        made = clusters_near(pairs, cluster, reach2, near, made)
+        span[cluster, 1] = min(made, near.size)
+        for k in range(span[cluster, 0], span[cluster, 1]):
+            touched[near[k] >> SHIFT_BITS] = True
+    pairs.made[c] = made
+    keep_positions(pairs, c, pairs.outer_reference)
+
+
+@jit
+def clusters_near(pairs, cluster, reach2, near, found):
+    """Append to ``near`` the later clusters whose bounding box is within reach of this cluster's box.
+
+    Entries begin at ``found``; entries that do not fit are only counted. Return the index of the next entry."""
+    for row in range(pairs.bricks.whole.shape[0]):
+        found = clusters_near_in(pairs, row, cluster, reach2, near, found)
+    return found
+
+
+@jit
+def clusters_near_in(pairs, row, cluster, reach2, near, found):
+    """Append the near clusters of one row of bricks, which share a lean; see `clusters_near`."""
+    nx, ny = pairs.counts[NX], pairs.counts[NY]
+    home, bounds, shifts, column_clusters = pairs.home[cluster], pairs.bounds, pairs.shifts, pairs.column_clusters
+    cx, cy = home // ny, home % ny
+    width_x, width_y, low_x, low_y = pairs.grid
+    first_y, last_y, first_z, last_z = pairs.bricks.whole[row]
+    lean_x, lean_y = pairs.bricks.leans[row]
+    low_x, low_y = low_x + lean_x, low_y + lean_y
+    reach = reach2**0.5
+    span_x, span_y = int(reach / width_x) + 1, int(reach / width_y) + 1
+    x_from, x_to = cx - span_x - ceil(lean_x / width_x), cx + span_x - floor(lean_x / width_x)
+    y_from, y_to = cy - span_y - ceil(lean_y / width_y), cy + span_y - floor(lean_y / width_y)
+    x_to = min(x_to, 2 * nx - 1 if pairs.cell.matrix[0, 0] > 0.0 else nx - 1)
+    y_from, y_to = max(y_from, first_y * ny), min(y_to, last_y * ny + ny - 1)
+    for ux in range(max(x_from, cx), x_to + 1):
+        shift_x = int(ux >= nx)
+        gap_x = max(0.0, low_x + ux * width_x - bounds[3, cluster], bounds[0, cluster] - low_x - (ux + 1) * width_x)
+        for uy in range(y_from, y_to + 1):
+            if ux == cx and uy < cy:
+                continue
+            below, above = low_y + uy * width_y - bounds[4, cluster], bounds[1, cluster] - low_y - (uy + 1) * width_y
+            gap_y = max(0.0, below, above)
+            height2 = 1.000001 * reach2 - gap_x * gap_x - gap_y * gap_y  # a margin for the rounding of column edges
+            if height2 < 0.0:
+                continue
+            lowest, highest = bounds[2, cluster] - height2**0.5, bounds[5, cluster] + height2**0.5
+            shift_y = int(uy >= ny) - int(uy < 0)
+            other_home = (ux - shift_x * nx) * ny + uy - shift_y * ny
+            same_column = ux == cx and uy == cy
+            first, last = column_clusters[other_home], column_clusters[other_home + 1]
+            if first == last:
+                continue
+            for shift_z in range(max(first_z, 0) if same_column else first_z, last_z + 1):
+                s = 9 * (shift_x + 1) + 3 * (shift_y + 1) + shift_z + 1
+                if lowest > bounds[5, last - 1] + shifts[2, s] or highest < bounds[2, first] + shifts[2, s]:
+                    continue
+                begin = cluster + 1 if same_column and shift_z == 0 else first
+                for other in range(first_above(pairs, begin, last, lowest - shifts[2, s]), last):
+                    if bounds[2, other] + shifts[2, s] > highest:
+                        break
+                    gap2 = 0.0
+                    for k in range(3):
+                        before = bounds[k, cluster] - bounds[k + 3, other] - shifts[k, s]
+                        after = bounds[k, other] + shifts[k, s] - bounds[k + 3, cluster]
+                        gap = max(0.0, before, after)
+                        gap2 += gap * gap
+                    if gap2 < reach2:
+                        if found < near.size:
+                            near[found] = (other << SHIFT_BITS) | s
+                        found += 1
+    return found
+
+
+@jit
+def first_above(pairs, begin, end, height):
+    """Return the first cluster of a column, from ``begin`` to ``end``, that reaches ``height``; by bisection."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if pairs.bounds[5, middle] < height:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
+
 
 OUTWORN = -1  # status of lists that must be made anew
 

@@ -29,7 +29,7 @@ class Halves(NamedTuple):
 
 
 class Tiles(NamedTuple):
-    """An entry of a row is half a cluster, and so is the row; see `tile_rows`."""
+    """An entry of a row is half a cluster, and so is the row; see `particle_rows`."""
 
 
 Block = Whole | Halves | Tiles

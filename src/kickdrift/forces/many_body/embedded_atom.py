@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.many_body.setfl import Potential, read_setfl
+from kickdrift.forces.many_body.entries import Potential, read_setfl
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.text import shown
 

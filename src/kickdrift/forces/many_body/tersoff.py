@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.many_body.tabled import TabledForce
+from kickdrift.forces.many_body.base import TabledForce
 from kickdrift.model.checks.arguments import checked_arguments
 
 PAIR_KEYS = ("A", "lambda1", "B", "lambda2", "beta", "n", "R", "D")

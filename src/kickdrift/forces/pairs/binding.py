@@ -1,4 +1,4 @@
-"""Binding of pair forces to particles: laws as numbers, and compiled truncations."""
+"""Binding of pair forces to particles: laws as numbers, compiled truncations, and a law evaluated at many distances."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kickdrift.forces.lists.box_change import volume_of
 from kickdrift.forces.lists.clusters import (
     cluster_list,
 )
+from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
 from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
-from kickdrift.forces.pairs.truncation import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.forces.pairs.upkeep import Tables
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the lanes that a law takes

@@ -1,4 +1,7 @@
-"""Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four."""
+"""Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four.
+
+A barostat whose edges change apart takes the virial along each axis. Without an array for it this is compiled out.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +11,69 @@ import numpy as np
 from numba import types
 
 from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
-from kickdrift.forces.lists.pair_rows import displacements
+from kickdrift.forces.lists.pair_rows import displacements, in_float64
 from kickdrift.forces.lists.special_pairs import is_inside
-from kickdrift.forces.pairs.along_axes import add_along
 from kickdrift.forces.pairs.lanes import pair_terms, parameters_of, truncated_terms
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes.functions import multiply_add, rotated, splat
+from kickdrift.jit.lanes.functions import lane_sum, multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.single import off_diagonal
 from kickdrift.jit.lanes.vectors import WIDTH, single_type
+
+
+def zeros_along(along: Any, sums: Any) -> Any:
+    """Sums to begin with: three times eight zeros, or None if nobody asks."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(zeros_along)
+def _zeros_along(along, sums):
+    if isinstance(along, types.NoneType) or isinstance(sums, types.NoneType):
+        return lambda along, sums: None
+    return lambda along, sums: (splat(0.0), splat(0.0), splat(0.0))
+
+
+def add_along(total: Any, factor: Any, g: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    """Sums with those of more pairs, of displacement (dx, dy, dz) and force over r ``g``, times ``factor``."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(add_along)
+def _add_along(total, factor, g, dx, dy, dz):
+    if isinstance(total, types.NoneType):
+        return lambda total, factor, g, dx, dy, dz: None
+
+    def each(total, factor, g, dx, dy, dz):
+        x, y, z = total
+        g = factor * g
+        return x + in_float64(g * dx * dx), y + in_float64(g * dy * dy), z + in_float64(g * dz * dz)
+
+    return each
+
+
+def store_along(total: Any, along: Any, c: int) -> None:
+    """Write the sums of chunk c."""
+
+
+@overload(store_along)
+def _store_along(total, along, c):
+    if isinstance(total, types.NoneType):
+        return lambda total, along, c: None
+
+    def each(total, along, c):
+        x, y, z = total
+        along[c, 0], along[c, 1], along[c, 2] = lane_sum(x), lane_sum(y), lane_sum(z)
+
+    return each
+
 
 UNSHIFTED = SHIFTS // 2
 
 
 def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, along: Any) -> Any:
     """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
-    ``along`` each axis with that of these pairs (see `along_axes`).
+    ``along`` each axis with that of these pairs (see `add_along`).
 
     Rows of tiles have these forces already; the sums are in float64."""
     raise NotImplementedError("for compiled code")
@@ -76,7 +125,7 @@ def _row_start(zero, laws, pairs, table, cluster, row, cutoff2):
 @as_written
 def intra_cluster(laws, x, cluster, cutoff2, along):
     """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
-    ``along`` each axis with that of these pairs (see `along_axes`).
+    ``along`` each axis with that of these pairs (see `add_along`).
 
     Each lane meets the lanes one to four places on. Lanes four places apart meet twice."""
     at = WIDTH * cluster

@@ -1,4 +1,4 @@
-"""Compiled sum over the cluster pair list: any pair law, any truncation, one species or many."""
+"""Compiled forces of a pair law, with any truncation and one species or many: the upkeep of the list, and the sum."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.box_change import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.lists.clusters import (
     BUILT,
     ClusterList,
     copy,
 )
 from kickdrift.forces.lists.list_code import list_code, prune, refresh
+from kickdrift.forces.lists.load import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
+from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.pairs.sorted_steps import take_steps
-from kickdrift.forces.pairs.truncation import AtCutoff
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
 from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
 from kickdrift.jit.compile import driver, jit

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.check import check_law, check_slope
-from kickdrift.forces.laws.law import Form, force_of_law
+from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
 from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.model.checks.values import number

@@ -26,8 +26,14 @@ from kickdrift.forces.lists.clusters import (
     table_place,
     unsigned,
 )
-from kickdrift.forces.lists.pair_rows import displacements, fill_table, slot_of, working_arrays
-from kickdrift.forces.lists.row_ends import rows_in_one_loop, store_row_force
+from kickdrift.forces.lists.pair_rows import (
+    displacements,
+    fill_table,
+    rows_in_one_loop,
+    slot_of,
+    store_row_force,
+    working_arrays,
+)
 from kickdrift.forces.lists.row_lanes import blocks, nothing
 from kickdrift.forces.lists.special_pairs import UNSHIFTED, is_inside
 from kickdrift.forces.lists.sums import add_accelerations
@@ -42,16 +48,16 @@ from kickdrift.forces.pairs.beside_pairs import (
 )
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lanes import pair_slopes
-from kickdrift.forces.pairs.special_slopes import (
+from kickdrift.forces.pairs.sum import sum_pairs
+from kickdrift.forces.pairs.upkeep import refresh_force
+from kickdrift.forces.pairs.variation import (
+    Deviation,
     add_special_slopes,
     broadcast_vector,
     load_vector_like,
     react,
     store_vector_like,
 )
-from kickdrift.forces.pairs.sum import sum_pairs
-from kickdrift.forces.pairs.upkeep import refresh_force
-from kickdrift.forces.pairs.variation import Deviation
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.inner import overload

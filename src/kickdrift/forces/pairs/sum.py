@@ -1,4 +1,4 @@
-"""The compiled sum of a pair law over the rows of a cluster list, in float64 or mixed precision.
+"""The compiled sum of a pair law over the rows of a cluster list and its special pairs, in float64 or mixed precision.
 
 A step of the loop takes one particle against a cluster of eight or half a cluster, or four particles against half a
 cluster (see `row_lanes`). In mixed precision the lanes are float32. A particle's force is then summed in float32 over a
@@ -9,27 +9,35 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 
 from __future__ import annotations
 
-from kickdrift.forces.lists.clusters import N_CLUSTERS, chunk_clusters, load_vector, store_vector
-from kickdrift.forces.lists.fetching import fetch_streams, streams
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFT_BITS, STRIDE, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.lists.pair_rows import (
     add_reactions,
     clear,
     displacements,
+    fetch_streams,
     fill_table,
     in_float64,
+    of_row,
     particle_of,
+    row_forces,
+    row_of,
+    rows_in_one_loop,
     slot_of,
+    store_row_force,
+    streams,
     subtract_reactions,
     working_arrays,
 )
-from kickdrift.forces.lists.row_ends import of_row, row_forces, row_of, rows_in_one_loop, store_row_force
 from kickdrift.forces.lists.row_lanes import nothing
 from kickdrift.forces.lists.special_pairs import is_inside
 from kickdrift.forces.lists.sums import hand_over
-from kickdrift.forces.pairs.along_axes import add_along, store_along, zeros_along
-from kickdrift.forces.pairs.intra_cluster import own_pairs, row_start
+from kickdrift.forces.pairs.intra_cluster import add_along, own_pairs, row_start, store_along, zeros_along
 from kickdrift.forces.pairs.lanes import pair_terms
-from kickdrift.forces.pairs.special_sum import add_special
 from kickdrift.forces.pairs.variation import (
     add_row_slopes,
     deviation_at,
@@ -40,11 +48,66 @@ from kickdrift.forces.pairs.variation import (
     vary_cluster,
 )
 from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.masks import select
-from kickdrift.jit.lanes.memory import entry
+from kickdrift.jit.lanes.memory import broadcast, entry, load, sums_of_rows
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
+
+
+def add_special(special: Any, laws: Any, pairs: Any, forces: Any, c: int, cutoff2: float, totals: Any) -> Any:
+    """Add the forces of chunk c's entries to ``forces``; return energy, virial and number of pairs, ``totals``, with
+    theirs."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(add_special)
+def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
+    if isinstance(special, types.NoneType):
+        return lambda special, laws, pairs, forces, c, cutoff2, totals: totals
+
+    def add(special, laws, pairs, forces, c, cutoff2, totals):
+        energies, virials, counts = totals
+        x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
+        lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
+        for e in range(special.number[c]):
+            cluster, met, within = special.entries[c, e]
+            other, s = met >> SHIFT_BITS, met & 31
+            xj, yj, zj = load_vector(x, other)
+            xj, yj, zj = xj + shifts[0, s], yj + shifts[1, s], zj + shifts[2, s]
+            hx, hy, hz = zero, zero, zero
+            for row in range(WIDTH):
+                fx, fy, fz = zero, zero, zero
+                if (within >> (WIDTH * row)) & 255:
+                    p, word = STRIDE * cluster + row, special.codes[c, e, row]
+                    for lane in range(WIDTH):
+                        lanes[lane] = special.factors[(word >> (WIDTH * lane)) & 255]
+                    factor = load(lanes, 0)
+                    dx, dy, dz = (
+                        broadcast(x, p, zero) - xj,
+                        broadcast(x, p + WIDTH, zero) - yj,
+                        broadcast(x, p + 2 * WIDTH, zero) - zj,
+                    )
+                    r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
+                    energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, WIDTH * other, r2)
+                    inside = r2 < cutoff2
+                    g = select(inside, factor * force_over_r, 0.0)
+                    fx, fy, fz = g * dx, g * dy, g * dz
+                    hx, hy, hz = hx + fx, hy + fy, hz + fz
+                    energies = energies + select(inside, factor * energy, 0.0)
+                    virials = virials + g * select(inside, r2, 0.0)
+                    counts = counts + select(inside, zero + 1.0, 0.0)
+                store_vector(row_sums, row, fx, fy, fz)
+            ax, ay, az = load_vector(forces, cluster)
+            ax = ax + sums_of_rows(row_sums, 0, STRIDE)
+            ay = ay + sums_of_rows(row_sums, WIDTH, STRIDE)
+            store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+            ax, ay, az = load_vector(forces, other)
+            store_vector(forces, other, ax - hx, ay - hy, az - hz)
+        return energies, virials, counts
+
+    return add
 
 
 @chunk_task

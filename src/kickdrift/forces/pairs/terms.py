@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.pairs.binding import law_class, truncation_of
-from kickdrift.forces.pairs.lanes import pair_terms
+from kickdrift.forces.pairs.lanes import AtCutoff, pair_terms
 from kickdrift.forces.pairs.law import PairForce
-from kickdrift.forces.pairs.truncation import AtCutoff
 from kickdrift.jit.compile import driver
 from kickdrift.jit.lanes.functions import lanes_like
 from kickdrift.jit.lanes.memory import load, store

@@ -14,9 +14,8 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from kickdrift.jit.bound import Bound
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.handle import Bound, Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import TypingError
 

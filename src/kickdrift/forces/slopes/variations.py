@@ -75,12 +75,12 @@ class Varied:
 
     def bind(self, system: System, threads: int = 1) -> Any:
         """Return the parts: a NamedTuple with a compiled body."""
-        from kickdrift.forces.slopes import gravity_directions, variations_kernel
+        from kickdrift.forces.slopes.variations_kernel import bind_directions, bind_variations
 
         alone = self._along == 1 and self._masses is None and len(self.system) > SERIAL
         if isinstance(self.force, Gravity) and not alone:
-            return gravity_directions.bind(self.force, self.system, threads, self._masses, self._along, self._first)
-        parts: Any = variations_kernel.bind(self.force, self.system, threads, isinstance(self.force, Gravity))
+            return bind_directions(self.force, self.system, threads, self._masses, self._along, self._first)
+        parts: Any = bind_variations(self.force, self.system, threads, isinstance(self.force, Gravity))
         self._found = getattr(parts, "found", None)
         return parts
 
@@ -145,7 +145,7 @@ def varied(
     """Return the System with deviations (2, 3, n k) of positions and velocities as additional particles: k of particle
     0, then k of particle 1, and so on. ``masses`` (n, k) are the slopes of the masses along them, for gravity;
     ``pushes`` add what other numbers do. The first ``first`` of the k are of order 1, default all; the others are
-    of order 2, as `gravity_directions.GravityAlong` orders them."""
+    of order 2, as `variations_kernel.GravityAlong` orders them."""
     from kickdrift.model.starts.builders import check_overlaps
     from kickdrift.model.system import System
 

@@ -13,8 +13,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
-from kickdrift.forces.pairs.truncation import AtCutoff
+from kickdrift.forces.bound.table import EVALUATIONS
+from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.exact.list import (
     AXIS,

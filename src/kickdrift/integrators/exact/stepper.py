@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.bound.evaluate import SLOTS
+from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.pairs.binding import law_class, truncation_of
-from kickdrift.forces.pairs.truncation import AtCutoff
+from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.seam.kernel import GROW
-from kickdrift.integrators.exact.lattice import Lattice
 from kickdrift.integrators.exact.list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact.loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
 from kickdrift.integrators.options.options import Options
@@ -31,6 +31,44 @@ SKIN = 0.16  # fraction of the cutoff; with 1000 particles the speed varies by 5
 BITS = 63  # of an int64, beside its sign
 ROOM_IN_SPACE = 6  # bits beyond the start's extent: particles may move at least 32 times as far
 ROOM_IN_SPEED = 8  # bits beyond the largest momentum estimated from the start
+
+
+Integers = NDArray[np.int64]
+
+
+class Lattice(NamedTuple):
+    """Positions and momenta as whole numbers. ``np.savez(path, **lattice._asdict())`` saves them, and
+    ``Lattice(**np.load(path))`` loads them.
+
+    Attributes
+    ----------
+    positions : (3, n) int64
+        In steps of ``spacing``; in a periodic box the nearest image, so that the box is 2^64 steps long.
+    images : (3, n) int64
+        Whole box edges to add; zero in open space.
+    momenta : (3, n) int64
+        In steps of ``momentum``: of mass times velocity under pair forces alone, of velocity with gravity.
+    spacing : (3,) lengths
+    momentum : (n,) one step: equal for all, in the system's coherent mass unit times its velocity unit; or a step of
+        velocity, finer for heavy particles
+    time, steps_done
+    """
+
+    positions: Integers
+    images: Integers
+    momenta: Integers
+    spacing: NDArray[np.float64]
+    momentum: NDArray[np.float64]
+    time: float = 0.0
+    steps_done: int = 0
+
+    def reversed(self) -> Lattice:
+        """The same with all momenta negated: from here a run retraces its path."""
+        return self._replace(momenta=-self.momenta)
+
+    def same(self, other: Lattice) -> bool:
+        """Tell whether positions, images and momenta are equal to the last bit."""
+        return all(np.array_equal(getattr(self, key), getattr(other, key)) for key in self._fields[:5])
 
 
 class ExactStepper(Regular):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.bound.evaluate import fill_last
+from kickdrift.forces.bound.table import fill_last
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK, RAISED
 from kickdrift.integrators.gauss_radau.series import (
     AHEAD,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.gravity.slope import Sources, acceleration_and_slope
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.stepping.loops import STEP

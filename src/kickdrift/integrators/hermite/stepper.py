@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.bound.table import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity.slope import sources_of
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.hermite.loop import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.forces.bound.evaluate import fill_accelerations
+from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STAGE, STEP
 from kickdrift.jit.compile import driver, jit

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from kickdrift.forces.bound.evaluate import fill_derivative
+from kickdrift.forces.bound.table import fill_derivative
 from kickdrift.forces.seam.kernel import GROW, OK, RAISED
 from kickdrift.integrators.options.options import Options
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, LAST, NEXT, TIME, ChosenSteps

@@ -20,7 +20,7 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options.options import Options
-    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
 
 
@@ -163,8 +163,7 @@ class Tableau(Method):
         return not self.adaptive
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
-        from kickdrift.integrators.stepping.batch_loops import batch_runge_kutta_loop
-        from kickdrift.integrators.stepping.batch_stepping import FixedLanes
+        from kickdrift.integrators.stepping.batch_loops import FixedLanes, batch_runge_kutta_loop
 
         return FixedLanes(members, batch_runge_kutta_loop, self.stages, (len(self.b) + 1, *members.y.shape[1:]))
 

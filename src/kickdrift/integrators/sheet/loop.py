@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import fill_accelerations
+from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STAGE, STEP
 from kickdrift.jit.compile import driver, strict

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options.option import COMPENSATED, OF_PRESSURE, Option
-from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK
-from kickdrift.integrators.splitting.words import group_of, letters_of, rows_of
+from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, group_of, letters_of, rows_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options.options import Options
-    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
 
 
@@ -30,7 +29,7 @@ class Splitting(Method):
     """A word over flows, which act one after another, each for its part of the step.
 
     word : letters of the flows in the order of their action: A drifts (x += w dt v), B kicks (v += w dt a), and other
-        letters are in ``subflows.FLOWS``. B0, B1, … kick by the forces of one group. See ``words.letters_of``
+        letters are in ``subflows.FLOWS``. B0, B1, … kick by the forces of one group. See ``subflows.letters_of``
     weights : parts of dt, one for each letter; the weights of one letter add up to one
     order : the power of dt in the global error
     source : author, year, journal, DOI; kickdrift_validation.polish_splittings adds digits to rows that were published
@@ -193,8 +192,7 @@ class Splitting(Method):
         return not (self.further or self.groups)
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
-        from kickdrift.integrators.stepping.batch_loops import batch_splitting_loop
-        from kickdrift.integrators.stepping.batch_stepping import FixedLanes
+        from kickdrift.integrators.stepping.batch_loops import FixedLanes, batch_splitting_loop
 
         return FixedLanes(members, batch_splitting_loop, self.stages, members.y.shape[2:])
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.integrators.options.option import SUBSTEPS, Option
 from kickdrift.integrators.splitting.method import Splitting, even_weights
-from kickdrift.integrators.splitting.words import nested
+from kickdrift.integrators.splitting.subflows import nested
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow

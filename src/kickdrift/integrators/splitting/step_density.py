@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS, SLOTS, fill_accelerations
+from kickdrift.forces.bound.table import EVALUATIONS, SLOTS, fill_accelerations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options.options import Options
 from kickdrift.integrators.stepping.loops import STAGE, STEP, add_scaled

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.flows.particle_states import clocked
+from kickdrift.integrators.flows.particle_flow import clocked
 from kickdrift.integrators.stepping.stepper import Counts
 from kickdrift.model.memory import Memory
 from kickdrift.model.partial import Partial

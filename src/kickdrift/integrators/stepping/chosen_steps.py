@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS, SLOTS
+from kickdrift.forces.bound.table import EVALUATIONS, SLOTS
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.stepping.looked_loop import REFUSED as LOOK_REFUSED
-from kickdrift.integrators.stepping.looked_loop import TAKEN, looked_intervals, recorded_loop
 from kickdrift.integrators.stepping.loops import REJECTED, STEP
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts
-from kickdrift.integrators.stepping.stepping import CompiledSteps, Resumable, with_lists
-from kickdrift.jit.by_address import address_of
+from kickdrift.integrators.stepping.stepping import REFUSED as LOOK_REFUSED
+from kickdrift.integrators.stepping.stepping import (
+    TAKEN,
+    CompiledSteps,
+    Resumable,
+    looked_intervals,
+    recorded_loop,
+    with_lists,
+)
+from kickdrift.jit.handle import address_of
 from kickdrift.looks.looking import Looking
 from kickdrift.model.state import Floats
 

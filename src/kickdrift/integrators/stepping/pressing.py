@@ -14,10 +14,9 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import fill_accelerations
+from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.stepping.cursor import FRESH
-from kickdrift.integrators.stepping.subflow_code import call_subflow
+from kickdrift.integrators.stepping.subflow_code import FRESH, call_subflow
 from kickdrift.jit.compile import jit
 from kickdrift.jit.inner import overload
 from kickdrift.model.state import Floats

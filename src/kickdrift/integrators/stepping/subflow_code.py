@@ -9,9 +9,8 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from kickdrift.jit.bound import Bound
 from kickdrift.jit.compile import jit
-from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.handle import Bound, Handle, handle_at
 
 _NUMBERS = types.CPointer(types.float64)
 BODIES: dict[type, Any] = {}  # compiled bodies by the NamedTuple class of the parts
@@ -64,3 +63,8 @@ def call_subflow(typingctx, address, work, t, span, step, stage, x, v):
         return builder.call(where, [args[1], n, *args[2:6], at.data, velocities.data])
 
     return types.int64(address, work, types.float64, types.float64, types.int64, types.int64, x, v), codegen
+
+
+# Steps done in this call, next stage, whether `work` holds the derivative at y (with groups of forces a bit for each
+# group), rejected steps.
+STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4

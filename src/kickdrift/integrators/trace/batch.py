@@ -7,11 +7,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import SLOTS
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.batch import LOOK, LaneBodies
 from kickdrift.integrators.options.options import Options
-from kickdrift.integrators.stepping.batch_stepping import Deviations, Members, from_lanes, to_lanes
+from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.trace.batch_alone import Alone
 from kickdrift.integrators.trace.batch_events import Limits
 from kickdrift.integrators.trace.batch_loop import (
@@ -33,7 +33,7 @@ from kickdrift.integrators.wisdom_holman.batch_loop import WAY, WORK, LaneOrbits
 from kickdrift.integrators.wisdom_holman.bodies import HILL, ROWS, SOURCE, Bodies
 from kickdrift.integrators.wisdom_holman.bodies import WORK as WORK_ALONE
 from kickdrift.integrators.wisdom_holman.method import LEAPFROG
-from kickdrift.jit.by_address import address_of
+from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats

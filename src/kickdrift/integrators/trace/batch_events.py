@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.integrators.wisdom_holman.bodies import OTHERS, SOURCE
-from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import in_order, jit
+from kickdrift.jit.handle import status_at
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import mask_bits, select
 from kickdrift.jit.lanes.memory import load

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.gravity.batch import look_in_lanes
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
@@ -22,9 +22,8 @@ from kickdrift.integrators.trace.state import NONE, Hybrid
 from kickdrift.integrators.trace.switch import comes_near, passage
 from kickdrift.integrators.wisdom_holman.batch_loop import MUTUAL, LaneOrbits, add3, drift, leave, mutual_accelerations
 from kickdrift.integrators.wisdom_holman.bodies import GM, OTHERS, Bodies
-from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, in_order, jit
-from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.handle import handle, status_at, unowned
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import lowest_bit, mask_bits, select
 from kickdrift.jit.lanes.memory import load, store

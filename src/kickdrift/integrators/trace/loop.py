@@ -7,7 +7,7 @@ doi:10.1093/mnras/stae1982).
 
 from __future__ import annotations
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.trace.groups import (

@@ -16,7 +16,7 @@ from kickdrift.integrators.wisdom_holman.method import one_gravity
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options.options import Options
-    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System
 

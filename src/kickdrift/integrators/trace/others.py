@@ -9,8 +9,7 @@ own inverse with the time turned round, as all parts of the map are.
 
 from __future__ import annotations
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS, fill_by
-from kickdrift.forces.bound.table import accelerate_by
+from kickdrift.forces.bound.table import EVALUATIONS, accelerate_by, fill_by
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.trace.state import HEAVY, NUMBER, PAIRS, PASSAGES
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, OTHERS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import SLOTS
+from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.integrators.options.options import Options
 from kickdrift.integrators.stepping.loops import STEP
@@ -20,7 +20,7 @@ from kickdrift.integrators.trace.state import PAIRS, PASSAGES, PATH_COLUMNS, POI
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, SOURCE
 from kickdrift.integrators.wisdom_holman.method import LEAPFROG
 from kickdrift.integrators.wisdom_holman.stepper import WisdomHolmanStepper
-from kickdrift.jit.by_address import address_of
+from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.model.state import Floats
 

@@ -44,12 +44,11 @@ from kickdrift.integrators.wisdom_holman.tangent_columns import (
     leave_number,
 )
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
-from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import as_dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
-from kickdrift.jit.handle import handle
+from kickdrift.jit.handle import handle, status_at
 from kickdrift.jit.lanes.memory import flat
 from kickdrift.jit.lanes.vectors import WIDTH
 

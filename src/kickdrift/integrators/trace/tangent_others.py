@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.forces.slopes.bound_slopes import call_slopes
-from kickdrift.forces.slopes.dual_slopes import NO_DUALS
+from kickdrift.forces.slopes.dual_slopes import NO_DUALS, call_slopes
 from kickdrift.integrators.trace.others import ROUNDED, STALLED, TURNS
 from kickdrift.integrators.trace.tangent_rows import (
     BEFORE_V,

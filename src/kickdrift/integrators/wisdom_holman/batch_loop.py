@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.gravity.batch import LaneBodies, look_in_lanes
 from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
 from kickdrift.integrators.stepping.loops import FRESH

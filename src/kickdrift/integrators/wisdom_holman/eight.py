@@ -12,7 +12,7 @@ from typing import Any
 
 from numba import types
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman.bodies import GM, HILL, INSIDE, LIVE, OTHERS, SHARE, SOURCE
 from kickdrift.integrators.wisdom_holman.kepler import LOST2, LOST3, SERIES, SETTLED, distances, stumpff

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS
+from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options.option import LAZY, MODIFIED_KICK
 from kickdrift.integrators.wisdom_holman.bodies import (

@@ -27,7 +27,7 @@ from kickdrift.integrators.splitting.method import Splitting, in_turn, palindrom
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options.options import Options
-    from kickdrift.integrators.stepping.batch_stepping import LaneStepper, Members
+    from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System
 

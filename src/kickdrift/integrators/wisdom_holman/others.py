@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kickdrift.forces.bound.evaluate import EVALUATIONS, fill_accelerations
+from kickdrift.forces.bound.table import EVALUATIONS, fill_accelerations
 from kickdrift.integrators.wisdom_holman.bodies import (
     PLACE,
     SHARE,

@@ -7,8 +7,8 @@ import numpy as np
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.wisdom_holman.bodies import Bodies
-from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, inlined, strict
+from kickdrift.jit.handle import status_at
 from kickdrift.jit.lanes.memory import flat
 from kickdrift.model.state import Floats
 

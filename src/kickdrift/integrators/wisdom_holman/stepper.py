@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from kickdrift.forces.bound.evaluate import SLOTS
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators.options.option import JACOBI, KERNEL, STANDARD
@@ -35,7 +35,7 @@ from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kerne
 from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
 from kickdrift.integrators.wisdom_holman.loop import wisdom_holman_loop
 from kickdrift.integrators.wisdom_holman.places import leave, listed_masses, shown_steps
-from kickdrift.jit.by_address import address_of
+from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.memory import Memory

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.forces.slopes.bound_slopes import call_slopes
+from kickdrift.forces.slopes.dual_slopes import call_slopes
 from kickdrift.integrators.wisdom_holman.tangent_pushes import add_pushes, to_first_order
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals.dual import Dual, as_dual, dual, dual_rows

@@ -2,8 +2,8 @@
 
 Only drivers (functions that Python calls) and callbacks are cached; the functions that they call are compiled into
 them. Each file holds the code of one function for the types of its arguments. A hash of all sources of the code (see
-`sources`) names the file, so an edit of any source gives another name. The folder is private to the user (see
-`folders`), and old code is removed (see `pruning`).
+`described`) names the file, so an edit of any source gives another name. The folder is private to the user (see
+`folders`), and old code is removed (see `code_files`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any
 from numba import types
 
 from kickdrift.jit.cache import code_files
+from kickdrift.jit.cache.code_files import prune, use
+from kickdrift.jit.cache.described import Sources
 from kickdrift.jit.cache.folders import CODE, folder, make_private, warm
 from kickdrift.jit.cache.notices import announce
 from kickdrift.jit.cache.package_files import UnknownSource
-from kickdrift.jit.cache.pruning import prune, use
-from kickdrift.jit.cache.sources import Sources
 from kickdrift.jit.inner import functions_in
 from kickdrift.jit.numba_private import CompileResult, FunctionIdentity, rtsys, signature
 

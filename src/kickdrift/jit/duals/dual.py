@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
-from kickdrift.jit.lanes.vector3_operators import AXES, Vector3, components
+from kickdrift.jit.lanes.vector3 import AXES, Vector3, components
 from kickdrift.jit.lanes.vectors import WIDTH, Lanes, as_lanes, lanes_type
 from kickdrift.jit.numba_private import AttributeTemplate, Conversion, cgutils, impl_ret_borrowed, infer_getattr
 

@@ -15,8 +15,7 @@ from numba import types
 from numba.extending import lower_builtin
 
 from kickdrift.jit.duals.dual import SINGLE, Dual, made, of_lanes
-from kickdrift.jit.lanes.operators import added, divided, subtracted, whole_power
-from kickdrift.jit.lanes.vectors import Lanes, copied, flags_of
+from kickdrift.jit.lanes.vectors import Lanes, added, copied, divided, flags_of, subtracted, whole_power
 from kickdrift.jit.numba_private import AbstractTemplate, infer_global, signature
 
 _PLAIN = (types.Number, types.Boolean, Lanes)

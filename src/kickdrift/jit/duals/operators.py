@@ -19,8 +19,7 @@ from kickdrift.jit.duals.lane_operators import lanes_of
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.lanes.functions import lanes_like, splat
-from kickdrift.jit.lanes.vector3 import thrice, vector3
-from kickdrift.jit.lanes.vector3_operators import Vector3
+from kickdrift.jit.lanes.vector3 import Vector3, thrice, vector3
 from kickdrift.jit.lanes.vectors import Lanes, Mask
 
 _PLAIN = (types.Number, types.Boolean, Vector3, Lanes)

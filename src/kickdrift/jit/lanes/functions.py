@@ -1,4 +1,4 @@
-"""SIMD as a type: functions of lanes in compiled kernels. The operators are in `operators`.
+"""SIMD as a type: functions of lanes in compiled kernels. The operators are in `vectors`.
 
 Lanes are 8 or 4 numbers of float64, or 16 or 8 of float32 (LLVM's ``<8 x double>``, ``<16 x float>`` and half as many).
 LLVM emits AVX-512, AVX2, SSE2 or NEON for the machine. All kernels use eight lanes of float64; for the other types see
@@ -15,7 +15,6 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.compile import features
-from kickdrift.jit.lanes import operators as operators  # operators of the lanes that these functions return
 from kickdrift.jit.lanes.vectors import (
     F64,
     F64X8,

@@ -1,4 +1,8 @@
-"""Rows of four numbers for eight lanes: loads of whole rows and a transposition, faster than LLVM's gathers."""
+"""Numbers between memory and eight lanes in other orders: rows gathered and transposed, and selected numbers packed.
+
+Rows of four numbers are loaded whole and transposed, faster than LLVM's gathers. Packing is a compress-store: it writes
+the numbers selected by a mask side by side, with the processor's own instructions.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,89 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.jit.lanes.transposing import FIRST, HIGH, LAST, LOW, shuffle
+from kickdrift.jit.compile import features
 from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
 from kickdrift.jit.numba_private import cgutils
+
+EIGHT = types.UniTuple(lanes_type, WIDTH)
+LOW, HIGH = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]  # of each two rows
+FIRST, LAST = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]  # of each two pairs of rows
+_FRONT, _BACK = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]  # of both halves
+
+
+def shuffle(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, order: list[int]) -> ir.Value:
+    """Emit eight of the numbers of a, counted from 0, and of b, counted on."""
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, WIDTH), order))
+
+
+def _transposed(builder: ir.IRBuilder, rows: list[Any]) -> list[Any]:
+    shuffled = partial(shuffle, builder)
+    pairs = [[shuffled(rows[k], rows[k + 1], order) for k in range(0, WIDTH, 2)] for order in (LOW, HIGH)]
+    made: list[Any] = [None] * WIDTH
+    for odd, pair in enumerate(pairs):
+        for second, order in enumerate((FIRST, LAST)):
+            halves = shuffled(pair[0], pair[1], order), shuffled(pair[2], pair[3], order)
+            made[odd + 2 * second] = shuffled(*halves, _FRONT)
+            made[odd + 2 * second + 4] = shuffled(*halves, _BACK)
+    return made
+
+
+@intrinsic
+def transposed(typingctx, rows):
+    """Eight lanes whose lane k has the numbers of row k, for a tuple of eight rows."""
+
+    def codegen(context, builder, sig, args):
+        return context.make_tuple(
+            builder, sig.return_type, _transposed(builder, cgutils.unpack_tuple(builder, args[0]))
+        )
+
+    return (EIGHT(EIGHT), codegen) if rows == EIGHT else None
+
+
+def _steps(builder: ir.IRBuilder, place: Any, stride: Any, count: Any) -> list[tuple[Any, Any]]:
+    """For each lane: whether it is one of ``count``, and its index, the last one's for further lanes."""
+    made = [(ir.Constant(ir.IntType(1), 1), place)]
+    for lane in range(1, WIDTH):
+        within = builder.icmp_signed("<", count.type(lane), count)
+        made.append((within, builder.select(within, builder.add(made[-1][1], stride), made[-1][1])))
+    return made
+
+
+@intrinsic
+def strided(typingctx, array, place, stride, count):
+    """Lanes of the ``count`` numbers at ``place``, ``place + stride``, …; the last one fills further lanes."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        made = ir.Constant(F64X8, ir.Undefined)
+        for lane, (_, at) in enumerate(_steps(builder, *args[1:])):
+            made = builder.insert_element(made, builder.load(builder.gep(data, [at])), I32(lane))
+        return made
+
+    return (lanes_type(array, *3 * (types.intp,)), codegen) if _plain(array) else None
+
+
+@intrinsic
+def add_strided(typingctx, array, place, stride, count, lanes):
+    """Add the first lanes to the ``count`` numbers at ``place``, ``place + stride``, …"""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        steps = [(within, builder.gep(data, [at])) for within, at in _steps(builder, *args[1:4])]
+        before, total = [builder.load(pointer) for _, pointer in steps], None
+        for lane, (within, pointer) in enumerate(steps):  # further lanes store the last sum once more
+            more = builder.fadd(before[lane], builder.extract_element(args[4], I32(lane)))
+            total = more if total is None else builder.select(within, more, total)
+            builder.store(total, pointer)
+        return context.get_dummy_value()
+
+    known = _plain(array) and lanes == lanes_type
+    return (types.void(array, *3 * (types.intp,), lanes), codegen) if known else None
+
+
+def _plain(array: types.Type) -> bool:
+    return isinstance(array, types.Array) and array.layout == "C" and array.dtype == types.float64
+
 
 ROW = 4  # numbers in a row
 _FOUR = ir.VectorType(F64, ROW)
@@ -19,7 +103,7 @@ _WHOLE = ir.IntType(64)
 _FOUR_LANES = types.UniTuple(lanes_type, ROW)
 
 
-def _transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
+def _rows_transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
     """Four vectors of eight lanes from eight rows of four numbers."""
     shuffled = partial(shuffle, builder)
     both = [shuffled(rows[k], rows[k + 4], list(range(WIDTH))) for k in range(4)]
@@ -36,7 +120,7 @@ def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> l
         row = builder.load(builder.bitcast(builder.gep(data, [start]), _FOUR.as_pointer()))
         row.align = 8
         rows.append(row)
-    return _transposed(builder, rows)
+    return _rows_transposed(builder, rows)
 
 
 def places_in(context: Any, builder: Any, kind: types.Type, places: Any, first: ir.Value) -> list[ir.Value]:
@@ -119,3 +203,83 @@ def _rounding(name: str) -> Any:
 
 lane_floor = _rounding("floor")  # largest whole number not above each lane
 lane_round = _rounding("rint")  # nearest whole number to each lane, ties to even
+
+
+@intrinsic
+def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
+    """Append selected numbers to a matrix and return their count.
+
+    Selects from the eight whole numbers ``listed[start:start + 8]``, at most ``count``, those whose ``members`` has
+    ``bit`` set. Adds ``plus`` to each and writes it to the matrix ``rows`` of two int32, from row ``at`` on. May
+    overwrite up to eight rows after the last.
+    """
+    whole = ir.IntType(64)
+    eight = ir.VectorType(whole, WIDTH)
+
+    def codegen(context, builder, sig, args):
+        target, source, chosen = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 2, 3))
+
+        def spread(value):
+            one = builder.insert_element(ir.Constant(eight, ir.Undefined), value, I32(0))
+            zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
+            return builder.shuffle_vector(one, ir.Constant(eight, ir.Undefined), zeros)
+
+        def loaded(data):
+            value = builder.load(builder.bitcast(builder.gep(data, [args[4]]), eight.as_pointer()))
+            value.align = 8
+            return value
+
+        given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
+        both = builder.and_(loaded(chosen), spread(args[6]))
+        mask = builder.and_(given, builder.icmp_unsigned("!=", both, ir.Constant(eight, [0] * WIDTH)))
+        pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
+        numbers = builder.add(loaded(source), spread(args[7]))
+        pack = _with_avx512 if "avx512f" in features() else _with_avx2 if "avx2" in features() else _one_by_one
+        return pack(builder, numbers, mask, pointer)
+
+    return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
+
+
+def _with_avx512(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
+    """Write selected numbers side by side from the pointer on, and return their count. AVX-512's instruction moves them
+    in a register, and all eight are written: the same instruction to memory takes a hundred cycles on some processors.
+    """
+    kind = ir.FunctionType(numbers.type, [numbers.type, numbers.type, mask.type])
+    move = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.mask.compress.v8i64")
+    packed = builder.call(move, [numbers, numbers, mask])
+    written = builder.store(packed, builder.bitcast(pointer, packed.type.as_pointer()))
+    written.align = 8
+    return builder.ctpop(builder.zext(builder.bitcast(mask, ir.IntType(8)), ir.IntType(64)))
+
+
+def _with_avx2(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
+    """The same, four at a time, with a table of permutations."""
+    whole, pairs = ir.IntType(64), ir.VectorType(I32, WIDTH)
+    kind = ir.FunctionType(pairs, [pairs, pairs])
+    permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx2.permd")
+    orders = [([k for k in range(4) if bits >> k & 1] + 4 * [0])[:4] for bits in range(16)]
+    table = ir.Constant(
+        ir.ArrayType(pairs, 16),
+        [ir.Constant(pairs, [2 * k + part for k in order for part in (0, 1)]) for order in orders],
+    )
+    place = cgutils.global_constant(builder, "first_of_four", table)
+    bits = builder.zext(builder.bitcast(mask, ir.IntType(8)), whole)
+    low = builder.and_(bits, whole(15))
+    for half, (which, made) in enumerate(((low, whole(0)), (builder.lshr(bits, whole(4)), builder.ctpop(low)))):
+        lanes = ir.Constant(ir.VectorType(I32, 4), [4 * half + k for k in range(4)])
+        four = builder.bitcast(builder.shuffle_vector(numbers, numbers, lanes), pairs)
+        packed = builder.call(permute, [four, builder.load(builder.gep(place, [whole(0), which]))])
+        written = builder.store(packed, builder.bitcast(builder.gep(pointer, [made]), pairs.as_pointer()))
+        written.align = 8
+    return builder.ctpop(bits)
+
+
+def _one_by_one(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
+    """The same, one after the other: each number is written, and the place advances if it is selected. LLVM's own way
+    has eight unpredictable branches."""
+    ones, made = builder.zext(mask, numbers.type), ir.IntType(64)(0)
+    for k in range(WIDTH):
+        written = builder.store(builder.extract_element(numbers, I32(k)), builder.gep(pointer, [made]))
+        written.align = 8
+        made = builder.add(made, builder.extract_element(ones, I32(k)))
+    return made

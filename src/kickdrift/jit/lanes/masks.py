@@ -8,8 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin
 
-from kickdrift.jit.lanes.operators import register
-from kickdrift.jit.lanes.vectors import MASKS, Lanes, Mask, as_lanes, mask_type
+from kickdrift.jit.lanes.vectors import MASKS, Lanes, Mask, as_lanes, mask_type, register
 from kickdrift.jit.numba_private import signature
 
 register(operator.and_, [signature(mask, mask, mask) for mask in MASKS])

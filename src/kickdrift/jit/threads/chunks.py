@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.handle import Handle, address
 from kickdrift.jit.inner import overload
-from kickdrift.jit.threads.task import TASK, call_task
+from kickdrift.jit.threads.numba_threads import TASK, call_task
 from kickdrift.jit.threads.team import team_of
 
 TASKS: dict[str, Any] = {}

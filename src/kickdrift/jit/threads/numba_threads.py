@@ -11,13 +11,29 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import get_num_threads, njit, prange, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from kickdrift.jit.callback import callback
+from kickdrift.jit.handle import callback
 from kickdrift.jit.lanes.memory import LINE, aligned
 from kickdrift.jit.threads.atomic import add, read, replace, write
-from kickdrift.jit.threads.task import call_task
+
+_WHOLE = ir.IntType(64)
+TASK = ir.FunctionType(ir.VoidType(), 3 * [_WHOLE])  # type of a task: address of its handle, chunk, thread
+
+
+@intrinsic
+def call_task(typingctx, code, place, c, thread):
+    """Run the task at an address on chunk c, on the thread of this number."""
+
+    def codegen(context, builder, sig, args):
+        builder.call(builder.inttoptr(args[0], TASK.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(*4 * [types.intp]), codegen
+
 
 CODE, TURNS, THREADS, LEFT, HELPED = (LINE * k for k in range(5))  # numbers of different threads lie apart
 _TURNS: NDArray[np.int64] = aligned((LINE // 8,), 0, np.int64)  # 1 while a loop of any team runs

@@ -31,12 +31,11 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.jit.callback import callback
 from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import callback
 from kickdrift.jit.lanes.memory import LINE, aligned
 from kickdrift.jit.threads.atomic import add, core, lock, nanoseconds, pause, read, replace, sleep, unlock, wake, write
-from kickdrift.jit.threads.numba_threads import NumbaTeam
-from kickdrift.jit.threads.task import call_task
+from kickdrift.jit.threads.numba_threads import NumbaTeam, call_task
 
 SLEEPING = sys.platform == "linux"  # whether teams are of sleeping threads; the others are of numba's threads
 

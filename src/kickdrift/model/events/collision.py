@@ -1,22 +1,27 @@
-"""Collisions of bodies, as plain data: the event, and what becomes of the two bodies."""
+"""Collisions of bodies, as plain data: the event, what becomes of the two bodies, and constants in a system's units."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.arguments import checked_arguments, misfit
 from kickdrift.model.checks.values import is_number, number, positive, whole_number
+from kickdrift.model.state import Floats
 from kickdrift.model.subject import Bodies, index_of
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.state import Floats
+
 
 Radii = float | Sequence[float] | Mapping[str, float]
 BRIDGES = "bridges"  # a restitution that depends on the speed
@@ -174,3 +179,97 @@ def _listed(radii: Any) -> Sequence[Any]:
         return list(radii)
     except TypeError:
         raise InputError(f"collision: radii must be lengths, got {shown(radii)}") from None
+
+
+WATER = "1000 kg/m^3"  # rho_1 of Leinhardt & Stewart 2012
+SLOW = "1 cm/s"  # unit of speed of Bridges, Hatzes & Lin 1984
+
+
+def check_action(event: Collision, system: Bodies, gravity: Any) -> None:
+    """Raise InputError if the system lacks what the event's action needs. ``gravity`` is the force that
+    binds bodies, or None."""
+    if event.restitution == BRIDGES and system.units.reduced:
+        raise InputError(f"{event.kind}: restitution {BRIDGES!r} needs units with metres; {system.units.name} has none")
+    if event.action != "fragment":
+        return
+    material_of(event, system, gravity)
+    bare = np.flatnonzero((event.radii_in(system) == 0) & (system.state.masses > 0))
+    if bare.size:
+        raise InputError(
+            f"{event.kind}: radii: action 'fragment' needs a radius for every body with mass, and "
+            f"{system.body(int(bare[0]))} has none"
+        )
+
+
+def material_of(event: Collision, system: Bodies, gravity: Any) -> tuple[float, float, float, float]:
+    """c*, mu-bar, rho_1 and G in the system's units."""
+    if gravity is None:
+        raise InputError(f"{event.kind}: action 'fragment' needs gravity, but {system.name!r} has none")
+    density = event.reference_density
+    if density is None:
+        if system.units.reduced:
+            raise InputError(
+                f"{event.kind}: reference_density: required in {system.units.name} units: {WATER} in the system's units"
+            )
+        density = quantity(WATER, "density", system.units)
+    G = system.units.gravity if gravity.G is None else gravity.G
+    return event.c_star, event.mu_bar, float(density), float(G)  # type: ignore[arg-type]
+
+
+def restitution_of(event: Collision, system: Bodies, speed: float) -> float:
+    """Restitution at a normal speed."""
+    if speed < event.elastic_below:
+        return 1.0
+    if event.restitution != BRIDGES:
+        return float(event.restitution)
+    if not speed > 0:
+        return 1.0
+    return min(1.0, 0.32 * (speed / _slow(system.units)) ** -0.234)
+
+
+@lru_cache
+def _slow(units: UnitSystem) -> float:
+    return quantity(SLOW, "velocity", units)
+
+
+class Sphere(NamedTuple):
+    """A body before or after a collision, in the system's units.
+
+    Attributes
+    ----------
+    mass : float
+    position, velocity : (3,)
+    radius : float
+    name : str
+        The body's name, or "particle 5" in a system without names. A rule that returns a body under the name of one of
+        the two keeps that body and its id. A body without a name is new, and gets a name from the heavier body.
+    """
+
+    mass: float
+    position: Floats
+    velocity: Floats
+    radius: float
+    name: str = ""
+
+    @property
+    def momentum(self) -> Floats:
+        """Mass times velocity, (3,)."""
+        return self.mass * np.asarray(self.velocity)
+
+    def problem(self) -> str:
+        """The fault in the values, as text; "" if nothing is."""
+        for key, value in (("mass", self.mass), ("radius", self.radius)):
+            if not (is_number(value) and 0 <= value < np.inf):
+                return f"{key} {shown(value)}; expected a number, zero or more"
+        for key, vector in (("position", self.position), ("velocity", self.velocity)):
+            if not _is_vector(vector):
+                return f"{key} {shown(vector)}; expected three finite numbers"
+        return "" if isinstance(self.name, str) else f"name {shown(self.name)}; expected text"
+
+
+def _is_vector(value: Any) -> bool:
+    try:
+        found = np.asarray(value, float)
+    except (TypeError, ValueError):
+        return False
+    return found.shape == (3,) and bool(np.isfinite(found).all())

@@ -13,9 +13,9 @@ from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import is_number, listed, whole_number
-from kickdrift.model.molecules.internal import LONGEST
 from kickdrift.model.molecules.listed import from_atoms, from_universe, replaced
 from kickdrift.model.molecules.relatives import (
+    LONGEST,
     Relatives,
     angles_of,
     dihedrals_of,

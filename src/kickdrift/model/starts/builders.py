@@ -16,7 +16,7 @@ from kickdrift.disk.files import unfit
 from kickdrift.disk.foreign import is_lammps_data
 from kickdrift.errors import InputError
 from kickdrift.model.any_cell import oriented, without_rounding
-from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import whole_number
 from kickdrift.model.starts.builders import generator
 from kickdrift.model.state import Floats

@@ -1,10 +1,12 @@
-"""Units in files for other programs: angstrom and ps if the system's units can be converted."""
+"""Units in files for other programs: angstrom and ps if the system's units can be converted; and factors to ASE's."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from kickdrift.model.units import constants
+from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 
 # Units of length and time that have a value in MDAnalysis' angstrom and ps.
@@ -42,3 +44,27 @@ class FileUnits(NamedTuple):
         if length is None or time is None:
             return cls(1.0, 1.0, True)
         return cls(length, time, False, *_FORCE.get((units.energy, units.length), ()))
+
+
+class Scale(NamedTuple):
+    """Factors from ASE's units to a unit system."""
+
+    length: float
+    energy: float
+    mass: float
+    velocity: float
+
+    @property
+    def force(self) -> float:
+        return self.energy / self.length
+
+    @classmethod
+    def of(cls, units: UnitSystem) -> Scale:
+        """Return the factors; all are 1 for units unknown to ASE."""
+        if FileUnits.of(units).nominal:
+            return cls(1.0, 1.0, 1.0, 1.0)
+        given = {"length": "angstrom", "energy": "eV", "mass": "u"}
+        length, energy, mass = (
+            1.0 if getattr(units, key) == unit else quantity(f"1 {unit}", key, units) for key, unit in given.items()
+        )
+        return cls(length, energy, mass, math.sqrt(energy / (mass * units.coherent_mass)))

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.units import constants
 from kickdrift.model.units.unit_systems import DIMENSIONS, MSUN, powers
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS as UNIT_SYSTEMS  # users import these names from here

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.other_names import other_name
+from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.units import constants
 from kickdrift.text import shown, suggestion
 

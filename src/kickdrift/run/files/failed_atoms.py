@@ -12,7 +12,7 @@ from kickdrift.errors import RunError
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units.ase_units import Scale
+from kickdrift.model.units.file_units import Scale
 from kickdrift.run.advance import Integration
 
 

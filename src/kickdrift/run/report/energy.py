@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.looks.doubts import UNRELIABLE, energy_doubt
-from kickdrift.looks.energy_trend import energy_trend
 from kickdrift.looks.record import Series
+from kickdrift.looks.report_lines import energy_trend
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.report.work import Work

@@ -8,8 +8,7 @@ from typing import Any
 
 from kickdrift.display.card import Spark
 from kickdrift.display.showing import Lines, Shown, above, lines_of
-from kickdrift.looks.energy_spark import energy_spark
-from kickdrift.looks.report_lines import energy_lines, mean_text, method_text, verdict_text
+from kickdrift.looks.report_lines import energy_lines, energy_spark, mean_text, method_text, verdict_text
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.text import counted, measured

@@ -18,7 +18,7 @@ from scipy.integrate import DenseOutput
 from kickdrift.errors import RunError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.runge_kutta.adaptive import AdaptiveStepper
-from kickdrift.integrators.step_choice.stability_limit import WATCHED_POINTS, WATCHED_STEPS, Point, stability_warning
+from kickdrift.integrators.step_choice.step_length import WATCHED_POINTS, WATCHED_STEPS, Point, stability_warning
 from kickdrift.integrators.stepping.chosen_steps import ChosenSteps
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping.stepping import AT_ONCE

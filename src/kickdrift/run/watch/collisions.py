@@ -10,10 +10,8 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.changing import holding, remaining
-from kickdrift.model.events.collision import Collision
+from kickdrift.model.events.collision import Collision, Sphere, restitution_of
 from kickdrift.model.events.events import Escape
-from kickdrift.model.events.scaling import restitution_of
-from kickdrift.model.events.sphere import Sphere
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

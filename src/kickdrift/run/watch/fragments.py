@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.model.events.sphere import Sphere
+from kickdrift.model.events.collision import Sphere
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.scaling_laws import GRAZING_MERGER, HIT_AND_RUN, MERGING, Impact, Material, Remnants, remnants
 

@@ -8,10 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import RunError
-from kickdrift.model.events.checks import binding
-from kickdrift.model.events.collision import Collision
-from kickdrift.model.events.scaling import material_of
-from kickdrift.model.events.sphere import Sphere
+from kickdrift.model.events.collision import Collision, Sphere, material_of
+from kickdrift.model.events.events import binding
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.fragments import fragmented

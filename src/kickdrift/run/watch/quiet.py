@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STEP
-from kickdrift.jit.by_address import address_of, status_at
 from kickdrift.jit.compile import driver, jit
+from kickdrift.jit.handle import address_of, status_at
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.courses import AHEAD, is_far, may_touch
 from kickdrift.run.watch.encounters import POINTS, cubic, hull_bound, separation2, turning_points

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.forces.laws.central import gravitational_constant
-from kickdrift.model.events.checks import binding
-from kickdrift.model.events.events import CloseApproach, Collision, Escape
+from kickdrift.model.events.events import CloseApproach, Collision, Escape, binding
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.zeros import zero

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 from kickdrift.engines.session import EngineFlow, RunFlow
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.step_choice.stability_limit import (
+from kickdrift.integrators.step_choice.step_length import (
     LIMITED,
+    TOO_LONG,
     WATCHED_POINTS,
     WATCHED_STEPS,
     Point,
+    can_be_checked,
     can_be_limited,
     stability_warning,
+    step_warning,
 )
-from kickdrift.integrators.step_choice.step_length import TOO_LONG, can_be_checked, step_warning
 from kickdrift.integrators.stepping.stepper import Stepper
 from kickdrift.looks.doubts import LIGHT, light_doubt, slowest_light
 from kickdrift.looks.record import Record

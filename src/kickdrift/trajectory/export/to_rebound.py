@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift.model.bridging import bridge
+from kickdrift.model.bridged import bridge
 from kickdrift.trajectory.export.chosen import Chosen
 from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Format
 from kickdrift.trajectory.read.merged import masses_held

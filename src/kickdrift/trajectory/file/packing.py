@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from kickdrift.disk.parts import private_place
 from kickdrift.display.pace import PARTS
 from kickdrift.display.showing import stage
-from kickdrift.model.checks.capacity import cores
+from kickdrift.model.checks.limits import cores
 from kickdrift.trajectory.file.opening import created
 from kickdrift.trajectory.file.storage import ALIGNMENT, PagedFile
 

@@ -7,7 +7,7 @@ from typing import Any
 from kickdrift.disk.outputs import plain
 from kickdrift.display.card import Spark
 from kickdrift.display.showing import Lines, Shown, above
-from kickdrift.looks.energy_spark import energy_spark
+from kickdrift.looks.report_lines import energy_spark
 
 
 class ShownRun(Shown):

@@ -26,7 +26,7 @@ from kickdrift.integrators.options.option import (
 from kickdrift.integrators.splitting.barostats import c_rescale, monte_carlo, mtk
 from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, Piston
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, bathed
-from kickdrift.integrators.splitting.words import rows_of
+from kickdrift.integrators.splitting.subflows import rows_of
 from kickdrift.integrators.stepping.pressing import ACTED, SUMMED, Pressed
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow
 from kickdrift.model.memory import Memory, by_value

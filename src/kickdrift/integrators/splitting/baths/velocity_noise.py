@@ -1,4 +1,4 @@
-"""New velocities from noise that can be replayed: the loop that all baths with a random number per velocity share.
+"""Baths of random velocities: friction with noise, and collisions, from noise that can be replayed.
 
 The normal numbers of a particle are Philox at (id, stage, step) under the seed. A refined path draws them so that two
 half spans together have the noise that the whole span has in the run at twice the step. With R the whole span's number,
@@ -8,18 +8,35 @@ R1 = (c R + Q) / sqrt(1 + c^2) and R2 = (R - c Q) / sqrt(1 + c^2),
 
 which are independent standard normal numbers with (c R1 + R2) / sqrt(1 + c^2) = R. This is the bridge of an
 Ornstein-Uhlenbeck process for c = exp(-friction span), and that of Brownian motion (Levy's construction) for c = 1.
+
+The flows of friction and noise, v <- c v + sqrt(1 - c^2) sqrt(k_B T / m) R with standard normal numbers R, keep
+Maxwell's distribution for every step. For a friction g and a time h they differ in c:
+
+- O, the Ornstein-Uhlenbeck process, exact in distribution: c = exp(-g h) (Uhlenbeck & Ornstein 1930,
+  doi:10.1103/PhysRev.36.823);
+- G, the same by the rule of the midpoint: c = (1 - g h / 2) / (1 + g h / 2). A step of BAGAB is the method of
+  Gronbech-Jensen & Farago 2013, doi:10.1080/00268976.2012.760055, with the velocity at the step's end;
+- M, velocities drawn anew from Maxwell's distribution: c = 0, the limit of large friction.
+
+Under noise="refine" the halves of O are tied by its own bridge, the halves of G and M by that of Brownian motion.
+
+The flow D has Andersen's collisions (1980, J. Chem. Phys. 72, 2384, doi:10.1063/1.439486): in a time h each particle
+gets a new velocity, Maxwell's, with probability 1 - exp(-rate h).
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import NOISE, REFINE
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.options.option import FRICTION, NOISE, RATE, REFINE, TEMPERATURE
+from kickdrift.integrators.splitting.baths.bath import Bathed, bathed
+from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.masks import select
@@ -27,6 +44,15 @@ from kickdrift.jit.lanes.memory import flat, load, masked_load, masked_store
 from kickdrift.jit.lanes.random import normals, uniforms
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flows.flow import Flow
+    from kickdrift.integrators.options.options import Options
+
+if TYPE_CHECKING:
+    from kickdrift.integrators.flows.flow import Flow
+    from kickdrift.integrators.options.options import Options
+
 
 CHOICE = 1 << 12  # added to the stage for the numbers that choose the particles
 BRIDGE = 1 << 13  # added to the stage for the numbers Q
@@ -103,3 +129,61 @@ def shake(bath, v, kept, noise, likely, draw):
             change = change + changed(hit, kept, some, z, row, 2 * n + i, count)
         heat = heat + load(bath.masses, i) * change
     bath.heat[0] += 0.5 * lane_sum(heat)
+
+
+EXACT, MIDPOINT, ANEW = 0, 1, 2  # rules for c
+RULES = {"O": EXACT, "G": MIDPOINT, "M": ANEW}
+
+
+class Friction(NamedTuple):
+    """Numbers of the flow in compiled code."""
+
+    bath: Bathed
+    friction: float
+    rule: int
+    bridges: NDArray[np.int64]  # see velocity_noise; empty unless the path is refined
+
+
+@as_written
+def shares(rule, damping):
+    """Return c and sqrt(1 - c^2) for friction times time."""
+    if rule == MIDPOINT:
+        return (1.0 - 0.5 * damping) / (1.0 + 0.5 * damping), math.sqrt(2.0 * damping) / (1.0 + 0.5 * damping)
+    if rule == ANEW:
+        return 0.0, 1.0
+    return math.exp(-damping), math.sqrt(-math.expm1(-2.0 * damping))
+
+
+@subflow_body(Friction)
+def ornstein_uhlenbeck(parts, t, x, v, span, step, stage):
+    kept, noise = shares(parts.rule, parts.friction * span)
+    draw = drawn(parts.bridges, kept if parts.rule == EXACT else 1.0, step, stage)
+    shake(parts.bath, v, kept, noise, 1.0, draw)
+    return OK
+
+
+def bind_friction(letter: str, flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+    """Return the flow of that letter for the particles of a run."""
+    bath = bathed(flow, options, (TEMPERATURE, FRICTION), conserving=False)
+    table = bridges(weights) if options.get(NOISE.name) == REFINE else np.zeros((2, 0, 2), np.int64)
+    return BoundSubflow(Friction(bath, float(options.friction), RULES[letter], table))
+
+
+class Collisions(NamedTuple):
+    """Numbers of the flow in compiled code."""
+
+    bath: Bathed
+    rate: float
+
+
+@subflow_body(Collisions)
+def andersen(parts, t, x, v, span, step, stage):
+    shake(parts.bath, v, 0.0, 1.0, -math.expm1(-parts.rate * span), Draw(step, stage, 1.0, 0.0))
+    return OK
+
+
+def bind_collisions(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+    """Return the flow for the particles of a run."""
+    return BoundSubflow(
+        Collisions(bathed(flow, options, (TEMPERATURE, RATE), conserving=False), float(options.collision_rate))
+    )
