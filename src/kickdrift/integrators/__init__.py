@@ -16,7 +16,7 @@ from kickdrift.integrators.runge_kutta import scipy_methods
 from kickdrift.integrators.sheet import method as sei
 from kickdrift.integrators.splitting import constant_temperature as baths
 from kickdrift.integrators.splitting import method as splitting
-from kickdrift.integrators.splitting import respa, reversible, stormer
+from kickdrift.integrators.splitting import stormer
 from kickdrift.integrators.trace import method as trace
 from kickdrift.integrators.wisdom_holman import method as wisdom_holman
 from kickdrift.model.checks.arguments import other_name
@@ -27,10 +27,10 @@ INTEGRATORS: dict[str, Method] = {
     for row in (
         *splitting.ROWS,
         *baths.ROWS,
-        *respa.ROWS,
+        *splitting.RESPA,
         *stormer.ROWS,
         *exact.ROWS,
-        *reversible.ROWS,
+        *stormer.STEP_DENSITY,
         *hermite.ROWS,
         *wisdom_holman.ROWS,
         *trace.ROWS,

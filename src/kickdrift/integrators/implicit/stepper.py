@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.stepping.step_control import EPSILON
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import Retimed
 from kickdrift.integrators.stepping.stepwise import PythonStepper, check_unknowns, factored
@@ -20,7 +21,6 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
 
-EPSILON = float(np.finfo(float).eps)
 ROUNDED = 1e-10  # a stalled increment below this fraction of y is rounding; above, the iteration diverges
 LEFT = 1e-3 * EPSILON  # allowed error over y: its sign is the same in each step, and 0.1 of rounding showed as a drift
 MOST = {"newton": 50, "fixed-point": 100}  # iterations

@@ -24,7 +24,7 @@ LARGEST, SMALLEST = 1e-3, 1e-12  # errors between which the slope is taken; roun
 SHORTFALL = 0.3  # of the stated order, that a slope between finite steps may miss
 
 
-def check_order(method: Method) -> None:
+def refuse_lower_order(method: Method) -> None:
     """Refuse a method whose measured order is below the stated one."""
     found = measured_order(method)
     if found < method.order - SHORTFALL:

@@ -19,7 +19,7 @@ from kickdrift.forces.seam.named import load_module, name_functions
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options.option import Option, own_options
-from kickdrift.integrators.own.measured_order import check_order as refuse_lower_order
+from kickdrift.integrators.own.measured_order import refuse_lower_order
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.integrators.splitting.method import Splitting, even_weights, in_turn
 

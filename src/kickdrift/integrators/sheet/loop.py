@@ -23,7 +23,7 @@ from kickdrift.jit.handle import handle
 # rounding loses of y.
 X_GUIDING, Y_GUIDING, COSINE, SINE, COSINE_Z, SINE_Z, LOST = range(7)
 ROOM = 4  # arrays of y's shape in the workspace: the accelerations, and nine rows for the elements
-TURN = 2.0 * math.pi
+FULL_TURN = 2.0 * math.pi
 WHOLE = 2.0**-64  # of a turn, for the last binary digit of a phase
 
 
@@ -43,7 +43,7 @@ def angle(epicycles, half_steps, which):
     turns = float(whole >> np.uint64(11)) * 2.0**-53 + float(half_steps) * epicycles.rest[which] * WHOLE
     if turns > 0.5:
         turns -= 1.0
-    return TURN * turns
+    return FULL_TURN * turns
 
 
 @strict

@@ -46,7 +46,7 @@ def _row(name: str, inner: str, substeps: int, groups: int, source: str, use: st
 
 
 _SOURCE = "Tuckerman, Berne & Martyna 1992, J. Chem. Phys. 97, 1990, doi:10.1063/1.463137"
-ROWS = (
+RESPA = (
     _row("respa", "BAB", SUBSTEPS.default, 2, _SOURCE, "fast and slow forces, such as bonds and pairs"),
     _row(
         "respa-baoab", "BAOAB", SUBSTEPS.default, 2,

@@ -51,7 +51,7 @@ class StepDensity(Method):
         return StepDensityStepper(flow, options)
 
 
-ROWS = (
+STEP_DENSITY = (
     StepDensity(
         "leapfrog-adaptive", 2,
         "Huang & Leimkuhler 1997, doi:10.1137/S1064827595284658; Holder, Leimkuhler & Reich 2001, "
