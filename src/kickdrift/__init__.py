@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from kickdrift.forces.pairs.law import pair_law
     from kickdrift.forces.seam.named import register_force
     from kickdrift.integrators.asked import integrator
-    from kickdrift.integrators.options.option import Option
+    from kickdrift.integrators.options import Option
     from kickdrift.integrators.own.custom import accelerations
     from kickdrift.integrators.own.registration import register_splitting, register_step, register_tableau
     from kickdrift.looks.columns import Column
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from kickdrift.model.events.collision import Collision, Sphere
     from kickdrift.model.events.events import CloseApproach, Crossing, Escape
     from kickdrift.model.molecules.topology import Topology
-    from kickdrift.model.orbits.orbits import Orbit, OrbitTable
+    from kickdrift.model.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
     from kickdrift.model.system import System
@@ -93,9 +93,9 @@ _HOMES = {
     "Listing": "run.listing",
     "LyapunovSpectrum": "analysis.chaos.lyapunov",
     "Minimum": "run.relax.minimization",
-    "Option": "integrators.options.option",
-    "Orbit": "model.orbits.orbits",
-    "OrbitTable": "model.orbits.orbits",
+    "Option": "integrators.options",
+    "Orbit": "model.orbits",
+    "OrbitTable": "model.orbits",
     "Problem": "model.problem",
     "Report": "run.report.report",
     "RunError": "errors",

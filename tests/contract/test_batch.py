@@ -20,7 +20,7 @@ from kickdrift.batch.members import refusal
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.model.run_defaults import RunDefaults
 
 EPSILON = np.finfo(float).eps

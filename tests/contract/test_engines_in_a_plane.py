@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.engines import ENGINES
-from kickdrift.model.starts.plane import plane_lattice
+from kickdrift.model.starts.builders import plane_lattice
 
 FOREIGN = [name for name in ENGINES if name != "native"]
 ROUND_OFF = 1e-12

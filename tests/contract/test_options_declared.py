@@ -11,8 +11,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.asked import as_text, known_options, parsed, takers
-from kickdrift.integrators.options.option import DOUBLE, DT, MIXED, OPTIONS, PRECISION, Option, merged
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import DOUBLE, DT, MIXED, OPTIONS, PRECISION, Option, Options, merged
 from kickdrift.integrators.stepping.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads

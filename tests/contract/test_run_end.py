@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import kickdrift as kd
 from kickdrift.cli.main import app
 from kickdrift.integrators import INTEGRATORS, integrator
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.systemfile.reading import load
 
 METHODS = [name for name in INTEGRATORS if integrator(name).chooses_steps and not integrator(name).particles_only]

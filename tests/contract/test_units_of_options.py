@@ -12,7 +12,7 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import integrator, parsed, settled
-from kickdrift.integrators.options.option import DT, Option
+from kickdrift.integrators.options import DT, Option
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import EXAMPLES, quantity, unit_system
 from kickdrift.systemfile.schema_run import run_defaults

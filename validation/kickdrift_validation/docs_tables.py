@@ -46,7 +46,7 @@ def table(heading: list[str], rows: list[list[str]]) -> str:
 def options_table() -> str:
     """The options of the methods that ship, as the table of docs/integrators.md."""
     from kickdrift.integrators.asked import known_options, takers
-    from kickdrift.integrators.options.option import DT
+    from kickdrift.integrators.options import DT
     from kickdrift.integrators.own.registration import REGISTERED
 
     rows = [[f"`{DT.name}`", DT.words, DT.unit, "", "", DT.help, "all"]]

@@ -24,8 +24,7 @@ from kickdrift.errors import RunError
 from kickdrift.integrators import INTEGRATORS, Method, integrator
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.integrators.splitting import constant_temperature as baths
-from kickdrift.integrators.splitting import respa
-from kickdrift.integrators.splitting.method import ALIASES
+from kickdrift.integrators.splitting.method import ALIASES, RESPA
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.docs_tables import put, table
 from kickdrift_validation.measures import (
@@ -51,7 +50,7 @@ ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
     "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "trace": "trace", "gauss-radau15": "gauss-radau",
     "sei": "shearing-sheet",
-    **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in respa.ROWS},
+    **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in RESPA},
 }  # fmt: skip
 STABLE = 0.01  # relative
 PROPORTIONAL = 0.2

@@ -24,8 +24,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.engines.lammps_world import Model, World
-from kickdrift.model.starts.builders import maxwell_boltzmann
-from kickdrift.model.starts.plane import plane_lattice
+from kickdrift.model.starts.builders import maxwell_boltzmann, plane_lattice
 from kickdrift_validation.claim import Claim, claim, main, not_run
 
 CUTOFF, DT, EVERY = 2.5, 0.004, 25

@@ -33,7 +33,7 @@ from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
-from kickdrift.jit.threads.team import team_of
+from kickdrift.jit.threads.chunks import team_of
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 

@@ -8,7 +8,7 @@ from kickdrift.display.showing import Lines
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.looks.doubts import digits_doubt, light_doubt, of_samples
 from kickdrift.looks.observers import Energies
-from kickdrift.model.doubles import doubtful_forces
+from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

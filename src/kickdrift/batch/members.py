@@ -14,8 +14,7 @@ from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, settled, unpacked
 from kickdrift.integrators.method import Method, checked_dt
-from kickdrift.integrators.options.option import DT, KERNEL, MIXED, STANDARD
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import DT, KERNEL, MIXED, STANDARD, Options
 from kickdrift.integrators.stepping.batch_loops import Members, to_lanes
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats

@@ -24,7 +24,7 @@ from ase.stress import full_3x3_to_voigt_6_stress
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces import CalculatorForce, LennardJones
-from kickdrift.looks.blow_up import nearest_pair
+from kickdrift.looks.doubts import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.box.box import Box, Oriented
 from kickdrift.model.molecules.topology import SIZES, Topology

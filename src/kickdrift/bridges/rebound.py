@@ -22,7 +22,7 @@ from kickdrift.bridges.rebound_system import UNITS, system_from, tell, unnamed
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, Hill
 from kickdrift.forces.laws.central import gravitational_constant
-from kickdrift.integrators.options.option import HILL_RADII, INNER, JACOBI, PERICENTRE, STANDARD
+from kickdrift.integrators.options import HILL_RADII, INNER, JACOBI, PERICENTRE, STANDARD
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
 

@@ -13,7 +13,7 @@ from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, PAS
 from kickdrift.bridges.rebound_snapshot import Snapshot
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Gravity
-from kickdrift.integrators.options.option import JACOBI, STANDARD
+from kickdrift.integrators.options import JACOBI, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -14,7 +14,7 @@ from kickdrift.cli.console import WIDE, width_of
 from kickdrift.cli.examples import EXAMPLES
 from kickdrift.display import layout
 from kickdrift.integrators.asked import known_options
-from kickdrift.integrators.options.option import DT, MIXED
+from kickdrift.integrators.options import DT, MIXED
 
 INTEGRATOR, PACE, REST = "Integrator", "Pace", "Options"
 # Options by name; an option of an integrator is in the group INTEGRATOR, and every other option in the last group.

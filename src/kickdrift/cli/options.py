@@ -14,7 +14,7 @@ from kickdrift.cli.console import hush, results_on_stderr
 from kickdrift.disk.outputs import STDOUT
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options, parsed, takers
-from kickdrift.integrators.options.option import DOUBLE, DT, MIXED, PRECISION, Option
+from kickdrift.integrators.options import DOUBLE, DT, MIXED, PRECISION, Option
 
 
 def system_names(incomplete: str) -> list[str]:

@@ -256,7 +256,7 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 def _before(sim: Simulation) -> list[str]:
     """Warnings that are printed before the first step."""
     from kickdrift.engines import ENGINES
-    from kickdrift.model.doubles import doubtful_forces
+    from kickdrift.model.body_checks import doubtful_forces
     from kickdrift.model.system import System
     from kickdrift.run.report.warnings import pressure_warning, unused_warnings
 

@@ -17,7 +17,7 @@ from kickdrift.engines import heat_baths
 from kickdrift.engines.heat_baths import EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.options.option import MIXED, PRESSURE
+from kickdrift.integrators.options import MIXED, PRESSURE
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.text import shown, suggestion
 

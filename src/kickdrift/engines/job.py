@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.model.system import System
 
 

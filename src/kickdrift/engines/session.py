@@ -22,11 +22,10 @@ from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.flow import Flow
 from kickdrift.integrators.flows.particle_flow import ParticleStates
-from kickdrift.integrators.options.option import FRICTION, RATE, SEED, TAU, TEMPERATURE
+from kickdrift.integrators.options import FRICTION, RATE, SEED, TAU, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import bath_warnings, bathed
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts
-from kickdrift.looks.observers import take_sample
-from kickdrift.looks.table import Looks
+from kickdrift.looks.observers import Looks, take_sample
 from kickdrift.model.freedom import DRIFT, whole_motion
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats

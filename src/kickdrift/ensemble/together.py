@@ -16,7 +16,7 @@ from kickdrift.ensemble.rows import DONE, Row, megno_columns, row_of, run_column
 from kickdrift.errors import KickdriftError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.problem import Problem

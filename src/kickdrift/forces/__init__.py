@@ -9,8 +9,8 @@ from kickdrift.forces.around.mass_change import MassChange
 from kickdrift.forces.around.oblateness import CentralPotential, Oblateness
 from kickdrift.forces.around.radiation import NonGravitational, RadiationPressure
 from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
+from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.around.tides import Tides
-from kickdrift.forces.around.tides_spin import TidesSpin
 from kickdrift.forces.bonded.shipped import (
     CosineAngle,
     Fene,

@@ -11,8 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options.option import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, merged
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, Options, merged
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import UNIT_SYSTEMS, UnitSystem

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import (
+from kickdrift.integrators.options import (
     ATOL,
     COMPENSATED,
     CONTROLLER,
@@ -19,8 +19,8 @@ from kickdrift.integrators.options.option import (
     RTOL,
     TEMPERATURE,
     Option,
+    Options,
 )
-from kickdrift.integrators.options.options import Options
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.looks import columns as column
-from kickdrift.looks.observers import NOTHING, Sample, Taken
-from kickdrift.looks.table import Looks
+from kickdrift.looks.observers import NOTHING, Looks, Sample, Taken
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.event_log import is_row
 from kickdrift.model.memory import Memory, by_value

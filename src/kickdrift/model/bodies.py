@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from kickdrift.errors import InputError
-from kickdrift.model.orbits.orbits import Orbit, central_row, gravity_of, in_degrees
+from kickdrift.model.orbits import Orbit, central_row, gravity_of, in_degrees
 from kickdrift.model.starts.elements import elements
 from kickdrift.model.state import Floats, read_only
 from kickdrift.model.subject import Bodies, index_of

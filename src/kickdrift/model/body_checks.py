@@ -1,8 +1,14 @@
-"""Checks of values that users give to a System: names, radii, species and forces."""
+"""Checks of what users give to a System: names, radii, species and forces, and arrays against the number of dimensions.
+
+A force says with ``stands_for`` what it stands for, such as "gravity", and with ``acting_on`` where. Two forces that
+stand for the same at the same place count it twice. A user's class of forces may say so, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Sequence, Sized
+from itertools import combinations
 from types import FunctionType
 from typing import Any
 from unicodedata import category
@@ -11,8 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.checks.values import listed, per_particle
+from kickdrift.model.box.box import Box
+from kickdrift.model.checks.values import listed, numbers, per_particle
 from kickdrift.model.state import Floats
+from kickdrift.model.subject import Subject
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown
 
@@ -97,3 +105,109 @@ def check_kinds(**given: tuple[Any, type]) -> None:
         if not (isinstance(value, kind) or (value is None and kind is not str)):
             expected = "text" if kind is str else f"a {kind.__name__}"
             raise InputError(f"{key}: expected {expected}, got {shown(value)}")
+
+
+CONSTANTS = {"G": "gravity", "c": "light"}  # keys of forces, and where the unit system has the value
+SAME = 1e-6  # relative; values of G in the literature differ by a hundred thousandth
+
+
+def check_doubles(system: Subject) -> None:
+    """Refuse two forces that can never be meant together: equal ones, or different models of the same thing."""
+    for first, second, where in _doubles(system):
+        if type(first) is type(second) and not _equal(first, second):
+            continue
+        both = "twice the same" if type(first) is type(second) else f"both {first.stands_for}"
+        raise InputError(
+            f"forces: {first.name} and {second.name} are {both}{where}, which would count twice; take one of them"
+        )
+
+
+def doubtful_forces(system: Subject) -> list[str]:
+    """Warnings of forces that may count something twice, and of forces with another G or c than others."""
+    lines = [
+        f"{first.name} is given twice{where}, and both forces count; give one force, unless a sum is meant"
+        for first, second, where in _doubles(system)
+    ]
+    for key in CONSTANTS:
+        values: dict[float, str] = {}
+        for force in system.forces:
+            value = constant_of(force, key, system)
+            if value and not any(math.isclose(value, known, rel_tol=SAME) for known in values):
+                values[value] = force.name
+        if len(values) > 1:
+            said = " and ".join(f"{key} = {value:.12g} in {name}" for value, name in values.items())
+            lines.append(f"forces differ in {key}: {said}; it is one constant of the system, so give the same to all")
+    return lines
+
+
+def constant_of(force: Any, key: str, system: Subject) -> float | None:
+    """G, or the speed of light c, in a force; None for a force without such a constant."""
+    dimension = getattr(force, "dimensions", {}).get(key)
+    if dimension != "gravitational constant" and not (key == "c" and getattr(force, "below_light", False)):
+        return None
+    given = getattr(force, key, None)
+    return getattr(system.units, CONSTANTS[key]) if given is None else float(given)
+
+
+def _doubles(system: Subject) -> list[tuple[Any, Any, str]]:
+    """Pairs of forces that stand for the same at the same place, and that place as text."""
+    found = []
+    standing = [force for force in system.forces if getattr(force, "stands_for", "")]
+    for first, second in combinations(standing, 2):
+        if first.stands_for != second.stands_for:
+            continue
+        given = [force.acting_on(system) if hasattr(force, "acting_on") else None for force in (first, second)]
+        named = [places for places in given if places is not None]
+        if not named:
+            found.append((first, second, ""))
+        elif shared := named[0].keys() & named[-1].keys():
+            found.append((first, second, f" on {named[0][min(shared)]}"))
+    return found
+
+
+def _equal(first: Any, second: Any) -> bool:
+    """Whether two forces of one class have equal parameters, in whichever groups they are."""
+    try:
+        return bool({**vars(first), "group": 0} == {**vars(second), "group": 0})
+    except ValueError:  # arrays do not compare to one truth
+        return False
+
+
+def box_for(given: Any, dimensions: int) -> Box:
+    """Return the Box of a System with this number of dimensions. Raises InputError if the box has another number."""
+    if dimensions == 3 and isinstance(given, Sized) and not isinstance(given, str) and len(given) == 2:
+        raise InputError("box: expected three edge lengths or None, got 2; two go with dimensions = 2")
+    box = Box.of(given)
+    if dimensions == 2 and box.periodic_axes[2]:
+        raise InputError(
+            f"box: expected two edge lengths, since a two-dimensional system is not periodic along z, got {box.shape}"
+        )
+    return box
+
+
+def check_plane(phase: Floats) -> None:
+    """Refuse positions and velocities (2, 3, n) of a two-dimensional system unless they are in one plane."""
+    z, v = phase[:, 2]
+    for key, values, first, what in (("positions", z, z[0], "z"), ("velocities", v, 0.0, "vz")):
+        off = np.flatnonzero(values != first)
+        if off.size:
+            expected = f"{what} = {first:.6g}, as of particle 0," if key == "positions" else f"{what} = 0"
+            raise InputError(
+                f"{key}: particle {off[0]} has {what} = {values[off[0]]:.6g}; expected {expected} in two dimensions"
+            )
+
+
+def vectors_of(key: str, values: ArrayLike, dimensions: int) -> Floats:
+    """Check positions or velocities and return them as (n, 3). In two dimensions (n, 2) is accepted."""
+    array = numbers(key, values, "numbers of shape (n, 3)")
+    if dimensions == 2 and array.ndim == 2 and array.shape[1] == 2:
+        array = np.column_stack([array, np.zeros(len(array))])
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise InputError(f"{key}: expected shape (n, 3) with n >= 1, got {array.shape}")
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        particle, axis = bad[0]
+        raise InputError(
+            f"{key}: particle {particle} has {array[particle, axis]} in {'xyz'[axis]}; expected finite numbers"
+        )
+    return array

@@ -12,18 +12,27 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import Body, body_of
-from kickdrift.model.body_checks import body_names, body_radii, check_kinds, forces_of, listed_species, names_of
+from kickdrift.model.body_checks import (
+    body_names,
+    body_radii,
+    box_for,
+    check_doubles,
+    check_kinds,
+    check_plane,
+    forces_of,
+    listed_species,
+    names_of,
+    vectors_of,
+)
 from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import SYSTEM_FILES, Bridged
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
-from kickdrift.model.doubles import check_doubles
 from kickdrift.model.events.events import Event, checked_events
 from kickdrift.model.freedom import freedom_of
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
-from kickdrift.model.space import box_for, check_plane, vectors_of
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system

@@ -11,7 +11,7 @@ import numpy as np
 
 from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits.orbits import Paths, axes_of, invariable_axes
+from kickdrift.model.orbits import Paths, axes_of, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits.orbits import Orbits, Paths, invariable_axes, orbits_of
+from kickdrift.model.orbits import Orbits, Paths, invariable_axes, orbits_of
 from kickdrift.model.starts.elements import TAU, Elements, states
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem

@@ -12,7 +12,7 @@ import numpy as np
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import Integrator, method_of, takers_text
-from kickdrift.integrators.options.option import DT
+from kickdrift.integrators.options import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.plots.runs import COLOURS, GRID, INK, _thin, checked_target, new_axes, new_figure, save_figure

@@ -17,8 +17,7 @@ from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.options.option import PRESSURE
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import PRESSURE, Options
 from kickdrift.integrators.stepping.backward import BackwardStepper, mirrored
 from kickdrift.integrators.stepping.stepper import STOPPED, Stepper
 from kickdrift.jit.cache.notices import compiling_for

@@ -11,8 +11,8 @@ import numpy as np
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.around.spins import SPINS, spinning
 from kickdrift.looks.columns import Column, parts
+from kickdrift.looks.observers import SAMPLE_BYTES
 from kickdrift.looks.record import OBSERVING
-from kickdrift.looks.table import SAMPLE_BYTES
 from kickdrift.model.checks.limits import NEVER, check_room
 from kickdrift.model.state import Floats
 from kickdrift.model.units.quantities import unit_named

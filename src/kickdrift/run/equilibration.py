@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import DT, TEMPERATURE
+from kickdrift.integrators.options import DT, TEMPERATURE
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks.limits import steps_in

@@ -9,7 +9,7 @@ from typing import Any
 from kickdrift.display.showing import Lines, Shown, Table
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.options.option import DT, Option
+from kickdrift.integrators.options import DT, Option
 from kickdrift.text import VALUE, clean, shown, suggestion
 
 _YES = {True: "yes", False: "no"}

@@ -11,7 +11,7 @@ from kickdrift.forces.around.spins import with_spins
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.bodies import Body
-from kickdrift.model.orbits.orbits import OrbitTable, orbit_table
+from kickdrift.model.orbits import OrbitTable, orbit_table
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration

@@ -9,7 +9,7 @@ from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.options.option import MIXED, coupling_of
+from kickdrift.integrators.options import MIXED, coupling_of
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.model.bodies import primary_row
 from kickdrift.model.checks.values import listed, no_overflow
-from kickdrift.model.orbits.orbits import G_given, gravity_of
+from kickdrift.model.orbits import G_given, gravity_of
 from kickdrift.model.starts.builders import check_overlaps, generator
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats

@@ -10,8 +10,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import check_particles
-from kickdrift.model.starts.builders import LATTICES, Structure, lattice, mixture
-from kickdrift.model.starts.plane import PLANE_LATTICES, plane_lattice
+from kickdrift.model.starts.builders import LATTICES, PLANE_LATTICES, Structure, lattice, mixture, plane_lattice
 from kickdrift.model.system import body_names
 from kickdrift.model.units.quantities import number_density
 from kickdrift.model.units.unit_systems import UnitSystem

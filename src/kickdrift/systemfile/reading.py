@@ -19,7 +19,7 @@ from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import bridge
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
-from kickdrift.model.orbits.orbits import G_given
+from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import (
     Structure,

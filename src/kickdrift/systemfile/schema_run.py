@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Discriminator, Field, PositiveFloat, Tag, 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
-from kickdrift.integrators.options.option import DT, OPTIONS, Option
+from kickdrift.integrators.options import DT, OPTIONS, Option
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.model.run_defaults import Equilibration, RunDefaults

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.model.box.box import Box
-from kickdrift.model.orbits.orbits import G_given, Paths, axes_of, central_row, invariable_axes
+from kickdrift.model.orbits import G_given, Paths, axes_of, central_row, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of

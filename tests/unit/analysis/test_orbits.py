@@ -13,7 +13,7 @@ from kickdrift.analysis.orbits import orbits as of
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.model.orbits.orbits import invariable_axes
+from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System

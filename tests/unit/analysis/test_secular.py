@@ -13,7 +13,7 @@ import kickdrift as kd
 from kickdrift.analysis.orbits.librations import libration, powers, ratios
 from kickdrift.analysis.orbits.secular import Theory, laplace, modes, theories
 from kickdrift.cli.main import app
-from kickdrift.model.orbits.orbits import Orbits
+from kickdrift.model.orbits import Orbits
 from kickdrift.model.starts.elements import Elements
 
 YEARS = 60_000.0

@@ -332,7 +332,7 @@ def test_a_benchmark_of_too_many_particles_is_refused(kickdrift, count):
 def test_samples_of_a_run_of_unknown_length_stop_at_the_memory(monkeypatch):
     sim = kd.Simulation(harmonic_oscillator(), integrator="dormand-prince45")
     sim.run(until=1.0, every=1)
-    monkeypatch.setattr("kickdrift.looks.table.COUNTED", 64)
+    monkeypatch.setattr("kickdrift.looks.observers.COUNTED", 64)
     monkeypatch.setattr(limits, "memory", lambda: 4 * 1000 * 100)
     with pytest.raises(
         RunError, match=r"^stopped at step \d+ .*: run: 128 samples take .* give a larger every or interval"

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import kickdrift as kd
-from kickdrift.model.doubles import doubtful_forces
+from kickdrift.model.body_checks import doubtful_forces
 
 TIDES = {"radius": 0.01, "tau": 0.0}
 SPINS = TIDES | {"inertia": 1e-6, "spin": (0.0, 0.0, 0.0)}

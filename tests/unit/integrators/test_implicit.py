@@ -493,7 +493,7 @@ def test_a_tableau_of_ones_own_runs():
 
 
 def _nothing():
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
     return Options()
 

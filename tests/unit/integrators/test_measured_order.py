@@ -7,8 +7,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.own.measured_order import measured_order
-from kickdrift.integrators.own.registration import unregister
+from kickdrift.integrators.own.registration import measured_order, unregister
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.integrators.splitting.method import Splitting
 

@@ -18,7 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import known_options
-from kickdrift.integrators.options.option import OPTIONS
+from kickdrift.integrators.options import OPTIONS
 from kickdrift.integrators.own.registration import unregister
 from kickdrift.integrators.splitting.subflows import FLOWS, Subflow
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body

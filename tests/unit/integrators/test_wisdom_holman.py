@@ -12,7 +12,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.options.option import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.options import HELIOCENTRIC, JACOBI
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
 from kickdrift.integrators.wisdom_holman.method import CORRECTORS, LEAPFROG, SABA
 from tests.folders import DATA

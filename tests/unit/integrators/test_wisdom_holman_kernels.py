@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import COMPOSITION, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
+from kickdrift.integrators.options import COMPOSITION, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.wisdom_holman.corrector import corrector
 from kickdrift.integrators.wisdom_holman.method import CORRECTORS
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets

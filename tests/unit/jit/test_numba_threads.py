@@ -15,11 +15,10 @@ import pytest
 import kickdrift as kd
 from kickdrift.jit.compile import driver
 from kickdrift.jit.handle import handle
-from kickdrift.jit.threads import team
+from kickdrift.jit.threads import chunks
 from kickdrift.jit.threads.atomic import add, read
-from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.threads.chunks import Chunks, Team, chunk_task, each_chunk, in_chunks, team_of
 from kickdrift.jit.threads.numba_threads import NumbaTeam
-from kickdrift.jit.threads.team import Team, team_of
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from tests.processes import python
 
@@ -113,7 +112,7 @@ def motion(threads: int) -> str:
 
 def all_by_numba() -> None:
     """Print what a process with numba's threads finds."""
-    team.SLEEPING = False
+    chunks.SLEEPING = False
     assert isinstance(team_of(2), NumbaTeam)
     digests = [motion(threads) for threads in (1, 2)]
     print("helped:", team_of(2).helped > 0)
@@ -141,7 +140,7 @@ def test_chunks_on_threads_of_numba(layer):
 
 @pytest.mark.parametrize(("sleeping", "kind"), [(True, Team), (False, NumbaTeam)])
 def test_the_team_of_a_system(monkeypatch, sleeping, kind):
-    monkeypatch.setattr(team, "SLEEPING", sleeping)
+    monkeypatch.setattr(chunks, "SLEEPING", sleeping)
     made = team_of.__wrapped__(2)
     assert isinstance(made, kind)
     assert made.address

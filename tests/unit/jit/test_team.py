@@ -17,8 +17,7 @@ import kickdrift as kd
 from kickdrift.forces.bound.forces import most_threads
 from kickdrift.jit.compile import driver
 from kickdrift.jit.handle import handle
-from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
-from kickdrift.jit.threads.team import team_of
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks, team_of
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 
 CHUNKS, TURNS = 37, 200

@@ -11,8 +11,7 @@ import kickdrift as kd
 from kickdrift.analysis.observables.structure import radial_distribution
 from kickdrift.errors import InputError
 from kickdrift.looks.pressure import instantaneous_pressure
-from kickdrift.model.starts.builders import maxwell_boltzmann
-from kickdrift.model.starts.plane import plane_lattice
+from kickdrift.model.starts.builders import maxwell_boltzmann, plane_lattice
 from kickdrift.systemfile.reading import loads
 
 FILE = """

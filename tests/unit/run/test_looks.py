@@ -10,8 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.integrators.flows import particle_flow
-from kickdrift.looks.observers import Energies, Sample, Taken, take_sample
-from kickdrift.looks.table import Looks
+from kickdrift.looks.observers import Energies, Looks, Sample, Taken, take_sample
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.plan.plan import looks_at
 from kickdrift.run.report import energy as reports

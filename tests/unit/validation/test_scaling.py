@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.jit.threads.team import AWAKE, CODE, team_of
+from kickdrift.jit.threads.chunks import AWAKE, CODE, team_of
 from kickdrift_validation.performance import scaling, scaling_model
 from kickdrift_validation.performance.scaling_model import Delays, Log, Memory, Task, makespan, predicted
 from tests.folders import DOCS

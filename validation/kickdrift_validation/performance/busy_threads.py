@@ -16,7 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from kickdrift.jit.threads.team import team_of
+from kickdrift.jit.threads.chunks import team_of
 from kickdrift_validation.claim import Claim, claim, show, where
 from kickdrift_validation.performance.melt import again, melt
 from kickdrift_validation.performance.turns import Native, ratio_of, turns

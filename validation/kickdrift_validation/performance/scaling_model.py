@@ -29,9 +29,19 @@ from kickdrift.jit.handle import callback, handle
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.atomic import nanoseconds, read, write
-from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
+from kickdrift.jit.threads.chunks import (
+    AWAKE,
+    CODE,
+    CROWDED,
+    TASK_PLACE,
+    Chunks,
+    Team,
+    chunk_task,
+    each_chunk,
+    in_chunks,
+    team_of,
+)
 from kickdrift.jit.threads.numba_threads import call_task
-from kickdrift.jit.threads.team import AWAKE, CODE, CROWDED, TASK_PLACE, Team, team_of
 from kickdrift_validation.performance.peaks import MEMORY, caches
 from kickdrift_validation.performance.peaks import read as sum_of
 from kickdrift_validation.performance.turns import Missing

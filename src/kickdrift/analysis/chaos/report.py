@@ -22,7 +22,7 @@ from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.observers import Energies
-from kickdrift.model.doubles import doubtful_forces
+from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System

@@ -18,7 +18,7 @@ from kickdrift.analysis.compare.sampling_comparing import compare_sampling
 from kickdrift.display.showing import Bar, progress_bar
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator, in_units, known_options
-from kickdrift.integrators.options.option import DT
+from kickdrift.integrators.options import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in

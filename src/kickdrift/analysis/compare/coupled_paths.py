@@ -20,7 +20,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator, takers_text
-from kickdrift.integrators.options.option import NOISE, REFINE
+from kickdrift.integrators.options import NOISE, REFINE
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK
 from kickdrift.looks.observers import kinetic_energy

@@ -23,7 +23,7 @@ from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow,
 from kickdrift.analysis.compare.work_precision import file_length
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.asked import Integrator
-from kickdrift.integrators.options.option import DT, FRICTION, NOISE, TEMPERATURE
+from kickdrift.integrators.options import DT, FRICTION, NOISE, TEMPERATURE
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation

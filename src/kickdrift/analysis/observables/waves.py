@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
-from kickdrift.model.box.reduction import shortest
+from kickdrift.model.box.edges import shortest
 from kickdrift.model.state import Floats
 
 REACH = 1.5  # default range in units of 2π over the mean distance (V/n)^(1/3), beyond a liquid's first peak

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kickdrift.model.orbits.orbits import Orbits
+from kickdrift.model.orbits import Orbits
 from kickdrift.model.state import Floats
 from kickdrift.statistics.quasi_periodic import frequencies
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.model.orbits.orbits import Orbits, Paths, central_row, orbits_of
+from kickdrift.model.orbits import Orbits, Paths, central_row, orbits_of
 from kickdrift.model.starts.elements import Elements
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.merged import masses_held

@@ -15,7 +15,7 @@ from kickdrift.analysis.orbits.secular import Modes, modes, theories
 from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import number, whole_number
-from kickdrift.model.orbits.orbits import Orbits
+from kickdrift.model.orbits import Orbits
 from kickdrift.model.state import Floats
 from kickdrift.model.units.quantities import time_in
 from kickdrift.model.units.unit_systems import UnitSystem

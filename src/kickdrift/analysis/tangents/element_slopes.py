@@ -17,7 +17,7 @@ from kickdrift.analysis.tangents.jets import Jet, angle, cos, sin
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import primary_row
 from kickdrift.model.checks.limits import whole_text
-from kickdrift.model.orbits.orbits import gravity_of
+from kickdrift.model.orbits import gravity_of
 from kickdrift.model.starts.elements import elements
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of

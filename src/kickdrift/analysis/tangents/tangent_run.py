@@ -13,8 +13,7 @@ from kickdrift.analysis.tangents.varied_run import DEFAULT
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.slopes.pushes import parameter_of
-from kickdrift.integrators.options.option import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import JACOBI, KERNEL, LAZY, MODIFIED_KICK, STANDARD, Options
 from kickdrift.integrators.wisdom_holman.method import WisdomHolman
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.model.state import Floats

@@ -12,12 +12,12 @@ from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, meas
 from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
 from kickdrift.forces.laws.law import not_compiled
 from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lists import grown, memory, recalled, thinned, tuned, with_moving_parts
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.seam.kernel import GROW, OK, BoundForce
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
-from kickdrift.jit.threads.team import team_of
+from kickdrift.jit.threads.chunks import team_of
 from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown

@@ -24,7 +24,7 @@ from kickdrift.jit.cache.described import Description
 from kickdrift.jit.cache.package_files import UnknownSource
 from kickdrift.jit.inner import inner, overload
 from kickdrift.jit.numba_private import NumbaWarning
-from kickdrift.model.partial import Partial
+from kickdrift.model.problem import Partial
 from kickdrift.model.state import Floats
 
 SIGNATURE = types.int64(types.float64, types.CPointer(types.float64), types.CPointer(types.float64))

@@ -26,9 +26,6 @@ from kickdrift.forces.seam.kernel import OK, RAISED, kernel
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-
-if TYPE_CHECKING:
     from kickdrift.model.problem import Function, Problem
 
 

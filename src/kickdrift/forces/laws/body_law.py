@@ -22,9 +22,6 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
-
 
 MOST_TRIED, MOST_SLOPES = 100, 24  # bodies of a system whose law, or its slope, is tried: plain Python is slow
 MOST_MOVED = 3  # bodies that are moved to and fro

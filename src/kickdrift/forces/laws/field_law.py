@@ -24,9 +24,6 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
-
 
 MOST = 6  # particles that are tried
 STEPS = tuple(10.0**-k for k in range(1, 8))  # of the system's extent, for the differences

@@ -24,9 +24,6 @@ from kickdrift.text import clean, shown
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
-
 
 Numbers = float | Sequence[float] | dict[str, float]
 Vectors = Vector | Sequence[Vector] | dict[str, Vector]

@@ -8,12 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.many_body.entries import checked_entries, elements_of, entry_of, read_entries
-from kickdrift.forces.seam.group import Grouped
-
-if TYPE_CHECKING:
-    from kickdrift.model.subject import Subject
+from kickdrift.forces.seam.group import Grouped, ListedForce
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject

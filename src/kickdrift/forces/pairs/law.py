@@ -16,8 +16,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
-from kickdrift.forces.lists.listed import ListedForce
-from kickdrift.forces.seam.group import Grouped
+from kickdrift.forces.seam.group import Grouped, ListedForce
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
 

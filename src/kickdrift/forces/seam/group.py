@@ -1,4 +1,4 @@
-"""What all classes of forces share: their group, what they stand for, and parameters that are text with a unit."""
+"""What all classes of forces share: their group, what they stand for, parameters as text; and a base for lists."""
 
 from __future__ import annotations
 
@@ -97,3 +97,12 @@ def _in_units(value: Any, dimensions: Mapping[str, str], key: str, units: UnitSy
     if key not in dimensions:
         return value
     return 0.0 if units is None else quantity(value, dimensions[key], units, f"{where}: {key}")
+
+
+class ListedForce:
+    """A force with a cutoff, whose particles find each other through a list of neighbours.
+
+    ``bind(system, threads, mixed)`` returns a `pairs.kernel.PairKernel`."""
+
+    name: ClassVar[str]
+    thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature

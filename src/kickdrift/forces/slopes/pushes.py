@@ -15,8 +15,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.model.checks.values import is_number
 from kickdrift.model.state import State
 from kickdrift.text import choices
@@ -49,7 +49,7 @@ class Push:
 
     def bind(self, system: System, threads: int = 1) -> Any:
         """Return the parts: a NamedTuple with a compiled body."""
-        from kickdrift.forces.slopes.pushes_kernel import bind
+        from kickdrift.forces.slopes.variations_kernel import bind
 
         bound = [force.bind(moved, threads) for force, moved in self._copies]
         return bind(bound, len(self._copies[0][1]), self._column, self._size)

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.around.tides_spin import TidesSpin
+from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.gravity.direct import Gravity
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.tree.force import GravityTree
 
 if TYPE_CHECKING:

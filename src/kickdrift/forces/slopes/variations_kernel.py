@@ -1,4 +1,4 @@
-"""The compiled variations of forces, along any number of deviations; for gravity also the second derivatives.
+"""The compiled variations of forces, along any number of deviations and by numbers; for gravity to second order.
 
 Particle i of the System has the deviations ``n + i * directions`` to ``n + (i + 1) * directions - 1``.
 """
@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.gravity.by_bodies import ByBodies, by_bodies, slopes_by_bodies
-from kickdrift.forces.gravity.slope import Sources, acceleration_and_slope, sources_of
+from kickdrift.forces.gravity.slope import (
+    ByBodies,
+    Sources,
+    acceleration_and_slope,
+    by_bodies,
+    slopes_by_bodies,
+    sources_of,
+)
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.seam.kernel import OK, kernel, run_body
 from kickdrift.forces.slopes.dual_slopes import NO_DUALS, dual_slopes
@@ -22,9 +28,6 @@ from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_
 from kickdrift.jit.lanes.vector3 import dot, load3, store3, vector3
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.forces.gravity.direct import Gravity
@@ -335,3 +338,54 @@ def add_vectors(a, place, size, count, slope):
     masked_store(a, place, total.x, count)
     masked_store(a, size + place, total.y, count)
     masked_store(a, 2 * size + place, total.z, count)
+
+
+class PushKernel(NamedTuple):
+    """A force at four values of a number."""
+
+    ahead: Any
+    behind: Any
+    far_ahead: Any
+    far_behind: Any
+    column: int
+    size: float
+    phase: NDArray[np.float64]  # (2, 3, n)
+    a: NDArray[np.float64]  # (3, n)
+
+
+def bind(bound: list[Any], n: int, column: int, size: float) -> PushKernel:
+    """Bind the four copies of a force."""
+    ahead, behind, far_ahead, far_behind = bound
+    return PushKernel(ahead, behind, far_ahead, far_behind, column, size, np.zeros((2, 3, n)), np.zeros((3, n)))
+
+
+@kernel(PushKernel)
+def push_column(force, t, x, v, a, sums):
+    phase = force.phase
+    n = phase.shape[2]
+    for k in range(3):
+        for i in range(n):
+            phase[0, k, i], phase[1, k, i] = x[k, i], v[k, i]
+    status = add_weighted(force.ahead, force, t, a, 8.0 / 12.0)
+    if status == OK:
+        status = add_weighted(force.behind, force, t, a, -8.0 / 12.0)
+    if status == OK:
+        status = add_weighted(force.far_ahead, force, t, a, -1.0 / 12.0)
+    if status == OK:
+        status = add_weighted(force.far_behind, force, t, a, 1.0 / 12.0)
+    return status
+
+
+@jit
+def add_weighted(copy, force, t, a, weight):
+    """Add a multiple of a copy's accelerations to those of the column. Return a status."""
+    never_inline()
+    phase, own = force.phase, force.a
+    n = own.shape[1]
+    directions = a.shape[1] // n - 1
+    own[:, :] = 0.0
+    status = run_body(copy, t, phase[0], phase[1], own, None)
+    for k in range(3):
+        for i in range(n):
+            a[k, n + i * directions + force.column] += weight * force.size * own[k, i]
+    return status

@@ -17,7 +17,7 @@ from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.seam.kernel import GROW
 from kickdrift.integrators.exact.list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact.loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import Regular
 from kickdrift.model.memory import Memory

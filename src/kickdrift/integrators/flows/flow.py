@@ -17,8 +17,8 @@ from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.flows.problem_flow import ProblemFlow
 from kickdrift.looks.columns import ANGULAR
 from kickdrift.looks.looking import HEAD
+from kickdrift.looks.observers import Looks
 from kickdrift.looks.record import Record
-from kickdrift.looks.table import Looks
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System

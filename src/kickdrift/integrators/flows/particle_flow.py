@@ -10,21 +10,20 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.external.kernel import Host
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
-from kickdrift.integrators.options.option import APART
-from kickdrift.looks.blow_up import explain, nearest_pair
+from kickdrift.integrators.options import APART
+from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
-from kickdrift.looks.observers import Sample
+from kickdrift.looks.observers import Looks, Sample
 from kickdrift.looks.record import Record
-from kickdrift.looks.table import Looks
+from kickdrift.model.body_checks import check_plane
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import check_state, no_overflow, unwarned
 from kickdrift.model.live_box import LiveBox, in_box
-from kickdrift.model.space import check_plane
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System

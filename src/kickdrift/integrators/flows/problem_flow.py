@@ -9,9 +9,8 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.equations.equation import check_right_hand_side, right_hand_side
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.jacobian import difference_jacobian
-from kickdrift.looks.observers import Energies, Sample
+from kickdrift.looks.observers import Energies, Looks, Sample
 from kickdrift.looks.record import Record
-from kickdrift.looks.table import Looks
 from kickdrift.model.checks.values import check_state
 from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.state import Floats

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import SOLVES, Method
-from kickdrift.integrators.options.option import MAX_STEP, RTOL
+from kickdrift.integrators.options import MAX_STEP, RTOL
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
 
 _EPSILON = "The dimensionless epsilon that sets the steps; errors per step go as its power 15/7."

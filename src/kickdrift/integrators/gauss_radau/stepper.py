@@ -22,7 +22,7 @@ from kickdrift.integrators.gauss_radau.series import (
 )
 from kickdrift.integrators.gauss_radau.step import CONVERGED, MOST
 from kickdrift.integrators.gauss_radau.tables import STAGES, tables
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, ChosenSteps
 from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
 from kickdrift.integrators.stepping.stepper import INNER

@@ -11,13 +11,13 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import SOLVES, Method
-from kickdrift.integrators.options.option import COMPENSATED, ITERATION, Option
+from kickdrift.integrators.options import COMPENSATED, ITERATION, Option
 from kickdrift.integrators.runge_kutta.tableaus import Rows
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
 
 ITERATIONS = ITERATION.choices

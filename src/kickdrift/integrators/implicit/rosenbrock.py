@@ -15,7 +15,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
 
 
@@ -81,7 +81,7 @@ class Rosenbrock(Method):
         return (lower(self.a) + np.eye(len(self.m))) @ g, np.array(self.m) @ g
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.integrators.implicit.rosenbrock_stepper import RosenbrockStepper
+        from kickdrift.integrators.implicit.stepper import RosenbrockStepper
 
         return RosenbrockStepper(flow, self, options)
 

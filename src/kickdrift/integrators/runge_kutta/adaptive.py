@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.forces.bound.table import fill_derivative
 from kickdrift.forces.seam.kernel import GROW, OK, RAISED
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, LAST, NEXT, TIME, ChosenSteps
 from kickdrift.integrators.stepping.loops import FRESH, REJECTED, STAGE, STEP, stage_state
 from kickdrift.integrators.stepping.step_control import (

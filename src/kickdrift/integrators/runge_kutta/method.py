@@ -19,7 +19,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kickdrift.integrators.method import SOLVES, Method
-from kickdrift.integrators.options.option import ATOL, MAX_STEP, RTOL, Option
+from kickdrift.integrators.options import ATOL, MAX_STEP, RTOL, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
 
 

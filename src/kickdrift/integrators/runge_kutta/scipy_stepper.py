@@ -13,7 +13,7 @@ from scipy.linalg import LinAlgError
 
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.step_control import EPSILON, first_step, tolerances_of
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping.stepwise import PythonStepper, check_unknowns

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options.option import Option
+from kickdrift.integrators.options import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.integrators.options.option import OF_PRESSURE, SPLITTING, Option
+from kickdrift.integrators.options import OF_PRESSURE, SPLITTING, Option
 from kickdrift.integrators.splitting import method as splitting
 from kickdrift.integrators.splitting.method import Splitting, even_weights
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from kickdrift.forces.bound.table import EVALUATIONS, SLOTS, fill_accelerations
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.loops import STAGE, STEP, add_scaled
 from kickdrift.integrators.stepping.stepper import STOPPED, Counts
 from kickdrift.integrators.stepping.stepping import Resumable

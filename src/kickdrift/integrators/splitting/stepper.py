@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces.pairs.sorted_steps import plan_of
-from kickdrift.integrators.options.option import PRESSURE
+from kickdrift.integrators.options import PRESSURE
 from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.splitting.baths.bath import bath_warnings
 from kickdrift.integrators.splitting.subflows import FLOWS
 from kickdrift.integrators.stepping.loops import FRESH, splitting_loop
-from kickdrift.integrators.stepping.pressing import Pressed
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import FixedStepper
+from kickdrift.integrators.stepping.subflow_code import Pressed
 from kickdrift.jit.threads.chunks import Chunks, in_chunks
 from kickdrift.model.checks.values import whole_number
 from kickdrift.model.memory import Memory, by_value
@@ -25,7 +25,7 @@ from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 
 WORTH_CHUNKS = 20_000  # particles

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import (
+from kickdrift.integrators.options import (
     ALLOW_GRAVITY,
     CHAIN,
     FRICTION,
@@ -32,7 +32,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.subflow_code import BoundSubflow
 
 

@@ -16,8 +16,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.flows.particle_flow import clocked
 from kickdrift.integrators.stepping.stepper import Counts
 from kickdrift.model.memory import Memory
-from kickdrift.model.partial import Partial
-from kickdrift.model.problem import Problem
+from kickdrift.model.problem import Partial, Problem
 from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import System
 

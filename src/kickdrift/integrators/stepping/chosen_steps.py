@@ -26,7 +26,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 # First slots of the clock of a loop that chooses its steps: the last step point, the step to try, the last step, its
 # starting time.

@@ -23,12 +23,11 @@ from numba import types
 from kickdrift.forces.bound.table import EVALUATIONS, fill_accelerations, fill_by, fill_derivative
 from kickdrift.forces.pairs.sorted_steps import DT, EVALUATED, FEWEST_STEPS, HOLDS, NEXT, STEPS, TAKEN
 from kickdrift.forces.seam.kernel import OK, TAKE_STEPS, call_force
-from kickdrift.integrators.stepping.pressing import evaluate, press
 from kickdrift.integrators.stepping.subflow_code import FRESH as FRESH
 from kickdrift.integrators.stepping.subflow_code import REJECTED as REJECTED
 from kickdrift.integrators.stepping.subflow_code import STAGE as STAGE
 from kickdrift.integrators.stepping.subflow_code import STEP as STEP
-from kickdrift.integrators.stepping.subflow_code import call_subflow
+from kickdrift.integrators.stepping.subflow_code import call_subflow, evaluate, press
 from kickdrift.jit.compile import driver, inlined, jit, never_inline, strict
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload

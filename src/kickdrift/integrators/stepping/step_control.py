@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import CONTROLLER
+from kickdrift.integrators.options import CONTROLLER
 from kickdrift.jit.compile import is_finite, jit
 from kickdrift.model.checks.values import positive
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 EPSILON = float(np.finfo(float).eps)
 FLOOR = 1e-4

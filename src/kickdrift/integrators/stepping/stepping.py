@@ -23,7 +23,7 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.forces.bound.forces import BoundForces
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 
 TAKEN, WANTED, REFUSED = range(3)  # slots of ``seen``: samples so far, samples in all, whether the last failed

@@ -1,16 +1,28 @@
-"""Further flows as machine code, which the loop of splitting methods calls by address."""
+"""Further flows as machine code, which the loop of splitting methods calls by address, and the barostat's place there.
+
+A barostat that acts every few steps acts between two steps. The loop evaluates forces, energy and virial at the
+particles. The barostat's machine code then proposes other edge lengths, and scales the particles. The loop evaluates
+all again, and the barostat decides: it keeps the change, or takes it back. For a word without a barostat all this is
+compiled out.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
+from kickdrift.forces.bound.table import fill_accelerations
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
+from kickdrift.jit.inner import overload
+from kickdrift.model.state import Floats
 
 _NUMBERS = types.CPointer(types.float64)
 BODIES: dict[type, Any] = {}  # compiled bodies by the NamedTuple class of the parts
@@ -68,3 +80,102 @@ def call_subflow(typingctx, address, work, t, span, step, stage, x, v):
 # Steps done in this call, next stage, whether `work` holds the derivative at y (with groups of forces a bit for each
 # group), rejected steps.
 STEP, STAGE, FRESH, REJECTED = 1, 2, 3, 4
+
+
+PROPOSE, DECIDE = 0, 1  # tasks of a barostat, in place of a stage
+TAKEN_BACK = 100  # status of a decision: the particles are back where they were
+SUMMED, PROPOSED, ACTED = range(3)  # slots of ``place``
+
+
+class Pressed(NamedTuple):
+    """The barostat of a word, as the loop uses it."""
+
+    table: NDArray[np.int64]  # (2,) addresses of the machine code and of its parts; zeros if it is a flow of the word
+    every: int  # steps from one action to the next
+    place: NDArray[np.int64]  # (3,) whether `sums` are those at x, whether a change waits for its decision, and the
+    # number of the step after the last action, plus 1
+    sums: Floats  # (3,) potential energy, virial and pairs at the last evaluation with sums
+    kept: Floats  # (3, n) accelerations before a proposal
+
+
+def evaluate(barostat: Any, bound: Any, t: float, x: Any, v: Any, work: Any, done: int, cursor: Any) -> int:
+    """work <- accelerations at x, after ``done`` steps; return a status. Energy and virial are summed if the barostat
+    acts at the end of the step."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(evaluate, forceinline=True)
+def _evaluate(barostat, bound, t, x, v, work, done, cursor):
+    if isinstance(barostat, types.NoneType):
+        return lambda barostat, bound, t, x, v, work, done, cursor: fill_accelerations(
+            bound, t, x, v, work, None, cursor
+        )
+
+    def each(barostat, bound, t, x, v, work, done, cursor):
+        if (done + 1) % barostat.every == 0:
+            return fill_with_sums(barostat, bound, t, x, v, work, cursor)
+        barostat.place[SUMMED] = 0
+        return fill_accelerations(bound, t, x, v, work, None, cursor)
+
+    return each
+
+
+@jit
+def fill_with_sums(barostat, bound, t, x, v, work, cursor):
+    """work and the barostat's sums <- those at x; return a status."""
+    for k in range(barostat.sums.size):
+        barostat.sums[k] = 0.0
+    status = fill_accelerations(bound, t, x, v, work, barostat.sums, cursor)
+    barostat.place[SUMMED] = int(status == OK)
+    return status
+
+
+def press(barostat: Any, bound: Any, start: float, done: int, dt: float, x: Any, v: Any, work: Any, cursor: Any) -> int:
+    """Let the barostat act before step ``done``, if its turn has come; return a status."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(press, forceinline=True)
+def _press(barostat, bound, start, done, dt, x, v, work, cursor):
+    if isinstance(barostat, types.NoneType):
+        return lambda barostat, bound, start, done, dt, x, v, work, cursor: OK
+    return lambda barostat, bound, start, done, dt, x, v, work, cursor: act_between(
+        barostat, bound, start, done, dt, x, v, work, cursor
+    )
+
+
+@jit
+def act_between(barostat, bound, start, done, dt, x, v, work, cursor):
+    """Let the barostat act between two steps; after a full pair list the same call goes on where it was."""
+    place = barostat.place
+    if done % barostat.every != 0 or place[ACTED] == done + 1:
+        return OK
+    code, parts = barostat.table
+    t, span = start + done * dt, barostat.every * dt
+    if not place[PROPOSED]:
+        if not (cursor[FRESH] and place[SUMMED]):
+            status = fill_with_sums(barostat, bound, t, x, v, work, cursor)
+            if status != OK:
+                return status
+            cursor[FRESH] = 1
+        if code == 0:
+            return OK
+        copy_rows(work, barostat.kept)
+        status = call_subflow(code, parts, t, span, done, PROPOSE, x, v)
+        if status != OK:
+            return status
+        place[PROPOSED], cursor[FRESH] = 1, 0
+    status = fill_with_sums(barostat, bound, t, x, v, work, cursor)
+    if status != OK:
+        return status
+    if call_subflow(code, parts, t, span, done, DECIDE, x, v) == TAKEN_BACK:
+        copy_rows(barostat.kept, work)
+    place[PROPOSED], place[ACTED], cursor[FRESH] = 0, done + 1, 1
+    return OK
+
+
+@jit
+def copy_rows(source, target):
+    for k in range(target.shape[0]):
+        for i in range(target.shape[1]):
+            target[k, i] = source[k, i]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.batch import LOOK, LaneBodies
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.trace.batch_alone import Alone
 from kickdrift.integrators.trace.batch_events import Limits

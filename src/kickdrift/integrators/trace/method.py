@@ -10,12 +10,12 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.around.spins import spinning
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.options.option import HILL_RADII, INNER, PERICENTRE
+from kickdrift.integrators.options import HILL_RADII, INNER, PERICENTRE
 from kickdrift.integrators.wisdom_holman.method import one_gravity
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System

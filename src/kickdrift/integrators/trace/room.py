@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kickdrift.forces.lists.listed import ListedForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.integrators.gauss_radau.series import BLOCK, ROWS
 from kickdrift.integrators.gauss_radau.tables import tables
 from kickdrift.integrators.trace.others import INSIDE, KICKS

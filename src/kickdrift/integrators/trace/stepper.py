@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps
 from kickdrift.integrators.trace.loop import trace_loop

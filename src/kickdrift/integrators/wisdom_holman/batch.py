@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.bound.table import EVALUATIONS, SLOTS
 from kickdrift.forces.gravity.batch import LOOK, LaneBodies
-from kickdrift.integrators.options.option import JACOBI
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import JACOBI, Options
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.wisdom_holman.batch_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop

@@ -18,7 +18,7 @@ from numba import types
 
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import LAZY, MODIFIED_KICK
+from kickdrift.integrators.options import LAZY, MODIFIED_KICK
 from kickdrift.integrators.wisdom_holman.bodies import (
     GM,
     LIVE,

@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.options.option import (
+from kickdrift.integrators.options import (
     COMPENSATED,
     COMPOSITION,
     COORDINATES,
@@ -26,7 +26,7 @@ from kickdrift.integrators.splitting.method import Splitting, in_turn, palindrom
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.batch_loops import LaneStepper, Members
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System

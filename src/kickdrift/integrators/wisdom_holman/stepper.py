@@ -10,8 +10,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
-from kickdrift.integrators.options.option import JACOBI, KERNEL, STANDARD
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import JACOBI, KERNEL, STANDARD, Options
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Retimed

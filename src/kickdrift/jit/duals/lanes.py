@@ -18,8 +18,8 @@ from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import operators as operators  # operators of the duals that these functions return
 from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes import elementary, gathering, masks, memory
 from kickdrift.jit.lanes import functions as lanes
+from kickdrift.jit.lanes import gathering, masks, memory
 from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
 
 _DTYPE = np.dtype([("value", np.float64), ("slope", np.float64)])
@@ -222,19 +222,19 @@ def _teach(function: Any, slope: Any) -> Any:
 
 
 inverse_sqrt = _teach(lanes.inverse_sqrt, lambda x, y: -0.5 * (y * y * y))
-lane_exp = _teach(elementary.lane_exp, lambda x, y: y)
-lane_log = _teach(elementary.lane_log, lambda x, y: 1.0 / x)
+lane_exp = _teach(lanes.lane_exp, lambda x, y: y)
+lane_log = _teach(lanes.lane_log, lambda x, y: 1.0 / x)
 
 
 def lane_sine_cosine(x: Any) -> Any:
-    """See `elementary.lane_sine_cosine`."""
+    """See `lanes.lane_sine_cosine`."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(lane_sine_cosine)
 def _lane_sine_cosine(x):
     def of_duals(x):
-        sine, cosine = elementary.lane_sine_cosine(x.value)
+        sine, cosine = lanes.lane_sine_cosine(x.value)
         return dual(sine, cosine * x.slope), dual(cosine, -sine * x.slope)
 
-    return of_duals if of_lanes(x) else (lambda x: elementary.lane_sine_cosine(x))
+    return of_duals if of_lanes(x) else (lambda x: lanes.lane_sine_cosine(x))

@@ -12,8 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
-from kickdrift.model.box.edges import Floats, Vector, axes_of, checked_rows, rows_of, turned, written
-from kickdrift.model.box.reduction import lower, neighbours, shortest
+from kickdrift.model.box.edges import (
+    Floats,
+    Vector,
+    axes_of,
+    checked_rows,
+    lower,
+    neighbours,
+    rows_of,
+    shortest,
+    turned,
+    written,
+)
 from kickdrift.text import measured
 
 

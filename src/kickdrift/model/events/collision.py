@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,6 @@ from kickdrift.model.subject import Bodies, index_of
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
-
-if TYPE_CHECKING:
-    from kickdrift.model.state import Floats
-
 
 Radii = float | Sequence[float] | Mapping[str, float]
 BRIDGES = "bridges"  # a restitution that depends on the speed

@@ -22,8 +22,7 @@ from kickdrift.run.watcher import Watcher
 from kickdrift.run.watchers.file import File
 
 if TYPE_CHECKING:
-    from kickdrift.looks.observers import Sample
-    from kickdrift.looks.table import Looks
+    from kickdrift.looks.observers import Looks, Sample
     from kickdrift.run.advance import Integration
     from kickdrift.run.report.report import Report
     from kickdrift.trajectory.layout.options import FileOptions

@@ -12,7 +12,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.looks.table import check_samples as check_samples
+from kickdrift.looks.observers import check_samples as check_samples
 from kickdrift.model.checks.limits import NEVER, steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number

@@ -14,10 +14,9 @@ import numpy as np
 from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
-from kickdrift.forces.lists.listed import ListedForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options.option import PRESSURE, TEMPERATURE
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import PRESSURE, TEMPERATURE, Options
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks.values import unwarned

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.looks.doubts import digits_doubt
-from kickdrift.model.doubles import doubtful_forces
+from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.text import choices, suggestion

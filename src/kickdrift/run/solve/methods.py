@@ -21,14 +21,12 @@ from kickdrift.integrators.asked import settled, unpacked
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.flows.problem_flow import ProblemFlow
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options.option import ATOL, RTOL
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import ATOL, RTOL, Options
 from kickdrift.integrators.runge_kutta.scipy_methods import SciPyMethod
 from kickdrift.integrators.stepping.step_control import LEAST_RTOL
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import STEPPING, Record
-from kickdrift.model.partial import Partial
-from kickdrift.model.problem import Problem, ProblemState
+from kickdrift.model.problem import Partial, Problem, ProblemState
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.run.advance import Integration
 from kickdrift.run.report.report import Report, report

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import is_number, number, numbers
-from kickdrift.model.partial import arguments
+from kickdrift.model.problem import arguments
 from kickdrift.model.state import Floats
 from kickdrift.run.report.report import Report
 from kickdrift.text import shown

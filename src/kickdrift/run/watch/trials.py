@@ -12,7 +12,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options.options import Options
+from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.stepper import Counts, Stepper
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record

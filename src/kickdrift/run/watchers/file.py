@@ -16,7 +16,7 @@ from kickdrift.run.forces import forces_at
 from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.looks.table import Looks
+    from kickdrift.looks.observers import Looks
     from kickdrift.run.advance import Integration
     from kickdrift.run.report.report import Report
     from kickdrift.trajectory.write.h5md import Writer

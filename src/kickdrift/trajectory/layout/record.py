@@ -14,7 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces import home
 from kickdrift.forces.seam.named import path_of
-from kickdrift.integrators.options.option import OPTIONS
+from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
 from kickdrift.model.molecules.topology import Topology

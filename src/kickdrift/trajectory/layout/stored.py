@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
 
-from kickdrift.integrators.options.option import OPTIONS
+from kickdrift.integrators.options import OPTIONS
 from kickdrift.trajectory.layout.contents import Contents, short
 
 Whole = Annotated[int, Field(ge=0, lt=2**63)]

@@ -12,8 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.partial import Partial
-from kickdrift.model.problem import Problem
+from kickdrift.model.problem import Partial, Problem
 from kickdrift.model.state import Floats
 from kickdrift.odes import ODES
 from kickdrift.systemfile.schema import checked, ode_table

@@ -9,7 +9,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.fields.shipped import Springs
 from kickdrift.forces.pairs.law import PairForce
-from kickdrift.integrators.options.option import (
+from kickdrift.integrators.options import (
     APART,
     BAROSTAT,
     C_RESCALE,
@@ -27,15 +27,14 @@ from kickdrift.integrators.splitting.barostats import c_rescale, monte_carlo, mt
 from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, Piston
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, bathed
 from kickdrift.integrators.splitting.subflows import rows_of
-from kickdrift.integrators.stepping.pressing import ACTED, SUMMED, Pressed
-from kickdrift.integrators.stepping.subflow_code import BoundSubflow
+from kickdrift.integrators.stepping.subflow_code import ACTED, SUMMED, BoundSubflow, Pressed
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 TAKES = {  # options that each needs, and others
     C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import COMPRESSIBILITY, PRESSURE_TAU
+from kickdrift.integrators.options import COMPRESSIBILITY, PRESSURE_TAU
 from kickdrift.integrators.splitting.barostats.piston import (
     MOST,
     STOPPED,
@@ -31,15 +31,14 @@ from kickdrift.integrators.splitting.barostats.piston import (
     stretch,
     volume,
 )
-from kickdrift.integrators.stepping.pressing import PROPOSE
-from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
+from kickdrift.integrators.stepping.subflow_code import PROPOSE, BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.jit.lanes.memory import store
 from kickdrift.jit.lanes.random import normals, uniforms
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 STAGE = 1 << 11  # of the noise: beyond those of heat baths
 BEGUN = 3  # slot of the state after the last half actions of three groups

@@ -18,17 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import COMPRESSIBILITY
+from kickdrift.integrators.options import COMPRESSIBILITY
 from kickdrift.integrators.splitting.barostats.piston import Piston, stretch, volume
-from kickdrift.integrators.stepping.pressing import PROPOSE, TAKEN_BACK
-from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
+from kickdrift.integrators.stepping.subflow_code import PROPOSE, TAKEN_BACK, BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.jit.lanes.memory import store
 from kickdrift.jit.lanes.random import uniforms
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 STAGE = 1 << 11  # of the noise: beyond those of heat baths
 WIDEST = 1.5  # largest change of ln V over its thermal spread

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import PRESSURE_TAU
+from kickdrift.integrators.options import PRESSURE_TAU
 from kickdrift.integrators.splitting.barostats.piston import Piston, kinetic_now, pressures, scale_axis, stretch, volume
 from kickdrift.integrators.splitting.baths.nose_hoover import STEPS, Chain, chain_energy, chain_step
 from kickdrift.integrators.splitting.subflows import DRIFT, KICK
@@ -29,7 +29,7 @@ from kickdrift.jit.compile import strict
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 STRETCH, PUSH, THERMOSTAT = "X", "G", "M"  # letters of the box in words of this barostat
 START = 7  # slot of the state: P V at the start; the first slots are the velocities of the groups

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import ALLOW_GRAVITY, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
+from kickdrift.integrators.options import ALLOW_GRAVITY, FRICTION, RATE, SEED, TAU, TEMPERATURE, Option
 from kickdrift.jit.compile import strict
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.looks.heat import (
@@ -28,7 +28,7 @@ from kickdrift.model.system import System
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 SHORTEST_TAU = 10  # steps
 MOST_DAMPING = 0.5  # friction times dt

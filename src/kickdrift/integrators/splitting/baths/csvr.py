@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import TAU, TEMPERATURE
+from kickdrift.integrators.options import TAU, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import Bathed, bathed, heat_left, heat_now, rescale
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
@@ -27,7 +27,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 
 class Rescaling(NamedTuple):

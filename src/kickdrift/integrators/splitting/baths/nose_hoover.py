@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import TAU, TEMPERATURE
+from kickdrift.integrators.options import TAU, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import Bathed, bathed, heat_now, rescale
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
@@ -22,7 +22,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 _JUMP = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 STEPS = (_JUMP, 1.0 - 2.0 * _JUMP, _JUMP)  # Suzuki and Yoshida's fourth order

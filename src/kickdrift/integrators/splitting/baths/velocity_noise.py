@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options.option import FRICTION, NOISE, RATE, REFINE, TEMPERATURE
+from kickdrift.integrators.options import FRICTION, NOISE, RATE, REFINE, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import Bathed, bathed
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import as_written
@@ -47,11 +47,7 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options.options import Options
+    from kickdrift.integrators.options import Options
 
 
 CHOICE = 1 << 12  # added to the stage for the numbers that choose the particles

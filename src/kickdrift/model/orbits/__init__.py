@@ -1,4 +1,0 @@
-"""Osculating orbits of bodies about a central one.
-
-Imports `starts`. Systems, bridges, figures and views use it.
-"""
