@@ -65,6 +65,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
+    separable = overdamped = False
 
     @property
     def evaluations(self) -> int:
@@ -83,10 +84,6 @@ class Method:
         return False
 
     @property
-    def separable(self) -> bool:
-        return False
-
-    @property
     def trial_steps(self) -> bool:
         return self.adaptive
 
@@ -100,10 +97,6 @@ class Method:
 
     @property
     def drags(self) -> bool:
-        return False
-
-    @property
-    def overdamped(self) -> bool:
         return False
 
     @property

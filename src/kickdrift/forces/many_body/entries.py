@@ -23,7 +23,6 @@ from kickdrift.model.checks.values import number
 from kickdrift.text import shown
 
 POTENTIAL_BYTES = 2**28  # of a file; those of many elements have some 10 MB
-Entries = dict[tuple[str, str, str], tuple[float, ...]]
 
 
 def potential_file(name: str, file: str) -> bytes:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.options import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
@@ -37,14 +36,8 @@ class Exact(Method):
     separable = True
     particles_only = True
     float64_because = OWN_FORCES
-
-    @property
-    def evaluations(self) -> int:
-        return 1
-
-    @property
-    def declared(self) -> tuple[Option, ...]:
-        return ()
+    evaluations = 1
+    declared = ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
@@ -36,14 +35,8 @@ class Sei(Method):
     reversible = True
     particles_only = True
     carries = True
-
-    @property
-    def evaluations(self) -> int:
-        return 1
-
-    @property
-    def declared(self) -> tuple[Option, ...]:
-        return ()
+    evaluations = 1
+    declared = ()
 
     def check(self, system: System) -> None:
         """Raise InputError for a System without Hill's force, and for other forces that depend on velocity."""

@@ -27,9 +27,7 @@ class Overdamped(Splitting):
     x <- x + (dt / g) a + sqrt(dt k_B T / (2 g m)) (R_n + R_n+1), for h = sqrt(2 dt / g) and friction g. So kicks and
     drifts act for h, and the clock goes by dt."""
 
-    @property
-    def overdamped(self) -> bool:
-        return True
+    overdamped = True
 
     @property
     def declared(self) -> tuple[Option, ...]:

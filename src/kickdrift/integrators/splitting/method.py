@@ -319,10 +319,7 @@ class Respa(Splitting):
     def declared(self) -> tuple[Option, ...]:
         return *super().declared, SUBSTEPS
 
-    @property
-    def evaluations(self) -> int:
-        """0: the number depends on ``substeps``."""
-        return 0
+    evaluations = 0
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         subject: Any = flow.subject

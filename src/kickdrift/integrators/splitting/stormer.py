@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
@@ -34,10 +33,7 @@ class Stormer(Method):
     symplectic = True
     reversible = True
     separable = True
-
-    @property
-    def evaluations(self) -> int:
-        return 1
+    evaluations = 1
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.stepping.loops import stormer_loop
@@ -79,14 +75,8 @@ class StepDensity(Method):
     separable = True
     carries = False
     chooses_steps = True
-
-    @property
-    def evaluations(self) -> int:
-        return 1
-
-    @property
-    def declared(self) -> tuple[Option, ...]:
-        return ()
+    evaluations = 1
+    declared = ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.integrators.splitting.step_density import StepDensityStepper

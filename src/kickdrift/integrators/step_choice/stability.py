@@ -103,12 +103,6 @@ def half_trace(splitting: Splitting) -> Polynomial:
     return Polynomial([float(entry / 2) for entry in trace]).trim()
 
 
-def spectral_radius(half: Any) -> Any:
-    """Larger |eigenvalue| of a propagation matrix with determinant one, from half its trace."""
-    size = np.abs(half)
-    return np.where(size > 1.0, size + np.sqrt(np.maximum(size**2 - 1.0, 0.0)), 1.0)
-
-
 def _stability_function(method: Method | StabilityFunction) -> StabilityFunction:
     return stability_function(method) if isinstance(method, Method) else method
 

@@ -117,19 +117,6 @@ def squared_distances(image, x, i, begin, end, row):
 
 
 @inlined
-def nearest_image(cell, d):
-    """Bring a separation d (3,) to that between nearest images in a box of any shape; return its square."""
-    r2 = 0.0
-    for k in range(3):
-        d[k] = along(cell.edges[k], d[k])
-        r2 += d[k] * d[k]
-    if cell.leans:
-        leaning_image(cell, d)
-        r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-    return r2
-
-
-@inlined
 def along(edge, d):
     """Component d of a separation between nearest images in a box that does not lean; the axis is open if edge is 0."""
     return d - edge * floor(d / edge + 0.5) if edge > 0.0 else d

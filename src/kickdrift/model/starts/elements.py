@@ -254,15 +254,6 @@ def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elem
     return Elements(q, e, inc + missing, Omega % TAU + missing, omega % TAU + missing, f + missing)
 
 
-def true_anomaly(M: ArrayLike, e: ArrayLike) -> Floats:
-    """True anomaly f (radians) from the mean anomaly M, on an ellipse or a hyperbola, accurate to rounding."""
-    m, e_ = np.broadcast_arrays(numbers("M", M), numbers("e", e))
-    _refuse(~(e_ >= 0) | ~np.isfinite(e_), "e", e_, "expected an eccentricity, zero or more")
-    _refuse(~np.isfinite(m), "M", m, "expected a finite number")
-    x, y, *_ = _in_plane(np.ones_like(e_), np.ones_like(e_), e_, "M", m, np.zeros_like(e_))
-    return np.arctan2(y, x)
-
-
 # -- the plane of the orbit
 
 
