@@ -141,7 +141,7 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = with_keys(load_or_run(system, seed), equilibrate or [])
 
-    from kickdrift.run.files.problem import check_suffix
+    from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of

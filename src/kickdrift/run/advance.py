@@ -32,9 +32,7 @@ from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.blow_up import Safe, failure, go_back
-from kickdrift.run.purpose import purpose_of
-from kickdrift.run.shortened import Shortened
-from kickdrift.run.stepping import stepping
+from kickdrift.run.stepping import Shortened, purpose_of, stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:

@@ -6,20 +6,42 @@ from collections.abc import Callable, Iterator
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.around.spins import with_spins
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.bodies import Body
 from kickdrift.model.orbits.table import OrbitTable, orbit_table
-from kickdrift.model.state import Floats
+from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
-from kickdrift.run.forces import accelerations_at, forces_at
 from kickdrift.run.report.shown import ShownSimulation
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
+
+
+def accelerations_at(run: Integration) -> Floats:
+    """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
+    return read_only(_accelerations(run, "accelerations").T.copy())
+
+
+def forces_at(run: Integration) -> Floats:
+    """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
+    flow: Any = run.flow
+    return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
+
+
+def _accelerations(run: Integration, key: str) -> Any:
+    """Accelerations now, (3, n); ``key`` names the quantity in errors."""
+    flow: Any = run.flow
+    if not flow.of_particles:
+        raise InputError(f"{key}: a Problem has no {key}")
+    found = flow.accelerations(run.y, run.time)
+    if found is None:
+        raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")
+    return found
+
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")

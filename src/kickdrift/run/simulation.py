@@ -28,8 +28,7 @@ from kickdrift.run.asked import check_asked, kind_of
 from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns, with_body_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.files.failed_atoms import keeping_failed_atoms
-from kickdrift.run.files.outputs import Outputs
+from kickdrift.run.files import Outputs, keeping_failed_atoms
 from kickdrift.run.followers import Follower, followed
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
@@ -37,8 +36,8 @@ from kickdrift.run.plan.lengths import Exact, begin, goal_of, steps_to, time_of
 from kickdrift.run.plan.plan import Plan, plan_of
 from kickdrift.run.present import Present, alone
 from kickdrift.run.relax.minimization import FORCE, METHOD, STEPS, Minimum, minimize
+from kickdrift.run.report.energy import work_columns
 from kickdrift.run.report.report import Report, report
-from kickdrift.run.report.work import work_columns
 from kickdrift.run.times import plan_at, refuse_beside, times_of
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watcher import Observe, Watcher

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compare.compared_methods import default_integrators
-from kickdrift.analysis.compare.ladder import Bench, Row
-from kickdrift.analysis.compare.local_error import slope
+from kickdrift.analysis.compare.ladder import Bench, Row, slope
 from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
 from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
-from kickdrift.analysis.compare.work_precision import Comparison, work_precision
+from kickdrift.analysis.compare.work_precision import Comparison, default_integrators, work_precision
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol

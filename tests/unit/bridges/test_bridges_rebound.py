@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.bridges.rebound import ALL_ACTIVE, SABA
-from kickdrift.bridges.rebound_names import KERNELS, PASSAGES
+from kickdrift.bridges.rebound_system import KERNELS, PASSAGES
 from kickdrift.model.bridging import bridge
 from kickdrift.model.run_defaults import RunDefaults
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compare.stiffness import stiffness
+from kickdrift.analysis.compare.reference import stiffness
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.step_choice.stability_limit import stability_boundary, stability_warning

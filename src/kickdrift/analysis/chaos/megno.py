@@ -1,4 +1,4 @@
-"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation vector.
+"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation, or of many small systems at once.
 
 See `kickdrift.analysis.chaos.report` for the definitions and their sources.
 """
@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.chaos.map import DeviationOfMap
 from kickdrift.analysis.chaos.report import ChaosReport, report_of
 from kickdrift.analysis.tangents.deviations import (
     LARGEST,
@@ -21,15 +20,21 @@ from kickdrift.analysis.tangents.deviations import (
     first_deviation,
     scale_of,
 )
-from kickdrift.analysis.tangents.mapped import has_map
+from kickdrift.analysis.tangents.mapped import has_map, map_run
+from kickdrift.batch.members import common, members_of
+from kickdrift.batch.sampling import run_lanes
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
+from kickdrift.forces.gravity.batch import LOOK, measure_in_lanes
 from kickdrift.forces.slopes.problem_variations import varied_problem
 from kickdrift.forces.slopes.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.integrators.stepping.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.jit.cache.notices import compiling_for
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.looks.observers import Energies
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.model.problem import Problem
@@ -37,6 +42,111 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in
 from kickdrift.run.simulation import Simulation
+
+
+class Growths(NamedTuple):
+    """Growth of each system's deviation over k looks."""
+
+    integrator: str
+    steps: int
+    dt: Floats  # dt of each system (members,)
+    times: Floats  # (members, k) since the start
+    growth: Floats  # (members, k) ln of the deviation's length, 0 at the start
+    begin: Floats  # (members, 3) kinetic, potential, total energy
+    end: Floats  # (members, 3) the same at the end
+
+
+@np.errstate(all="ignore")  # systems may blow up
+def growths(
+    systems: Sequence[System],
+    lengths: Sequence[float],
+    integrator: str | None,
+    dt: Any,
+    seeds: Sequence[int],
+    options: dict[str, Any],
+) -> Growths:
+    """Run systems with deviations from these seeds for times ``lengths``."""
+    name, method, own, steps_of = common(tuple(systems), integrator, dt, options)
+    taken = [cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
+    (steps, every), n = taken[0], len(systems[0])
+    for k, (mine, _) in enumerate(taken):
+        if mine != steps:
+            raise InputError(
+                f"system {k}: all systems of a batch need the same steps; it has {mine}, system 0 has {steps}"
+            )
+    phase = np.array([system.state.phase for system in systems])
+    accelerations, begin = _measured_in_lanes(members_of(systems, steps_of, phase))
+    scale = scale_of(phase, accelerations)
+    drawn = np.array([first_deviation(n, seed) for seed in seeds]) * scale
+    members = members_of(systems, steps_of, np.concatenate([phase, drawn], axis=-1))
+    stepper = method.in_lanes(members, own)
+    counts = np.full(-(-steps // every), every, np.int64)
+    counts[-1] = steps - (len(counts) - 1) * every
+    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), LARGEST)
+    looks, exponents = run_lanes(stepper, counts, 0, watch)
+    sizes, count = looks[:, 0, : len(systems)], len(systems)
+    scaled = np.cumsum(exponents[:, :count], axis=0) - exponents[:, :count]  # before each look
+    growth = np.concatenate([np.zeros((1, count)), np.log(sizes) + scaled * math.log(2.0)])
+    passed = np.concatenate([[0], np.cumsum(counts)])
+    start = from_lanes(members.start, count)[:, None]
+    return Growths(
+        integrator=name,
+        steps=steps,
+        dt=steps_of,
+        times=(start + passed * steps_of[:, None]) - start,
+        growth=np.ascontiguousarray(growth.T),
+        begin=begin,
+        end=_measured_in_lanes(members._replace(y=stepper.y))[1],
+    )
+
+
+def _measured_in_lanes(members: Members) -> tuple[Floats, Floats]:
+    """Accelerations of the bodies (members, 3, n), and kinetic, potential and total energy (members, 3)."""
+    blocks, n = len(members.y), members.gm.shape[1]
+    a, found = aligned((blocks, *members.y.shape[2:])), aligned((blocks, LOOK, WIDTH))
+    for block in range(blocks):
+        measure_in_lanes(members.bodies(block), members.y[block], a[block], found[block])
+    energies = from_lanes(found, len(members.systems))[:, :2]
+    return from_lanes(a, len(members.systems))[..., :n], np.column_stack([energies, energies.sum(axis=1)])
+
+
+class DeviationOfMap:
+    """A System and a deviation under way by a method's tangent map, with the face of a Simulation."""
+
+    def __init__(self, system: System, method: Any, threads: int, options: dict[str, Any], seed: int) -> None:
+        self._run = map_run(system, None, method, threads, options)
+        sim = self._sim = self._run.sim
+        self.method, self.integrator, self.integration, self.dt = sim.method, sim.integrator, sim.integration, sim.dt
+        self._scale = scale_of(system.state.phase, sim.accelerations().T)
+        self._run.start((first_deviation(len(system), seed) * self._scale)[..., None])
+
+    @property
+    def time(self) -> float:
+        return self._run.time
+
+    @property
+    def steps_done(self) -> int:
+        return self._run.steps
+
+    def energy(self) -> Energies:
+        """Energies of the particles now."""
+        state = self._sim.state
+        state.phase[...], _ = self._run.now()
+        self._sim.state = state
+        return self._sim.energy()
+
+    def advance(self, steps: int, *, every: int, visit: Callable[[Any], Any]) -> None:
+        """Take steps, and call ``visit`` after each ``every`` of them; a true value ends them."""
+        self._run.advance_and_look(steps, every, lambda: visit(self))
+
+    def size(self) -> float:
+        """Length of the deviation, in units of the start's distances and speeds."""
+        return float(np.linalg.norm(self._run.now()[1][..., 0] / self._scale))
+
+    def shrink(self, factor: float) -> None:
+        """Multiply the deviation."""
+        self._run.scale(factor)
+
 
 DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
 
@@ -176,8 +286,6 @@ def megnos(
     InputError
         For arguments that make no sense, with the system's index.
     """
-    from kickdrift.analysis.chaos.lanes import growths
-
     systems = tuple(systems)
     count = len(systems)
     asked, options = unpacked(integrator, {"dt": dt, **options})

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.stepping.backward import mirrored
 from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from kickdrift.looks.record import Record
     from kickdrift.model.problem import Problem
     from kickdrift.model.system import System
+
 
 Exact = bool | Literal["shorten"]
 
@@ -197,3 +199,18 @@ def steps_to(sim: Planned, steps: int | None, until: float | None, exact: Exact 
     if until is None:
         return whole_number("steps", steps, 0)
     return whole_steps(sim, until, exact).steps
+
+
+def check_backward(sim: Planned) -> None:
+    """Refuse a run backwards in time where method, engine, events or a force cannot go back; names which."""
+    run, method = sim.integration, sim.method
+    if not (method.reversible or method.chooses_steps):
+        raise InputError(
+            f"run: {sim.integrator} is neither reversible nor adaptive, so the run cannot go back in time; "
+            "velocity-verlet and dop853 can"
+        )
+    if run.foreign:
+        raise InputError(f"run: engine {run.engine.name!r} runs forwards in time only; the native engine goes back")
+    if run.events:
+        raise InputError("run: events are watched forwards in time only; a run back in time takes no events")
+    mirrored(run.system)

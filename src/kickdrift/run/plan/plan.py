@@ -16,8 +16,16 @@ from kickdrift.looks.table import check_samples as check_samples
 from kickdrift.model.checks.limits import NEVER, steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
-from kickdrift.run.plan.backward import check_backward
-from kickdrift.run.plan.lengths import CLOSE, SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
+from kickdrift.run.plan.lengths import (
+    CLOSE,
+    SHORTEN,
+    Exact,
+    Planned,
+    check_backward,
+    check_exact,
+    steps_to,
+    whole_steps,
+)
 from kickdrift.text import shown
 
 if TYPE_CHECKING:

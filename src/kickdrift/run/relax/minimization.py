@@ -13,8 +13,8 @@ from kickdrift.model.checks.values import positive, unwarned, whole_number
 from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import quantity
-from kickdrift.run.purpose import purpose_of
 from kickdrift.run.relax.descent import METHODS, EnergySurface, untangled
+from kickdrift.run.stepping import purpose_of
 from kickdrift.text import counted, measured, shown, suggestion
 
 if TYPE_CHECKING:

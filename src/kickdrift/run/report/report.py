@@ -25,12 +25,9 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.run.report.energy import EnergyReport, energy_report
-from kickdrift.run.report.melting import melting
+from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
 from kickdrift.run.report.shown import ShownReport
-from kickdrift.run.report.verdicts import DIFFERS, DRAWN, SLOW, cause_of_drift, moving, verdict
-from kickdrift.run.report.warnings import ends_badly
-from kickdrift.run.report.work import work_of, working
+from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
 
 COMPILING = "compiling"

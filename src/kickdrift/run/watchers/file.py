@@ -12,7 +12,7 @@ from kickdrift.looks.columns import TIME
 from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
 from kickdrift.model.state import Floats
-from kickdrift.run.forces import forces_at
+from kickdrift.run.present import forces_at
 from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:

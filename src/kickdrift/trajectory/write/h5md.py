@@ -35,9 +35,7 @@ from kickdrift.trajectory.layout.points import behind, same
 from kickdrift.trajectory.layout.record import to_json
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.recorded import Recorded
-from kickdrift.trajectory.write.cadence import Cadence
-from kickdrift.trajectory.write.columns import Described, units_of
-from kickdrift.trajectory.write.continued import check_continued
+from kickdrift.trajectory.write.continued import Cadence, Described, check_continued, units_of
 from kickdrift.trajectory.write.rows import Rows
 from kickdrift.trajectory.write.waiting import EventRow
 
