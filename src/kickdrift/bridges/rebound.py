@@ -164,7 +164,6 @@ def _damaged(path: Path, how: str) -> InputError:
 
 
 TRACE = (HILL_RADII, PERICENTRE, INNER)
-ALL_ACTIVE = 2**64 - 1  # N_active if it was never set
 
 
 def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:

@@ -53,6 +53,7 @@ class Method:
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
     overdamped : whether velocities are drawn by the bath alone, and are not those of the motion
+    slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
@@ -104,6 +105,10 @@ class Method:
 
     @property
     def overdamped(self) -> bool:
+        return False
+
+    @property
+    def slow_velocities(self) -> bool:
         return False
 
     @property

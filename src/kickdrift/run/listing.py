@@ -167,6 +167,5 @@ def _explained(name: str) -> Listing:
 
 
 def option_row(option: Option, needs_dt: bool = False) -> list[str]:
-    """An option as a row of a table."""
     default = "required" if needs_dt and option is DT else option.fallback
     return [option.name, option.words, option.unit, default, option.known, option.help]

@@ -15,10 +15,12 @@ from kickdrift.model.orbits.table import OrbitTable, orbit_table
 from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
+from kickdrift.run.plan.lengths import Exact, steps_to, time_of
 from kickdrift.run.report.shown import ShownSimulation
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
+    from kickdrift.integrators.method import Method
 
 
 def accelerations_at(run: Integration) -> Floats:
@@ -69,7 +71,11 @@ class Present(ShownSimulation):
     """The part of a Simulation that only reads its integration."""
 
     integration: Integration
+    method: Method
+    integrator: str
+    dt: float | None
     _engine: Engine
+    _outputs: Any
 
     @property
     def system(self) -> Any:
@@ -179,3 +185,21 @@ class Present(ShownSimulation):
     def going_on(self) -> list[dict[str, Any]]:
         """Return the close approaches that have not ended, as entries like those in ``events``."""
         return self.integration.events.going_on() if self.integration.events else []
+
+    @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box; ``state.box`` is the box of now."""
+        return self.integration.box_varies
+
+    @property
+    def output(self) -> str | None:
+        """Default output of ``run``: the file of a resumed run, else None."""
+        found: str | None = self._outputs.default
+        return found
+
+    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
+        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
+
+        Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
+        with ``until``)."""
+        return steps_to(self, steps, time_of(self, until, "until"), exact)

@@ -7,7 +7,7 @@ copy from the memory of the run's bath, and with the random numbers of the step 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
@@ -15,9 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options.option import MIXED, coupling_of
-from kickdrift.integrators.options.options import Options
 from kickdrift.integrators.stepping.stepper import Counts
-from kickdrift.looks.record import Record
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -52,20 +50,6 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
     return flow, method.stepper(flow, options)
 
 
-class Stepping(Protocol):
-    """A run as a shortened step sees it; see `run.advance.Integration`."""
-
-    stepper: Any
-    options: Options
-    record: Record
-    dt: float | None
-
-    @property
-    def backward(self) -> bool: ...
-
-    def stepper_in(self, backward: bool, options: Options) -> tuple[Any, Any]: ...
-
-
 class Shortened:
     """Shortened steps of a run, in a copy that is kept while the run goes on in one direction with the same bodies.
 
@@ -80,7 +64,7 @@ class Shortened:
         self._last: Any = None
         self.heat: float | None = None
 
-    def step(self, run: Stepping, time: float) -> tuple[int, Floats, Counts]:
+    def step(self, run: Any, time: float) -> tuple[int, Floats, Counts]:
         """Take one step from the run's step point to ``time``. Return a status, y and the cost."""
         assert run.dt is not None
         rest = abs(time - run.stepper.time)

@@ -400,5 +400,4 @@ def _jump_of(value: Callable[[float], float], s: Floats, values: Floats) -> Jump
 
 
 def _fourth(values: Floats) -> Floats:
-    """Fourth differences."""
     return np.diff(values, 4)

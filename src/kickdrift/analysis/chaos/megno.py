@@ -223,7 +223,6 @@ def megno(
 def _of_problem(
     problem: Problem, length: float, name: str, given: dict[str, Any], seed: int, threads: int, progress: Any
 ) -> ChaosReport:
-    """``megno`` of a Problem."""
     made, place = varied_problem(problem, direction(len(problem), seed))
     sim = Simulation(made, name, threads=threads, **given)
 
@@ -329,7 +328,6 @@ def checked_seed(seed: Any) -> int:
 
 
 def length_of(system: System | Problem, time: float | str | None) -> float:
-    """Length of the run."""
     length = system.run.time if time is None else time_in(time, getattr(system, "units", None), "time")
     if time is None and length is None and system.run.steps and system.run.dt:
         length = system.run.steps * system.run.dt

@@ -111,7 +111,6 @@ class MapRun:
         raise NotImplementedError
 
     def advance(self, steps: int) -> None:
-        """Take steps."""
         raise NotImplementedError
 
     def _leave(self, found: Derived) -> None:
@@ -175,7 +174,6 @@ class MapRun:
 
     @property
     def time(self) -> float:
-        """Time at the step point."""
         return self.system.state.time + self.steps * self.dt
 
     def advance_and_look(self, steps: int, every: int, visit: Callable[[], Any]) -> None:
@@ -187,7 +185,6 @@ class MapRun:
                 return
 
     def scale(self, factor: float) -> None:
-        """Multiply all deviations."""
         for slopes in self._deviations():
             slopes *= factor
 

@@ -64,7 +64,6 @@ class TangentRun(MapRun):
             raise self._without_slopes()
 
     def advance(self, steps: int) -> None:
-        """Take steps."""
         with compiling_for(self.sim.integration.purpose):
             if steps and not self.steps:
                 self._take(self._rows, self._correct, 1)

@@ -17,51 +17,12 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.looks.record import Record
-    from kickdrift.model.problem import Problem
-    from kickdrift.model.system import System
 
 
 Exact = bool | Literal["shorten"]
 
 SHORTEN: Literal["shorten"] = "shorten"
 CLOSE = 1e-6  # steps between a time and the grid that count as rounding
-
-
-class Point(Protocol):
-    """Last step point of a run."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def steps_done(self) -> int: ...
-
-
-class Moving(Protocol):
-    """Attributes of an integration that the length of a run needs; see `run.advance.Integration`."""
-
-    @property
-    def stepper(self) -> Point: ...
-
-    @property
-    def backward(self) -> bool: ...
-
-    @property
-    def box_varies(self) -> bool: ...
-
-    @property
-    def foreign(self) -> bool: ...
-
-    @property
-    def engine(self) -> Any: ...
-
-    @property
-    def events(self) -> Any: ...
-
-    @property
-    def system(self) -> Any: ...
-
-    def turn(self, backward: bool) -> None: ...
 
 
 class Planned(Protocol):
@@ -72,7 +33,7 @@ class Planned(Protocol):
     dt: float | None
 
     @property
-    def integration(self) -> Moving: ...
+    def integration(self) -> Any: ...
 
     @property
     def steps_done(self) -> int: ...
@@ -81,14 +42,10 @@ class Planned(Protocol):
     def time(self) -> float: ...
 
     @property
-    def system(self) -> System | Problem: ...
+    def system(self) -> Any: ...
 
     @property
     def running(self) -> bool: ...
-
-
-class Begun(Planned, Protocol):
-    """Attributes of a Simulation that begins to run."""
 
     @property
     def record(self) -> Record: ...
@@ -172,7 +129,7 @@ def goal_of(sim: Planned, steps: int | None, until: float | str | None, time: fl
     return sim.time + more
 
 
-def begin(sim: Begun, backward: bool, until: float | None, exact: Exact) -> None:
+def begin(sim: Planned, backward: bool, until: float | None, exact: Exact) -> None:
     """Turn the run to its direction of time, and note a time between two steps in its record."""
     notes = _rounding_note(sim, until, exact)
     sim.integration.turn(backward)

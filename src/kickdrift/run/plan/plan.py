@@ -88,7 +88,6 @@ class Plan:
 
     @classmethod
     def of(cls, numbers: Sequence[float]) -> Plan:
-        """Return the Plan with these ``numbers``."""
         begin_step, begin_time, end_step, end_time, every, interval, exact, *times = numbers
         steps = int(begin_step), int(end_step), int(every)
         return cls(steps[0], begin_time, steps[1], end_time, steps[2], interval, bool(exact), tuple(times))

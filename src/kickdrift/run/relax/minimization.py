@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
@@ -18,7 +18,7 @@ from kickdrift.run.stepping import purpose_of
 from kickdrift.text import counted, measured, shown, suggestion
 
 if TYPE_CHECKING:
-    from kickdrift.run.advance import Integration
+    pass
 
 Progress = Callable[[int, int], Any]
 
@@ -86,22 +86,8 @@ class Minimum(Shown):
         return {each.name: getattr(self, each.name) for each in fields(self) if each.name != "system"}
 
 
-class Moved(Protocol):
-    """Attributes of a Simulation that a minimization needs."""
-
-    state: Any
-    threads: int
-    integration: Integration
-
-    @property
-    def system(self) -> Any: ...
-
-    @property
-    def running(self) -> bool: ...
-
-
-def minimize(sim: Moved, *given: Any) -> Minimum:
-    """See ``Simulation.minimize``; ``given`` are the arguments of ``minimum`` from ``force`` on."""
+def minimize(sim: Any, *given: Any) -> Minimum:
+    """See ``Simulation.minimize``. ``given`` are the arguments of ``minimum`` from ``force`` on."""
     if sim.running:
         raise InputError("minimize: the Simulation is already running")
     if not isinstance(sim.system, System):

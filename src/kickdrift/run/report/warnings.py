@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -64,14 +64,7 @@ LINDEMANN = 0.3  # distances of neighbours that a particle is off its site; crys
 EVEN = 1e-3  # spread of the nearest distances on a lattice, of their mean
 
 
-class Now(Protocol):
-    """A run with its present state."""
-
-    @property
-    def state(self) -> Any: ...
-
-
-def melting(system: System, temperatures: Floats | None, run: Now, bath: bool = False) -> list[str]:
+def melting(system: System, temperatures: Floats | None, run: Any, bath: bool = False) -> list[str]:
     """Return a warning if the temperature shows that the lattice of the start melts during the run. A ``bath`` changes
     the temperature by itself."""
     change = temperature_change(temperatures)
@@ -152,12 +145,15 @@ def pressure_warning(system: Any) -> str:
     return f"pressure is left out: {'; '.join(reasons)}" if reasons else ""
 
 
-def begins_badly(system: Any, phase: Floats) -> list[str]:
-    """Return the warnings at the start of a run, at positions and velocities (2, 3, n)."""
+def begins_badly(system: Any, phase: Floats | None = None) -> list[str]:
+    """Return the warnings at the start of a run, at positions and velocities (2, 3, n); without these, the warnings
+    that the System alone gives."""
     if not isinstance(system, System):
         return []
-    x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
-    found = [layer_warning(system, (x, v)), pressure_warning(system), digits_doubt(system, x)]
+    found = [pressure_warning(system)]
+    if phase is not None:
+        x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
+        found = [layer_warning(system, (x, v)), *found, digits_doubt(system, x)]
     return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system)]
 
 

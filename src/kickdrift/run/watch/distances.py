@@ -89,7 +89,6 @@ class Approaches(Checkpointed):
         return None
 
     def _end_passages(self, time: float) -> None:
-        """Make the entries of the passages that end at a time."""
         for p, _, what in self._rows[: self._count].tolist():
             if what != CLOSEST:
                 self._ended.append((time, self._entry(int(p), "passed")))

@@ -58,16 +58,13 @@ class Log:
         self._waiting = late
 
     def forget(self) -> None:
-        """Drop the waiting entries."""
         self._waiting = []
 
     @property
     def waiting_rows(self) -> list[Row]:
-        """Waiting entries."""
         return [row for _, row in self._waiting]
 
     def memory(self) -> list[list[Any]]:
-        """Waiting entries with their times."""
         return [[due, row] for due, row in self._waiting]
 
     def recall(self, memory: Any) -> None:
@@ -123,7 +120,6 @@ class Search:
         self._crossings.begin(self._run.system)
 
     def prepare(self, inner: Stepper) -> None:
-        """Compile the search."""
         y, t = inner.y, inner.time
         for watch in self._bodily:
             known = watch.memory()

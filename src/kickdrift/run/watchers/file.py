@@ -41,7 +41,6 @@ class File(Watcher):
         self._run, self._open, self._columns, self._going_on = run, open, tuple(columns), going_on
 
     def begin(self) -> None:
-        """Open the file."""
         run = self._run
         self._writer: Any = self._open()
         self._told, self._named = len(run.record.events), 0

@@ -89,12 +89,10 @@ class Frame(NamedTuple):
 
 
 def head(kind: int, number: int) -> bytes:
-    """The head of a packet."""
     return struct.pack("!ii", kind, number)
 
 
 def read_head(data: bytes) -> tuple[int, int]:
-    """Kind and number of a head."""
     kind, number = struct.unpack("!ii", data)
     return kind, number
 

@@ -84,7 +84,6 @@ def series(times: Floats, y: Floats, energies: Floats | None, columns: Mapping[s
 
 
 def data_frame(columns: Mapping[str, Floats]) -> Any:
-    """A pandas DataFrame of columns."""
     return library("pandas", "to_pandas()").DataFrame(dict(columns))
 
 

@@ -38,7 +38,6 @@ def check_columns(run: Recorded, given: Mapping[str, Described]) -> None:
 
 
 def units_of(columns: Mapping[str, Described] | None) -> dict[str, str]:
-    """The unit of each column."""
     return {name: unit for name, (_, unit) in (columns or {}).items()}
 
 

@@ -113,7 +113,6 @@ class Writer:
 
     @staticmethod
     def _reading(path: Path) -> Recorded:
-        """The file, open for reading."""
         return reader.open(path)
 
     @classmethod
@@ -210,7 +209,6 @@ class Writer:
 
     @property
     def _checkpoints(self) -> Table:
-        """Checkpoint table of the open file."""
         if self._table is None or self._table.file is not self._out.h5:
             self._table = Table(self._out.h5, self.path)
         return self._table
@@ -303,7 +301,6 @@ class Writer:
         self._seen.append(EventRow.of(event))
 
     def name(self, number: int, names: Sequence[str]) -> None:
-        """Write the names of new bodies, from this number on, counted from 0."""
         self._write(lambda: self._rows.name(number, names))
 
     @property
@@ -387,7 +384,6 @@ class Writer:
                 os.replace(part, self.path)
 
     def _unpack(self) -> None:
-        """Continue in an uncompressed file."""
         with packing.rewritten(self._out.h5, self.path, compress=False) as part:
             self._out.replace(part)
 
