@@ -126,7 +126,7 @@ class Simulation(Present):
         self.integration = Integration(job, self._engine, watched)
         self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
-        self._outputs = Outputs(self.integration, partial(checkpoint_of, self.integration))
+        self._outputs: Outputs = Outputs(self.integration, partial(checkpoint_of, self.integration))
         self.followers: list[Follower] = []  # views that show this Simulation while it runs
         self.plan: Plan | None = None  # the plan of `run` without arguments
         self.state = system.state
