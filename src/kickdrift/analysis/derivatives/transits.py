@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.chaos.megno import carrier
+from kickdrift.analysis.chaos.frames import carrier
 from kickdrift.analysis.derivatives.transition import given_run
 from kickdrift.analysis.doubts import doubts_at, warning_lines
 from kickdrift.analysis.tangents.columns import Columns, columns_of, rows_of
