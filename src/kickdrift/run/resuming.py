@@ -30,9 +30,9 @@ from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import plan_at, times_of
 from kickdrift.text import choices, counted, shown
 from kickdrift.trajectory import opened
+from kickdrift.trajectory.layout.checkpoints import before, same
 from kickdrift.trajectory.layout.named import about, method_of, options_of
 from kickdrift.trajectory.layout.names import versions
-from kickdrift.trajectory.layout.points import before, same
 from kickdrift.trajectory.layout.problem_header import ENERGY
 from kickdrift.trajectory.layout.record import changed_sources, differences, system_of
 from kickdrift.trajectory.problems.reader import CHANGED as PROBLEM_CHANGED

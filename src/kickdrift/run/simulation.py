@@ -31,10 +31,10 @@ from kickdrift.run.files import Outputs, keeping_failed_atoms
 from kickdrift.run.followers import Follower, followed
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
+from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
 from kickdrift.run.plan.lengths import Exact, begin, goal_of, time_of
 from kickdrift.run.plan.plan import Plan, plan_of
 from kickdrift.run.present import Present, alone
-from kickdrift.run.relax.minimization import FORCE, METHOD, STEPS, Minimum, minimize
 from kickdrift.run.report.energy import work_columns
 from kickdrift.run.report.report import Report, report
 from kickdrift.run.returning import checkpoint_of, restore

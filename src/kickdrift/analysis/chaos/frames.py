@@ -11,12 +11,12 @@ import numpy as np
 
 from kickdrift.analysis.tangents.deviations import scale_of
 from kickdrift.analysis.tangents.mapped import has_map, map_run
-from kickdrift.errors import InputError, RunError
+from kickdrift.analysis.tangents.varied_run import accelerations_at_start
+from kickdrift.errors import InputError
 from kickdrift.forces.slopes.problem_variations import varied_problem
 from kickdrift.forces.slopes.variations import varied
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import Energies
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
@@ -120,12 +120,7 @@ class _OfSystem(MovingFrame):
         self._system, self._n, n = system, len(system), len(system)
         made = varied(system, np.zeros((2, 3, n * first.shape[1])))
         self.sim = Simulation(made, name, threads=threads, **options)
-        try:
-            with compiling_for(self.sim.integration.purpose):
-                accelerations = self.sim.accelerations()[:n].T
-        except RunError:  # not finite; the run gives the reason
-            accelerations = np.zeros((3, 1))
-        self._scale = scale_of(system.state.phase, accelerations)[..., None]
+        self._scale = scale_of(system.state.phase, accelerations_at_start(self.sim, n))[..., None]
         self.put(first)
 
     @property

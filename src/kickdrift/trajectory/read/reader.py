@@ -18,9 +18,9 @@ from kickdrift.model.checks.values import path_text
 from kickdrift.model.state import Floats
 from kickdrift.model.units.file_units import FileUnits
 from kickdrift.trajectory.layout import edges, header
+from kickdrift.trajectory.layout.checkpoints import behind
 from kickdrift.trajectory.layout.header import CLOCK, Committed
 from kickdrift.trajectory.layout.names import TRAJECTORY, check_kind, run_hash, system_hash
-from kickdrift.trajectory.layout.points import behind
 from kickdrift.trajectory.read.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.read.tables import ShownRun

@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable, Mapping
 
 from kickdrift.errors import InputError
-from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table, encoded
+from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table, behind, encoded, same
 from kickdrift.trajectory.layout.options import FileOptions
-from kickdrift.trajectory.layout.points import behind, same
 from kickdrift.trajectory.read.recorded import Recorded
 
 Described = tuple[tuple[int, ...], str]  # shape and unit of a column

@@ -25,18 +25,16 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.trajectory.file import creation, packing
 from kickdrift.trajectory.file.openfile import OpenFile, opening, refuse_second
-from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table
+from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table, behind, same
 from kickdrift.trajectory.layout.contents import Contents
 from kickdrift.trajectory.layout.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout.names import add_plan, header_image
 from kickdrift.trajectory.layout.options import FileOptions
-from kickdrift.trajectory.layout.order import in_order
-from kickdrift.trajectory.layout.points import behind, same
 from kickdrift.trajectory.layout.record import to_json
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.write.continued import Cadence, Described, check_continued, units_of
-from kickdrift.trajectory.write.rows import Rows
+from kickdrift.trajectory.write.rows import Rows, in_order
 from kickdrift.trajectory.write.waiting import EventRow
 
 if TYPE_CHECKING:
