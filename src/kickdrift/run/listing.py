@@ -85,7 +85,6 @@ def _integrators() -> tuple[list[str], list[list[str]]]:
     """Table of every integrator and its properties."""
     from kickdrift.integrators import INTEGRATORS
 
-    yes = {True: "yes", False: "no"}
     columns = ["name", "family", "order", "evaluations", "symplectic", "reversible", "adaptive", "use"]
     rows = [
         [
@@ -93,9 +92,9 @@ def _integrators() -> tuple[list[str], list[list[str]]]:
             method.family,
             str(method.order),
             str(method.evaluations or "varies"),
-            yes[method.symplectic],
-            yes[method.reversible],
-            yes[method.chooses_steps],
+            _YES[method.symplectic],
+            _YES[method.reversible],
+            _YES[method.chooses_steps],
             method.use if name == method.name else f"the same as {method.name}",
         ]
         for name, method in INTEGRATORS.items()

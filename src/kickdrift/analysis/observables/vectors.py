@@ -14,7 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.freedom import whole_motion
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.layout.run_parts import RunNumbers
+from kickdrift.trajectory.layout.run_parts import RunFile
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.frames import Frames
 
@@ -70,7 +70,7 @@ class Vectors:
     """
 
     what: Quantity
-    source: RunNumbers | Floats
+    source: RunFile | Floats
     chosen: NDArray[np.int64]
     times: Floats | None
     boxes: Sequence[Box]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +21,11 @@ from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.statistics.blocks import block_average
 from kickdrift.text import choices, clean, counted, measured, shown
-from kickdrift.trajectory.layout.run_parts import RunRecord
 from kickdrift.trajectory.read.reader import Run, open
-from kickdrift.trajectory.read.recorded import Recorded, Samples
+from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.read.universe import topology_of
 
 VOLUME = "volume"  # a column of the samples of a run with a barostat
-
-
-class Boxed(RunRecord, Protocol):
-    """A run's file with its boxes; see ``Run``."""
-
-    def whole_samples(self) -> Samples:
-        """Samples that are not damaged."""
-
-    def whole_boxes(self) -> tuple[NDArray[np.int64], Floats, list[Box]]:
-        """Steps, times and boxes of the frames that are not damaged."""
 
 
 class Room(NamedTuple):
@@ -57,7 +46,7 @@ class Room(NamedTuple):
     density: Floats
 
 
-def room_of(run: Boxed) -> Room | None:
+def room_of(run: Run) -> Room | None:
     """The box over time; None if all frames have the box of the run's System, or if the box has no volume."""
     steps, times, boxes = run.whole_boxes()
     plane = run.system_record.get("dimensions") == 2
@@ -70,7 +59,7 @@ def room_of(run: Boxed) -> Room | None:
     return Room(steps, times, lengths, volume, len(run.ids) / volume)
 
 
-def means_of(run: Boxed) -> dict[str, dict[str, float | None]]:
+def means_of(run: Run) -> dict[str, dict[str, float | None]]:
     """Mean volume and density with standard errors (None if the run is too short): over the samples if these have the
     volume, else over the frames. Empty for a box that is fixed or open."""
     room, samples = room_of(run), run.whole_samples()

@@ -18,13 +18,13 @@ from kickdrift.looks.energy_spark import energy_spark
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.layout.run_parts import RunHeader, Series
+    from kickdrift.trajectory.layout.run_parts import RunFile
 
 
 AXES = ("x", "y", "z")
 
 
-def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
+def data_frame(run: RunFile, steps: NDArray[np.int64], times: Floats, observables: Mapping[str, Floats]) -> Any:
     """A pandas DataFrame with a row for each time. An observable with several numbers has a column for each."""
     pandas = library("pandas", "to_pandas()")
     columns: dict[str, NDArray] = {"step": steps, "time": times}
@@ -39,8 +39,8 @@ def data_frame(run: RunHeader, steps: NDArray[np.int64], times: Floats, observab
 
 
 def dataset(
-    run: RunHeader,
-    frames: Series,
+    run: RunFile,
+    frames: Any,
     observables: Mapping[str, tuple[str, Floats]],
     samples: Mapping[str, NDArray] | None = None,
 ) -> Any:
