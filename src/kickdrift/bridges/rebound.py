@@ -57,6 +57,7 @@ CLOCK_SECONDS, CLOCK_RATE = 60, 10**6  # limit by the clock: this, and the file'
 ANSWER_BYTES, ANSWER_SHARE = 2**20, 4  # most of an answer: this, and this many times the file's size
 POINTERS = "reset function pointers"  # in rebound's warning about functions that no archive holds
 OTHER_COUNT = "Number of particles found does not match"  # in its warning about a snapshot that is not whole
+TRACE = (HILL_RADII, PERICENTRE, INNER)
 
 
 class Told(NamedTuple):
@@ -161,9 +162,6 @@ def _end(status: int) -> str:
 
 def _damaged(path: Path, how: str) -> InputError:
     return InputError(f"{shown_path(path)}: rebound cannot read this archive, so it is damaged: {how}")
-
-
-TRACE = (HILL_RADII, PERICENTRE, INNER)
 
 
 def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:

@@ -30,6 +30,8 @@ PASSAGES = {  # pericentre and inner of trace, by rebound's peri_mode; rebound's
     "PARTIAL_BS": ("partial", "bulirsch-stoer"),
 }  # fmt: skip
 LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
+UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
+NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
 
 
 def passage_of(pericentre: str, inner: str) -> str:
@@ -41,10 +43,6 @@ def passage_of(pericentre: str, inner: str) -> str:
 def key_of(table: dict[str, str], ours: str) -> str:
     """Return rebound's name; "" if there is none."""
     return next((theirs for theirs, name in table.items() if name == ours), "")
-
-
-UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
-NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
 
 
 def system_from(sim: Snapshot, table: Floats, forces: Iterable[Any] | None = None) -> System:

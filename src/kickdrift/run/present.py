@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from kickdrift.engines import Engine
     from kickdrift.integrators.method import Method
 
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+
 
 def accelerations_at(run: Integration) -> Floats:
     """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
@@ -43,10 +46,6 @@ def _accelerations(run: Integration, key: str) -> Any:
     if found is None:
         raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")
     return found
-
-
-Given = ParamSpec("Given")
-Answer = TypeVar("Answer")
 
 
 def alone(method: Callable[Concatenate[Any, Given], Answer]) -> Callable[Concatenate[Any, Given], Answer]:

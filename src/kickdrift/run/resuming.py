@@ -45,6 +45,9 @@ from kickdrift.trajectory.read.recorded import Recorded
 if TYPE_CHECKING:
     from kickdrift.model.events.events import Event
 
+CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
+_NEW = "a new run can begin at a frame"
+
 
 def subject_of(
     run: ProblemRun, problem: Problem | None, events: Iterable[Event] | None
@@ -85,10 +88,6 @@ def other_y(sim: Simulation, run: ProblemRun, goal: tuple[int, float | None]) ->
             if apart:
                 found.append(f"y differs by {apart:.3g} from the file's sample here: it is not the same run")
     return found
-
-
-CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
-_NEW = "a new run can begin at a frame"
 
 
 def resume(

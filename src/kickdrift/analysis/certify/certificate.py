@@ -10,6 +10,7 @@ from kickdrift.model.state import Floats
 from kickdrift.text import counted, duration
 
 PASS, FAIL = "pass", "fail"
+SKIPPED = "not tested"
 
 
 @dataclass(frozen=True)
@@ -102,9 +103,6 @@ def _cells(row: Check) -> list[str]:
     measured, expected = ("–" if each is None else f"{each:.5g}" for each in (row.measured, row.expected))
     deviation = "–" if row.deviation is None else f"{row.deviation:+.1f} errors"
     return [row.test, measured, expected, deviation, f"{row.p_value:.2g}", str(row.samples), row.verdict]
-
-
-SKIPPED = "not tested"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,25 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 
+SLOPE = "force = -dE/dx"
+NOISE = "digits of the energy"
+MOMENTUM, TORQUE = "sum of forces", "sum of torques"
+SHIFT, IMAGE, TURN, SWAP = "translation", "periodic images", "rotation", "exchange of like particles"
+VIRIAL, BITS = "virial = -dE/dV", "same bits again"
+STEPS = (3e-3, 1e-3, 3e-4, 1e-4)  # of central differences, in nearest distances
+SAME, EXACT = 1e-9, 1e-11  # relative: of energies of equal configurations, and of sums that vanish
+SLOPE_BOUND = 1e-6  # relative to the force on the particle
+LEAST = 1e-3  # smallest force that counts by itself, relative to the typical force
+NOISE_BOUND = 1e-10  # of the energy; float32 has 1e-7
+SAMPLED = 24  # particles and directions whose force is tested
+WHERE = ("energy", "force", "slope of the force", "curvature of the force")
+POINTS = 400  # of a line
+FINER = 4  # factor between two lattices of points
+LEVELS = 5  # of ever finer lattices around the place
+STENCIL = 12  # points on each side that are looked at again
+CLEAR = 30.0  # times the typical difference of the line
+ROUNDING = 1e3  # times the spacing of floats near the values
+
 
 class Values(NamedTuple):
     """Forces and energies at one set of positions, in the units that make force = mass x acceleration."""
@@ -102,19 +121,6 @@ def nearest_distances(system: System) -> Floats:
         nearest = float(np.sqrt((d**2).sum(axis=1).min()))
         least[i] = nearest or 1.0
     return least
-
-
-SLOPE = "force = -dE/dx"
-NOISE = "digits of the energy"
-MOMENTUM, TORQUE = "sum of forces", "sum of torques"
-SHIFT, IMAGE, TURN, SWAP = "translation", "periodic images", "rotation", "exchange of like particles"
-VIRIAL, BITS = "virial = -dE/dV", "same bits again"
-STEPS = (3e-3, 1e-3, 3e-4, 1e-4)  # of central differences, in nearest distances
-SAME, EXACT = 1e-9, 1e-11  # relative: of energies of equal configurations, and of sums that vanish
-SLOPE_BOUND = 1e-6  # relative to the force on the particle
-LEAST = 1e-3  # smallest force that counts by itself, relative to the typical force
-NOISE_BOUND = 1e-10  # of the energy; float32 has 1e-7
-SAMPLED = 24  # particles and directions whose force is tested
 
 
 class Subject(NamedTuple):
@@ -323,15 +329,6 @@ def rms(values: Floats) -> float:
 
 def _energy_scale(at: Values) -> float:
     return abs(at.energy) or 1.0
-
-
-WHERE = ("energy", "force", "slope of the force", "curvature of the force")
-POINTS = 400  # of a line
-FINER = 4  # factor between two lattices of points
-LEVELS = 5  # of ever finer lattices around the place
-STENCIL = 12  # points on each side that are looked at again
-CLEAR = 30.0  # times the typical difference of the line
-ROUNDING = 1e3  # times the spacing of floats near the values
 
 
 class Jump(NamedTuple):

@@ -15,6 +15,7 @@ from kickdrift.text import counted, duration, measured
 
 SAFETY = 2.0  # the error foreseen is to stay below the wanted one by that factor
 TIE = 1.2  # costs closer than that are the same, for all that timing can tell
+_OTHERWISE = ("rows", "slopes", "recommendation", "begin", "asked")  # not as they are in the JSON object
 
 
 @dataclass(frozen=True)
@@ -126,9 +127,6 @@ class Recommendation:
             "margin": self.margin,
             "safety": SAFETY,
         }
-
-
-_OTHERWISE = ("rows", "slopes", "recommendation", "begin", "asked")  # not as they are in the JSON object
 
 
 def versions() -> dict[str, str]:

@@ -34,6 +34,12 @@ ROUNDING = 50 * EPSILON  # smaller local errors are only rounding
 LARGE = 0.1  # larger errors do not follow the order yet
 FITTED = 4  # finest points in the fit
 FLAT = 0.7  # part of the slopes before; a smaller slope shows rounding
+COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of steps
+RUNGS = 16  # most runs in a ladder
+RTOLS = tuple(10.0**-k for k in range(2, 14))
+BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
+LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
+USELESS = 1.0  # relative error of a run that missed the solution
 
 
 class LocalErrors:
@@ -96,14 +102,6 @@ def slope(steps: Sequence[float], errors: Sequence[float | None], floor: float) 
             break
     h, e = h[:end][-FITTED:], e[:end][-FITTED:]
     return float(np.polyfit(h, e, 1)[0]) if h[0] - h[-1] > log(1.5) else None
-
-
-COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of steps
-RUNGS = 16  # most runs in a ladder
-RTOLS = tuple(10.0**-k for k in range(2, 14))
-BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
-LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
-USELESS = 1.0  # relative error of a run that missed the solution
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,14 @@ from kickdrift.text import counted, duration
 SURE = 2.0  # standard errors that a recommended step leaves for chance
 RESOLVED = 4.0  # standard errors of an error that counts for a slope
 _OTHERWISE = ("rows", "recommendation", "begin", "asked")
+BUDGET = 60.0  # seconds of the comparison, without compiling
+STEPS = tuple(2.0 ** (-k / 2) for k in range(4))  # of the longest step
+LONGEST = 4.0  # longest step, in steps of the file
+RELAXATION = 2000  # longest steps, before the comparison
+FORGOTTEN = 10.0  # times of the bath's friction after which a stretch ends
+ORDER = 2  # of every word's means in the long run
+SETTLED = 3.0  # standard errors between the results of half and of whole stretches
+BATCH = 20  # stretches between two looks at the clock
 
 
 @dataclass(frozen=True)
@@ -241,16 +249,6 @@ def _slope(rows: list[SamplingRow]) -> float | None:
         return None
     weights = [abs(row.potential) / row.potential_error for row in good]
     return float(np.polyfit([log(row.dt) for row in good], [log(abs(row.potential)) for row in good], 1, w=weights)[0])
-
-
-BUDGET = 60.0  # seconds of the comparison, without compiling
-STEPS = tuple(2.0 ** (-k / 2) for k in range(4))  # of the longest step
-LONGEST = 4.0  # longest step, in steps of the file
-RELAXATION = 2000  # longest steps, before the comparison
-FORGOTTEN = 10.0  # times of the bath's friction after which a stretch ends
-ORDER = 2  # of every word's means in the long run
-SETTLED = 3.0  # standard errors between the results of half and of whole stretches
-BATCH = 20  # stretches between two looks at the clock
 
 
 def compare_sampling(

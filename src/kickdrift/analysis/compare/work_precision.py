@@ -28,6 +28,13 @@ BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 ANY_STEP = 1e-3
 SUBSTEPS = (2, 4, 8, 16)  # splits that a comparison tries of forces in groups
 LADDERED = ("dt", "rtol", "atol", "precision")  # options that a comparison sets itself
+BUDGET = 60.0  # seconds of a comparison, without compiling
+LEAST_LIMIT = 10.0  # least time limit of a reference run, in seconds
+LOOSE = 1e-3  # rtol of the run that estimates the cost
+FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # evaluations of the finest affordable run over those of this run
+SAMPLES = 251, 127, 61, 31, 13, 7  # primes: a whole number of periods between samples would hide errors in between
+SAMPLES_ENERGY = 127
+Progress = Callable[[int, int], Any]
 
 
 def chosen_methods(
@@ -90,16 +97,6 @@ def _separable(subject: Subject) -> bool:
     if isinstance(subject, System):
         return not any(getattr(force, "velocity_dependent", False) for force in subject.forces)
     return subject.separable
-
-
-BUDGET = 60.0  # seconds of a comparison, without compiling
-LEAST_LIMIT = 10.0  # least time limit of a reference run, in seconds
-LOOSE = 1e-3  # rtol of the run that estimates the cost
-FINEST, FINEST_ADAPTIVE, FINEST_ENERGY = 64, 8, 4  # evaluations of the finest affordable run over those of this run
-SAMPLES = 251, 127, 61, 31, 13, 7  # primes: a whole number of periods between samples would hide errors in between
-SAMPLES_ENERGY = 127
-
-Progress = Callable[[int, int], Any]
 
 
 class Cost(NamedTuple):

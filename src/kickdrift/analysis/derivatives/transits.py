@@ -37,6 +37,8 @@ TURN = 0.5  # radians that the planet may move between two looks for a transit
 WIDEST = 1.0  # radians that it may move in a step of a map
 MOST = 60  # attempts to find a time: bisection alone needs some 50
 Found = list[tuple[float, Floats, float, float]]  # times, their derivatives (columns,), distances and speeds
+MOST_SHOWN = 20  # rows of the table
+_COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
 
 
 def angle(a: Floats, b: Floats) -> float:
@@ -145,10 +147,6 @@ def found_by_map(
         if told:
             told(int(1000 * min(1.0, (run.time - begin) / (end - begin))), 1000)
     return found
-
-
-MOST_SHOWN = 20  # rows of the table
-_COLUMNS = (("time", "time"), ("distance on the sky", "length"), ("speed on the sky", "velocity"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

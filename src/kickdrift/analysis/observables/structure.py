@@ -18,6 +18,8 @@ from kickdrift.statistics.blocks import mean_over_frames
 
 REACH = 1.5  # default range in units of 2π over the mean distance (V/n)^(1/3), beyond a liquid's first peak
 ROOM = 2**22  # most complex numbers of one product in memory
+CLOSED = "needs a box periodic along all axes, or particles in one plane of a box open along z"
+PLANE = (True, True, False)  # axes of a box that is periodic in two dimensions
 
 
 def reciprocal(box: Box) -> Floats:
@@ -98,10 +100,6 @@ class Waves(NamedTuple):
             amplitude = sums[self.column[some] - start, self.depth[some]]
             result[self.order[some]] = (amplitude.real**2 + amplitude.imag**2) / n
         return result
-
-
-CLOSED = "needs a box periodic along all axes, or particles in one plane of a box open along z"
-PLANE = (True, True, False)  # axes of a box that is periodic in two dimensions
 
 
 class RadialDistribution(NamedTuple):

@@ -18,6 +18,11 @@ from kickdrift.trajectory.layout.run_parts import RunFile
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.frames import Frames
 
+PIECE_BYTES = 64 * 2**20  # positions or velocities in memory at once
+Quantity = Literal["positions", "velocities"]
+Source = Frames | str | os.PathLike[str] | ArrayLike
+Boxes = Box | Sequence[float] | Sequence[Box] | None
+
 
 def travelled(positions: Floats, boxes: Sequence[Box]) -> Floats:
     """Positions (f, k, 3) that grow by what the particles move inside their boxes, from the first frame's positions on.
@@ -46,12 +51,6 @@ def _split(positions: Floats, box: Box) -> tuple[Floats, Floats]:
     """Positions (k, 3) inside the box, and the whole numbers (k, 3) of edges that lead there; 0 along open axes."""
     inside = box.wrap(positions)
     return inside, np.rint(box.fractional(positions - inside)) * box.periodic_axes
-
-
-PIECE_BYTES = 64 * 2**20  # positions or velocities in memory at once
-Quantity = Literal["positions", "velocities"]
-Source = Frames | str | os.PathLike[str] | ArrayLike
-Boxes = Box | Sequence[float] | Sequence[Box] | None
 
 
 @dataclass(frozen=True)

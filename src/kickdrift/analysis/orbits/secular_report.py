@@ -33,6 +33,8 @@ CHANCE = 14.0  # -ln of the chance that so large a part stays empty at random
 CROSSINGS = 4  # least ways from beyond half the amplitude on one side to beyond it on the other
 SPARSE = 4.0  # least frames in a period of libration for the period to be known
 FLAT = 1e-8  # an orbit with a smaller e has no pericentre, with a smaller sin(inc / 2) no node
+ARCSEC = math.degrees(1.0) * 3600.0
+SHOWN = 30  # most bodies, and most resonances, in a table
 
 
 class Resonance(NamedTuple):
@@ -132,10 +134,6 @@ def libration(angle: Floats, times: Floats) -> tuple[float, float, float] | None
     spacing = (times[-1] - times[0]) / (len(times) - 1)
     period = 2.0 * math.pi / abs(float(line[0])) if len(line) and line[0] else math.nan
     return centre, amplitude, period if period > SPARSE * spacing else math.nan
-
-
-ARCSEC = math.degrees(1.0) * 3600.0
-SHOWN = 30  # most bodies, and most resonances, in a table
 
 
 class ProperOrbit(NamedTuple):

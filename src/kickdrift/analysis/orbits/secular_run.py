@@ -35,6 +35,10 @@ NODES = 512  # of the integral of Laplace's coefficients
 CLOSE = 0.95  # ratio of semi-major axes: the linear theory does not hold for closer orbits
 LINES = 6  # of each mode that are looked at; a massless body's own mode is its strongest line
 RESONANT = 1e-3  # least distance of a massless body from a mode of the planets, relative
+LEAST = 64  # frames
+FINE = 4  # frames in the shortest secular period of the linear theory
+UNEVEN = 1e-6  # of the spacing
+ORDER = 4  # largest p - q
 
 
 class Modes(NamedTuple):
@@ -155,12 +159,6 @@ def _amplitudes(z: NDArray[np.complex128], times: Floats, w: Floats) -> Floats:
     fitted = np.linalg.lstsq(lines, z[:, known], rcond=None)[0]
     found[known] = np.abs(np.diag(fitted))
     return found
-
-
-LEAST = 64  # frames
-FINE = 4  # frames in the shortest secular period of the linear theory
-UNEVEN = 1e-6  # of the spacing
-ORDER = 4  # largest p - q
 
 
 def orbit_report(

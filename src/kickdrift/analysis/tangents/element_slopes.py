@@ -24,6 +24,14 @@ from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
 from kickdrift.text import suggestion
 
+MASS = "mass"
+SIZES, ANOMALIES = ("a", "P"), ("M", "f", "E")
+PLAIN, PAL = ("e", "inc", "Omega", "omega"), ("h", "k", "ix", "iy", "lambda")
+NAMES = (*SIZES, *PLAIN, *ANOMALIES, *PAL, MASS)
+DEGREES = ("inc", "Omega", "omega", *ANOMALIES, "lambda")
+ROUNDED = 1e-12  # a smaller eccentricity or inclination has its direction from rounding
+NEWTON = 3  # steps: each doubles the order to which derivatives are right
+
 
 @dataclass(frozen=True, eq=False)
 class Jet:
@@ -98,15 +106,6 @@ def angle(y: Jet, x: Jet) -> Jet:
     hessian = (x.value * y.hessian - y.value * x.hessian + mixed - mixed.T) / square
     hessian = hessian - 2.0 * np.outer(gradient, twice)
     return Jet(math.atan2(y.value, x.value), gradient, 0.5 * (hessian + hessian.T))
-
-
-MASS = "mass"
-SIZES, ANOMALIES = ("a", "P"), ("M", "f", "E")
-PLAIN, PAL = ("e", "inc", "Omega", "omega"), ("h", "k", "ix", "iy", "lambda")
-NAMES = (*SIZES, *PLAIN, *ANOMALIES, *PAL, MASS)
-DEGREES = ("inc", "Omega", "omega", *ANOMALIES, "lambda")
-ROUNDED = 1e-12  # a smaller eccentricity or inclination has its direction from rounding
-NEWTON = 3  # steps: each doubles the order to which derivatives are right
 
 
 class Named(NamedTuple):

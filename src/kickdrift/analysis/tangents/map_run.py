@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 Pushes = list[tuple[int, Push | PairPush]]
+PIECE = 1000  # steps between two reports of progress
 
 
 class BoundOthers(NamedTuple):
@@ -65,9 +66,6 @@ def bound_others(forces: list[Any], pushes: Pushes, system: System, threads: int
         np.array([(each.address, each.work) for each in slopes], np.int64).reshape(-1, 2),
         np.array(rows, np.int64).reshape(-1, 3),
     )  # fmt: skip
-
-
-PIECE = 1000  # steps between two reports of progress
 
 
 class MapRun:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 
 KNOWN = ("coordinates", "corrector", "kernel", "compensated", "order")  # options that the map follows, or that round
+POINTS = 2**16  # rows of the path: points of all bodies that meet inside one step
 
 
 class TangentRun(MapRun):
@@ -117,9 +118,6 @@ def _undone(stages: Floats) -> Floats:
 def _staged(row: Floats) -> Floats:
     """Drifts and kicks at no time and without correction, as stages."""
     return np.concatenate([row, np.zeros_like(row)])
-
-
-POINTS = 2**16  # rows of the path: points of all bodies that meet inside one step
 
 
 class TraceTangentRun(MapRun):

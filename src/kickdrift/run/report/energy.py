@@ -31,6 +31,7 @@ from kickdrift.statistics.drift import EnergyError, energy_error
 POINTS, FEWER = 12, 10  # looks through which a polynomial goes in each interval; with fewer, for the error
 RESOLVED = 0.01  # the looks resolve a work whose relative error is at most this
 ROWS = 2**15  # intervals at a time
+_JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
 class Work(NamedTuple):
@@ -154,9 +155,6 @@ def cumulative(times: Floats, values: Floats, points: int) -> Floats:
         weights = np.linalg.solve(u[:, None, :] ** powers[:, None], moments[:, :, None])[:, :, 0]
         found[left + 1] = scale * (weights * values[near]).sum(axis=1)
     return np.cumsum(found)
-
-
-_JUDGED = ("drift_per_unit_time", "drift_error", "verdict")
 
 
 @dataclass(frozen=True)

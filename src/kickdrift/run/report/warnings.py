@@ -24,6 +24,12 @@ JUMPS = "; the force jumps at the cutoff, see lj-1000-switch"
 TOO_LONG = "; a shorter dt tells whether the step is too long"
 LARGE = 10.0  # energy of the centre of mass that is worth a word, in heats of one particle
 SHARE = 0.01  # of the kinetic energy
+LEAST_LOOKS = 10
+CHANGE = 0.05  # of the temperature; a smaller change leaves averages as they are
+FLUCTUATIONS = 4.0  # standard deviations of the temperature in the second half
+PROBES = 8  # particles whose nearest neighbours are measured
+LINDEMANN = 0.3  # distances of neighbours that a particle is off its site; crystals melt near 0.1 to 0.15
+EVEN = 1e-3  # spread of the nearest distances on a lattice, of their mean
 
 
 def verdict(mean: float, error: float | None, asked: float) -> str:
@@ -54,14 +60,6 @@ def moving(system: System, drags: bool, series: Series) -> list[str]:
         f"the particles move as a whole: their centre of mass has {energy / series.kinetic:.3g} of the kinetic energy, "
         "which is no heat; temperature and pressure are without this motion"
     ]
-
-
-LEAST_LOOKS = 10
-CHANGE = 0.05  # of the temperature; a smaller change leaves averages as they are
-FLUCTUATIONS = 4.0  # standard deviations of the temperature in the second half
-PROBES = 8  # particles whose nearest neighbours are measured
-LINDEMANN = 0.3  # distances of neighbours that a particle is off its site; crystals melt near 0.1 to 0.15
-EVEN = 1e-3  # spread of the nearest distances on a lattice, of their mean
 
 
 def melting(system: System, temperatures: Floats | None, run: Any, bath: bool = False) -> list[str]:

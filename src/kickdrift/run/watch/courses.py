@@ -22,6 +22,10 @@ FINE = 0.2  # step along a course, over the time scale of its change
 MOST = 1000  # steps along a course
 ARC = 0.2  # of the sum of the radii: the way of a pair in a part that may pass a contact
 HIT, LEAST, LATER = range(3)  # results of a course: time of the hit, least distance, distance after the step
+TURNS = 1e-3  # G M h^2 over the cube of a distance: with less, a step resolves the attraction
+SAFE = 0.95  # of the time to a contact: a part of a step that ends before
+RESOLVED = 0.1  # longest part, over the time scale of the pair's attraction at its end
+SHORTEST = 2.0**-12  # shortest part, of the rest of a step
 
 
 @jit
@@ -225,12 +229,6 @@ def leaves(y, h, i, j, reach, softening2, pair, behind, found, back):
     forces is at the part -``behind`` of the step."""
     course_back(y, i, j, reach, softening2, pair, h, found, back)
     return found[HIT] <= behind * h or (found[HIT] < np.inf and bends(distance(y, i, j), pair, h, speed2(y, i, j)))
-
-
-TURNS = 1e-3  # G M h^2 over the cube of a distance: with less, a step resolves the attraction
-SAFE = 0.95  # of the time to a contact: a part of a step that ends before
-RESOLVED = 0.1  # longest part, over the time scale of the pair's attraction at its end
-SHORTEST = 2.0**-12  # shortest part, of the rest of a step
 
 
 @driver

@@ -22,6 +22,8 @@ MERGING, GRAZING_MERGER, HIT_AND_RUN = "perfect merging", "graze-and-merge", "hi
 ACCRETION, EROSION, DISRUPTION = "partial accretion", "erosion", "super-catastrophic disruption"
 SUPER = 1.8  # Q_R / Q*_RD from which a disruption is super-catastrophic
 ETA = -1.5  # exponent of the largest remnant there
+ROOM = 1.1  # distances on the ring, over those of spheres that touch
+LAUNCH = 1.05  # speed of the fragments over their escape speed
 
 
 class Material(NamedTuple):
@@ -167,10 +169,6 @@ def remnants(impact: Impact, material: Material) -> Remnants:
             return Remnants(HIT_AND_RUN, impact.target, left_of_projectile(impact, material))
         return Remnants(ACCRETION, largest)
     return Remnants(EROSION if ratio < SUPER else DISRUPTION, largest)
-
-
-ROOM = 1.1  # distances on the ring, over those of spheres that touch
-LAUNCH = 1.05  # speed of the fragments over their escape speed
 
 
 class Fragmented(NamedTuple):

@@ -27,6 +27,8 @@ from kickdrift.run.watch.span import Act, Part, Span, Trials, Watched, parts, se
 if TYPE_CHECKING:
     from kickdrift.integrators.stepping.stepper import Stepper
 
+ROUNDING = 1e-12  # of a distance between bodies that touch
+
 
 class Log:
     """Entries for the record of a run.
@@ -72,9 +74,6 @@ class Log:
         self._waiting = [(due, row) for due, row in memory]
         if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
             raise InputError("checkpoint: its waiting events are invalid")
-
-
-ROUNDING = 1e-12  # of a distance between bodies that touch
 
 
 class Search:

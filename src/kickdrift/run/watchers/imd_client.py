@@ -26,6 +26,8 @@ FORCE_BYTES = 16  # bytes for each particle of MDCOMM: an index and three number
 MOST_STEPS = 2**31 - 1  # in the packet of energies; the packet of the time has 64 bits
 
 _PER_MOL = {"eV": constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000, "J": constants.AVOGADRO / 1000}
+AT_ONCE = 65536  # bytes read at a time
+BODY_READS = 16  # of these, at most, while forces are passed over
 
 
 class Kind(IntEnum):
@@ -122,10 +124,6 @@ def _floats(values: Floats) -> bytes:
     """The values as float32; numbers beyond its range are infinite."""
     with np.errstate(over="ignore"):
         return values.astype(np.float32).tobytes()
-
-
-AT_ONCE = 65536  # bytes read at a time
-BODY_READS = 16  # of these, at most, while forces are passed over
 
 
 class Client:

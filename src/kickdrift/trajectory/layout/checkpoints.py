@@ -22,6 +22,12 @@ from kickdrift.errors import InputError
 from kickdrift.trajectory.layout.contents import Contents, too_deep
 
 ROUNDING = 1e-12  # relative, for times that were converted between units
+CHECKPOINTS = "kickdrift/checkpoints"
+BYTES_CHUNK = 64 * 1024
+ROWS_CHUNK = 128
+COLUMNS = {"data": "u1", "end": "i8", "step": "i8", "time": "f8", "crc32": "u4"}
+ROW_BYTES = 32  # step, time, end and checksum
+Checkpoint = dict[str, Any]
 
 
 def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
@@ -38,15 +44,6 @@ def before(time: float, other: float) -> bool:
 def behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
     """Tell whether a (step, time) is earlier than the last one."""
     return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))
-
-
-CHECKPOINTS = "kickdrift/checkpoints"
-BYTES_CHUNK = 64 * 1024
-ROWS_CHUNK = 128
-COLUMNS = {"data": "u1", "end": "i8", "step": "i8", "time": "f8", "crc32": "u4"}
-ROW_BYTES = 32  # step, time, end and checksum
-
-Checkpoint = dict[str, Any]
 
 
 class Stored(NamedTuple):

@@ -24,6 +24,7 @@ from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.read.tables import ShownProblemRun
 
 CHANGED = "its Problem was changed after the run began (kickdrift/problem, method or versions)"
+MOST = 8  # numbers of y that are shown
 
 
 class ProblemRun(Recorded, ShownProblemRun):
@@ -125,9 +126,6 @@ def is_problem_run(path: str | Path) -> bool:
 
     with open_to_read(path) as file:
         return header.PROBLEM in file
-
-
-MOST = 8  # numbers of y that are shown
 
 
 def info(run: ProblemRun) -> dict[str, Any]:

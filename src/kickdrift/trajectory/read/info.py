@@ -26,6 +26,13 @@ from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.read.universe import topology_of
 
 VOLUME = "volume"  # a column of the samples of a run with a barostat
+SHOWN = 5  # most unregistered forces that are listed
+WIDTH = 60  # largest width of the column of keys
+_METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
+MOST_SHOWN = 12  # values of a list
+RANGES = 20  # most stretches of damaged rows that are listed
+_SHOWN_UNITS = ("length", "time", "energy")
+_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
 
 
 class Room(NamedTuple):
@@ -75,16 +82,6 @@ def means_of(run: Run) -> dict[str, dict[str, float | None]]:
 def _mean(steps: NDArray[np.int64], values: Floats) -> dict[str, float | None]:
     error = float(block_average(values[even_stretch(steps)]).error)
     return {"mean": float(values.mean()), "error": error if np.isfinite(error) else None}
-
-
-SHOWN = 5  # most unregistered forces that are listed
-WIDTH = 60  # largest width of the column of keys
-
-_METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
-MOST_SHOWN = 12  # values of a list
-RANGES = 20  # most stretches of damaged rows that are listed
-_SHOWN_UNITS = ("length", "time", "energy")
-_METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
 
 
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:

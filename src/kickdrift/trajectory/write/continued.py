@@ -11,6 +11,8 @@ from kickdrift.trajectory.layout.options import FileOptions
 from kickdrift.trajectory.read.recorded import Recorded
 
 Described = tuple[tuple[int, ...], str]  # shape and unit of a column
+SHARE = 0.25  # largest share of checkpoints in the bytes written; the first and the last of a run are always taken
+SECONDS = 60.0  # longest time between two checkpoints
 
 
 def check_columns(run: Recorded, given: Mapping[str, Described]) -> None:
@@ -65,10 +67,6 @@ def check_continued(
     for key in ("store", "compress", "write"):
         if options and getattr(options, key) != getattr(run.options, key):
             raise InputError(f"{path}: was begun with {key}={getattr(run.options, key)!r}, which cannot change")
-
-
-SHARE = 0.25  # largest share of checkpoints in the bytes written; the first and the last of a run are always taken
-SECONDS = 60.0  # longest time between two checkpoints
 
 
 class Cadence:

@@ -31,6 +31,10 @@ from kickdrift.trajectory.layout.names import (
 )
 from kickdrift.trajectory.write.waiting import EventRow, Looks, Waiting
 
+FACTORS = {"position": "length", "velocity": "velocity", "force": "force"}  # of vectors, to the file's units
+Columns = Mapping[str, Sequence[Any] | NDArray]
+VECTORS_NDIM = 3  # dimensions of vectors (frames, n, 3)
+
 
 def in_order(
     vectors: Mapping[str, Floats], ids: NDArray[np.int64], wanted: NDArray[np.int64], absorbed: Mapping[int, int]
@@ -57,11 +61,6 @@ def _survivor(body: int, absorbed: Mapping[int, int]) -> int:
     while body in absorbed:
         body = absorbed[body]
     return body
-
-
-FACTORS = {"position": "length", "velocity": "velocity", "force": "force"}  # of vectors, to the file's units
-Columns = Mapping[str, Sequence[Any] | NDArray]
-VECTORS_NDIM = 3  # dimensions of vectors (frames, n, 3)
 
 
 class Rows:
