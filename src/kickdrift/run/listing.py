@@ -32,9 +32,6 @@ class Listing(Shown):
     about: tuple[tuple[str, str], ...] = ()
     _lines_first = True
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def __len__(self) -> int:
         return len(self.rows)
 

@@ -292,9 +292,6 @@ class Minimum(Shown):
     force_unit: str
     system: System = field(repr=False)
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _lines(self) -> Lines:
         sign = "at most" if self.largest_force <= self.force else "more than"
         largest = measured(f"{self.largest_force:.2g}", self.force_unit)

@@ -55,9 +55,6 @@ class EnsembleChecks(Shown):
     level: float
     notes: tuple[str, ...] = ()
 
-    def __repr__(self) -> str:
-        return str(self)
-
     @property
     def passed(self) -> bool:
         """Whether no test failed."""
@@ -146,9 +143,6 @@ class ForceChecks(Shown):
     seconds: float = field(compare=False)
     notes: tuple[str, ...] = ()
     curves: dict[str, Floats] = field(default_factory=dict, compare=False)
-
-    def __repr__(self) -> str:
-        return str(self)
 
     @property
     def passed(self) -> bool:

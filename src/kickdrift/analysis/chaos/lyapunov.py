@@ -81,9 +81,6 @@ class LyapunovSpectrum(Shown):
             return float(whole)
         return whole + float(sums[whole - 1] / abs(np.sort(self.exponents)[::-1][whole]))
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _lines(self) -> Lines:
         unit, lines = symbol_of(self.time_unit), run_lines(self)
         for k, (value, error) in enumerate(zip(self.exponents, self.errors, strict=True), 1):

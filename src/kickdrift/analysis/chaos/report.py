@@ -90,9 +90,6 @@ class ChaosReport(Shown):
         """Largest Lyapunov exponent that this run allows: the modulus of its estimate, and the error."""
         return abs(self.lyapunov) + self.lyapunov_error
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _lines(self) -> Lines:
         unit, longer = symbol_of(self.time_unit), self.time_to_decide
         exponent = f"{self.lyapunov:.2e} ± {self.lyapunov_error:.1e}" if longer is None else f"below {self.bound:.1e}"

@@ -144,9 +144,6 @@ class Compared(Shown):
     begin: float
     asked: str
 
-    def __repr__(self) -> str:
-        return str(self)
-
     @property
     def methods(self) -> list[str]:
         """Names of the methods, in the order of the rows."""

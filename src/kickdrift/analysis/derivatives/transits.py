@@ -189,9 +189,6 @@ class Transits(Shown):
     def __len__(self) -> int:
         return len(self.times)
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _tables(self) -> list[Table]:
         columns = ["transit", *(_headed(name, self.units.symbol(kind)) for name, kind in _COLUMNS)]
         series = (self.times, self.distances, self.speeds)

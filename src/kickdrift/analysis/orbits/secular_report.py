@@ -198,9 +198,6 @@ class OrbitReport(Shown):
     angles: tuple[Floats, ...] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def __getitem__(self, name: str) -> ProperOrbit:
         for body in self.bodies:
             if body.name == name:
