@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compare.reference import eigenvalues
+from kickdrift.analysis.compare.stiffness import stiffness
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.step_choice.stability_limit import stability_boundary, stability_warning
@@ -62,42 +62,59 @@ def arenstorf(t, y):
     )
 
 
-def at_start(subject):
-    """Eigenvalues at the start, by rising real parts."""
-    return np.sort_complex(eigenvalues(subject, subject.state))
-
-
 def test_eigenvalues_of_a_linear_problem_are_those_of_its_matrix():
-    np.testing.assert_allclose(at_start(kd.Problem(stiff_linear, [1.0, 1.0])), [-1e4, -1.0], rtol=1e-7)
+    found = stiffness(kd.Problem(stiff_linear, [1.0, 1.0]))[0]
+    np.testing.assert_allclose(found.eigenvalues, [-1e4, -1.0], rtol=1e-7)
+    assert found.ratio == pytest.approx(1e4, rel=1e-7)
+    assert found.fastest == pytest.approx(-1e4, rel=1e-7)
+    assert found.step is None
+    assert found.step_times_rate is None
 
 
-def test_an_undamped_problem_has_imaginary_eigenvalues():
-    np.testing.assert_allclose(at_start(kd.Problem(pendulum, [0.0, 0.5])), [-1j, 1j], atol=1e-9)
+def test_an_undamped_problem_has_no_stiffness_ratio():
+    found = stiffness(kd.Problem(pendulum, [0.0, 0.5]))[0]
+    np.testing.assert_allclose(found.eigenvalues, [-1j, 1j], atol=1e-9)
+    assert np.isnan(found.ratio)
 
 
 @pytest.mark.parametrize("jacobian", [None, robertson_jacobian])
-def test_eigenvalues_of_robertsons_problem(jacobian):
+def test_robertsons_conserved_sum_does_not_count(jacobian):
     """At t = 40 of the reference solution: eigenvalues from the characteristic polynomial, without its root 0."""
     y = [0.7158270687194307, 9.185534764558627e-06, 0.2841637457458067]
     problem = kd.Problem(robertson, y, jacobian)
-    found = at_start(problem)
+    found = stiffness(problem)[0]
     m = np.array(robertson_jacobian(0.0, y))
     minors = sum(m[i, i] * m[j, j] - m[i, j] * m[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
     exact = np.sort(np.roots([1.0, -np.trace(m), minors]))
-    assert found[0].real == pytest.approx(exact[0], rel=1e-8)
-    assert found[1].real == pytest.approx(exact[1], rel=1e-5)
+    assert exact[0] / exact[1] == pytest.approx(found.ratio, rel=1e-5)
+    assert found.eigenvalues[0].real == pytest.approx(exact[0], rel=1e-8)
+
+
+def test_states_along_a_run_and_its_step():
+    sim = kd.Simulation(kd.Problem(robertson, [1.0, 0.0, 0.0], robertson_jacobian), "radau", rtol=1e-6, atol=1e-12)
+    states = []
+    sim.run(until=1e4, interval=1e3, observe=lambda sim: states.append(sim.state))
+    ratios = [point.ratio for point in stiffness(sim, states)]
+    assert len(ratios) == 11
+    assert ratios[0] == 1.0  # at rest except for the slow reaction
+    assert (np.diff(ratios) > 0).all()
+    assert ratios[-1] > 1e6
+    now = stiffness(sim)[0]
+    assert now.step == sim.integration.stepper.last_step > 0
+    assert now.step_times_rate > 1e4  # too large for any explicit method
 
 
 def test_a_pair_of_particles_swings_at_its_frequency():
     r = 2 ** (1 / 6)
     pair = kd.System([[0.0, 0.0, 0.0], [r, 0.0, 0.0]], forces=[kd.LennardJones(cutoff=2.5)])
+    found = stiffness(pair)[0]
     k = 72.0 / r**2  # of the potential well, in epsilon / sigma^2
-    assert np.abs(at_start(pair)).max() == pytest.approx(np.sqrt(2 * k), rel=1e-6)
+    assert abs(found.fastest) == pytest.approx(np.sqrt(2 * k), rel=1e-6)
 
 
 def test_a_state_of_another_problem_is_refused():
     with pytest.raises(InputError, match=r"expected y of shape \(2,\)"):
-        eigenvalues(kd.Problem(pendulum, [0.0, 0.5]), kd.Problem(robertson, [1.0, 0.0, 0.0]).state)
+        stiffness(kd.Problem(pendulum, [0.0, 0.5]), [kd.Problem(robertson, [1.0, 0.0, 0.0]).state])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,4 @@
-"""Reference for the errors of a comparison, and its own error: a closed form, a tight run, or the energy.
-
-The eigenvalues of the Jacobian tell whether a tight run needs a method for stiff problems.
-"""
+"""Reference for the errors of a comparison, and its own error: a closed form, a tight run, or the energy."""
 
 from __future__ import annotations
 
@@ -11,12 +8,10 @@ from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kickdrift.analysis.compare.pilot import OutOfTime, Subject, Track, follow, vector
-from kickdrift.errors import InputError, RunError
+from kickdrift.errors import RunError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -132,16 +127,9 @@ def is_stiff(subject: Subject, state: Any, length: float) -> bool:
         return False
     if subject.run.integrator in STIFF:
         return True
-    return float(-eigenvalues(subject, state).real.min()) * length > STIFF_DECADES
+    from kickdrift.analysis.compare.stiffness import stiffness
 
-
-def eigenvalues(subject: Subject, state: Any) -> NDArray[np.complexfloating]:
-    """Eigenvalues of the Jacobian df/dy of y' = f(t, y) at a state."""
-    flow = flow_of(subject, 1, jumps=True)
-    jacobian = flow.jacobian(state.time, flow.array(state))
-    if not np.isfinite(jacobian).all():
-        raise InputError(f"stiffness: the Jacobian at t = {state.time:.6g} is not finite")
-    return np.linalg.eigvals(jacobian).astype(complex)
+    return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 
 
 def loose_method(stiff: bool) -> str:
