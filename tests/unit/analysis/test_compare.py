@@ -13,10 +13,11 @@ from kickdrift.analysis.compare.ladder import Bench, Row, slope
 from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
 from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.compare.work_precision import Comparison, default_integrators, work_precision
+from kickdrift.analysis.shadow import modified_hamiltonian
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 from kickdrift.statistics.growth import Growth, energy_growth, position_growth
-from kickdrift_validation.shadow_hamiltonian import modified_hamiltonian, pendulum_potential, shadow_run
+from kickdrift_validation.shadow_hamiltonian import pendulum_potential, shadow_run
 
 
 @pytest.fixture(scope="module")
@@ -356,6 +357,13 @@ def test_modified_hamiltonian_of_the_oscillator_is_known():
     found = modified_hamiltonian(q, p, dt, potential)
     exact = np.arcsin(dt / 2) / (dt / 2) / np.sqrt(1 - dt**2 / 4) * (p**2 + q**2 * (1 - dt**2 / 4)) / 2
     assert found == pytest.approx(exact, rel=1e-12)
+
+
+def test_the_modified_hamiltonian_refuses_other_orders_and_too_few_derivatives():
+    with pytest.raises(kd.InputError, match="order"):
+        modified_hamiltonian(0.0, 0.0, 0.1, pendulum_potential(), 3)
+    with pytest.raises(kd.InputError, match="derivatives"):
+        modified_hamiltonian(0.0, 0.0, 0.1, pendulum_potential()[:3])
 
 
 def test_the_oscillators_closed_form_needs_no_reference_run():
