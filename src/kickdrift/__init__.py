@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from kickdrift.plots.figures import stability
     from kickdrift.plots.movie import movie
     from kickdrift.run.listing import Listing, listing
-    from kickdrift.run.relax.minimization import Minimum
+    from kickdrift.run.minimization import Minimum
     from kickdrift.run.report.report import Report
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
@@ -92,7 +92,7 @@ _HOMES = {
     "Installation": "analysis.compare.doctor",
     "Listing": "run.listing",
     "LyapunovSpectrum": "analysis.chaos.lyapunov",
-    "Minimum": "run.relax.minimization",
+    "Minimum": "run.minimization",
     "Option": "integrators.options",
     "Orbit": "model.orbits",
     "OrbitTable": "model.orbits",

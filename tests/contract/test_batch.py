@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis.chaos import lanes as chaos_lanes
 from kickdrift.analysis.chaos import megno as chaos
+from kickdrift.analysis.chaos import megno as chaos_lanes
 from kickdrift.analysis.chaos.megno import megno, megnos
 from kickdrift.batch import members, sampling
 from kickdrift.batch.batch import Batch

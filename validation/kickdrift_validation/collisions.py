@@ -22,7 +22,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.run.watch import contacts
-from kickdrift.run.watch.scaling_laws import (
+from kickdrift.run.watch.fragments import (
     Impact,
     Material,
     disruption_energy,

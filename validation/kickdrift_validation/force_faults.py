@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.analysis.certify.force_certificate import ForceChecks
+from kickdrift.analysis.certify.certificate import ForceChecks
 from kickdrift.errors import KickdriftError
 from kickdrift.model.state import Floats
 from kickdrift_validation.claim import Claim, claim, main

@@ -9,17 +9,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kickdrift.analysis.certify.certificate import EnsembleChecks
+    from kickdrift.analysis.certify.certificate import EnsembleChecks, ForceChecks
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
-    from kickdrift.analysis.certify.force_certificate import ForceChecks
     from kickdrift.analysis.certify.force_testing import force_checks
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
-    from kickdrift.analysis.orbits.librations import Resonance
     from kickdrift.analysis.orbits.orbits import orbital_elements
-    from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit
+    from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit, Resonance
     from kickdrift.analysis.orbits.secular_run import orbit_report
     from kickdrift.statistics.blocks import block_average
     from kickdrift.statistics.quasi_periodic import Spectrum
@@ -28,10 +26,10 @@ if TYPE_CHECKING:
 _HOMES = {
     "Diffusion": "kickdrift.analysis.observables.motion",
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
-    "ForceChecks": "kickdrift.analysis.certify.force_certificate",
+    "ForceChecks": "kickdrift.analysis.certify.certificate",
     "OrbitReport": "kickdrift.analysis.orbits.secular_report",
     "ProperOrbit": "kickdrift.analysis.orbits.secular_report",
-    "Resonance": "kickdrift.analysis.orbits.librations",
+    "Resonance": "kickdrift.analysis.orbits.secular_report",
     "SamplingComparison": "kickdrift.analysis.compare.sampling",
     "SamplingRow": "kickdrift.analysis.compare.sampling",
     "Spectrum": "kickdrift.statistics.quasi_periodic",

@@ -1,4 +1,4 @@
-"""What a report made from a trajectory says when the trajectory is no good."""
+"""What reports made from a trajectory say alike: what ran, and when the trajectory is no good."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units.unit_systems import symbol_of
+from kickdrift.text import measured
 
 
 def trajectory_doubts(system: System | Problem, ends: tuple[Energies, Energies], phase: Floats | None) -> list[str]:
@@ -36,3 +38,14 @@ def doubts_at(system: System | Problem, end: Any) -> list[str]:
 def warning_lines(warnings: list[str]) -> Lines:
     """The lines of a report with these warnings."""
     return [("warning", line) for line in warnings]
+
+
+def run_lines(found: Any) -> Lines:
+    """The lines of a report that say what ran: ``found`` has system, integrator, dt, time, time_unit and steps."""
+    unit = symbol_of(found.time_unit)
+    step = "" if found.dt is None else f", dt = {measured(f'{found.dt:g}', unit)}"
+    return [
+        ("system", found.system),
+        ("integrator", found.integrator + step),
+        ("length", f"{found.steps:,} steps, {measured(f'{found.time:g}', unit)}"),
+    ]

@@ -28,8 +28,8 @@ from kickdrift.model.checks.limits import check_room, whole_number
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.run.plan.plan import looks_at
-from kickdrift.run.purpose import purpose_of
 from kickdrift.run.report.report import Report, report
+from kickdrift.run.stepping import purpose_of
 
 LOOK_BYTES = 2 * 64  # memory of a member's sample while the pieces become one array
 

@@ -1,6 +1,6 @@
 """A Simulation of rebound as plain data, and the program that reads a snapshot of an archive in a process of its own.
 
-rebound's C code ends the process on many damaged archives, so `rebound_reading` runs this file apart, with limits of
+rebound's C code ends the process on many damaged archives, so `rebound` runs this file apart, with limits of
 time and memory, and takes numbers and text. This module imports nothing of kickdrift, so that the process starts fast.
 """
 

@@ -1,4 +1,7 @@
-"""A System of the plain data of rebound's Simulation. This module does not import rebound."""
+"""A System of the plain data of rebound's Simulation, and rebound's names for options of shared methods.
+
+This module does not import rebound.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,37 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.bridges.rebound_names import COORDINATES, KERNELS, LEAPFROGS, PASSAGES, SABA
 from kickdrift.bridges.rebound_snapshot import Snapshot
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Gravity
-from kickdrift.integrators.options import JACOBI, STANDARD
+from kickdrift.integrators.options import COMPOSITION, HELIOCENTRIC, JACOBI, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import shown
 
+COORDINATES = {"JACOBI": JACOBI, "DEMOCRATICHELIOCENTRIC": HELIOCENTRIC}
+KERNELS = {"DEFAULT": STANDARD, "LAZY": LAZY, "COMPOSITION": COMPOSITION, "MODIFIEDKICK": MODIFIED_KICK}
+SABA = {"2": "4,2", "3": "6,2", "4": "8,2", "10_4": "10,4", "8_6_4": "8,6,4", "10_6_4": "10,6,4"}
+PASSAGES = {  # pericentre and inner of trace, by rebound's peri_mode; rebound's encounters are always bulirsch-stoer
+    "FULL_IAS15": ("full", "gauss-radau15"), "FULL_BS": ("full", "bulirsch-stoer"),
+    "PARTIAL_BS": ("partial", "bulirsch-stoer"),
+}  # fmt: skip
+LEAPFROGS = {2: "leapfrog-dkd", 4: "forest-ruth"}  # by order
 UNITS = {"astro": ("au", "yr", "msun"), "si": ("m", "s", "kg")}  # length, time, mass
 NEWTON = ("basic", "compensated", "jacobi", "mercurius")  # gravity modules that sum the same forces in different ways
+
+
+def passage_of(pericentre: str, inner: str) -> str:
+    """Return rebound's peri_mode. Partial passages have one method there; without passages the mode keeps ``inner``."""
+    asked = ("full" if pericentre == "none" else pericentre, inner)
+    return next((mode for mode, pair in PASSAGES.items() if pair == asked), "PARTIAL_BS")
+
+
+def key_of(table: dict[str, str], ours: str) -> str:
+    """Return rebound's name; "" if there is none."""
+    return next((theirs for theirs, name in table.items() if name == ours), "")
 
 
 def system_from(sim: Snapshot, table: Floats, forces: Iterable[Any] | None = None) -> System:

@@ -271,9 +271,8 @@ def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: 
     """Describe the file of a Problem's run, or its table."""
     from kickdrift.trajectory.opened import open as opened
     from kickdrift.trajectory.overview import overview_of_problem
-    from kickdrift.trajectory.problems.info import describe_any
-    from kickdrift.trajectory.problems.info import info as found
-    from kickdrift.trajectory.problems.reader import ProblemRun
+    from kickdrift.trajectory.problems.reader import ProblemRun, describe_any
+    from kickdrift.trajectory.problems.reader import info as found
 
     with opened(file) as run:
         table = not isinstance(run, ProblemRun)

@@ -50,7 +50,7 @@ def relax(
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.model.system import System
-    from kickdrift.run.relax.minimization import minimum
+    from kickdrift.run.minimization import minimum
     from kickdrift.systemfile.python_file import load_or_run
 
     start = load_or_run(system, seed, overlaps=True)

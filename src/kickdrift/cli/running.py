@@ -141,7 +141,7 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = with_keys(load_or_run(system, seed), equilibrate or [])
 
-    from kickdrift.run.files.problem import check_suffix
+    from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of
@@ -248,23 +248,12 @@ def resume(
 
 
 def warn_of_version(sim: Simulation, quiet: bool) -> None:
-    """Warn of an untested version of an engine, and of a missing pressure, before the first step."""
-    for warning in _before(sim):
-        say(f"warning: {warning}", quiet)
-
-
-def _before(sim: Simulation) -> list[str]:
-    """Warnings that are printed before the first step."""
+    """Warn of an untested version of an engine, and of what the system lacks, before the first step."""
     from kickdrift.engines import ENGINES
-    from kickdrift.model.body_checks import doubtful_forces
-    from kickdrift.model.system import System
-    from kickdrift.run.report.warnings import pressure_warning, unused_warnings
+    from kickdrift.run.report.warnings import begins_badly
 
-    system = sim.system
-    if not isinstance(system, System):
-        return list(ENGINES[sim.engine].warnings)
-    missing = filter(None, [pressure_warning(system)])
-    return [*ENGINES[sim.engine].warnings, *missing, *doubtful_forces(system), *unused_warnings(system)]
+    for warning in [*ENGINES[sim.engine].warnings, *begins_badly(sim.system)]:
+        say(f"warning: {warning}", quiet)
 
 
 def show(

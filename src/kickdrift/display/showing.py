@@ -51,6 +51,9 @@ class Shown:
         """Return the series that a notebook shows as a sparkline, or None."""
         return None
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         lines = "\n".join(clean(f"{key:{KEY}} {text}").rstrip() for key, text in self._lines())
         tables = [text_table(*each) for each in self._tables()]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.bridges.rebound_names import COORDINATES, SABA, key_of
+from kickdrift.bridges.rebound_system import COORDINATES, SABA, key_of
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity

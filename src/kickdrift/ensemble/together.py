@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from kickdrift.analysis.chaos.megno import carrier, length_of, megnos
+from kickdrift.analysis.chaos.frames import carrier, length_of
+from kickdrift.analysis.chaos.megno import megnos
 from kickdrift.analysis.tangents.deviations import cadence
 from kickdrift.batch.batch import Batch
 from kickdrift.batch.members import refusal

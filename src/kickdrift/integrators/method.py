@@ -53,6 +53,7 @@ class Method:
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
     overdamped : whether velocities are drawn by the bath alone, and are not those of the motion
+    slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
@@ -65,7 +66,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = False
+    separable = overdamped = slow_velocities = False
 
     @property
     def evaluations(self) -> int:

@@ -10,7 +10,7 @@ from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from kickdrift.analysis.certify.force_certificate import ForceChecks
+    from kickdrift.analysis.certify.certificate import ForceChecks
 
 PANELS = {  # axis labels of each curve, and whether both axes are logarithmic
     "energy": ("displacement of one particle", "energy", False),

@@ -24,7 +24,7 @@ from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import measured
 from kickdrift.trajectory.read import reader
-from kickdrift.trajectory.read.room import Room, room_of
+from kickdrift.trajectory.read.info import Room, room_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,10 +30,8 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.blow_up import Safe, failure, go_back
-from kickdrift.run.purpose import purpose_of
-from kickdrift.run.shortened import Shortened
-from kickdrift.run.stepping import stepping
+from kickdrift.run.returning import Safe, failure, go_back
+from kickdrift.run.stepping import Shortened, purpose_of, stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
@@ -127,12 +125,10 @@ class Integration:
 
     @property
     def threads(self) -> int:
-        """Number of threads of the forces."""
         return self._job.threads
 
     @property
     def processes(self) -> int:
-        """Number of processes, for an engine that runs on several."""
         return self._job.processes
 
     @property
@@ -201,7 +197,6 @@ class Integration:
 
     @property
     def time(self) -> float:
-        """The current time."""
         return self.stepper.time if self.at is None else self.at
 
     @property
@@ -232,7 +227,6 @@ class Integration:
 
     @property
     def state(self) -> Any:
-        """The current State or ProblemState; a copy."""
         return self.flow.state(self.y, self.time, self.steps_done)
 
     @property
@@ -270,7 +264,6 @@ class Integration:
         self.begin_record()
 
     def recall(self, checkpoint: Memory) -> None:
-        """Continue from a checkpoint."""
         self._from_start = False
         self.turn(bool(checkpoint["record"].get("backward", False)))
         self.stepper.recall(checkpoint["stepper"])
@@ -283,7 +276,6 @@ class Integration:
         self.safe = Safe(self.y.copy(), self.time, self.steps_done, self.box)
 
     def sample(self) -> Sample:
-        """Return a sample of the current state."""
         return self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
 
     def rescale_velocities(self, factor: float, motion: Floats | None = None) -> None:
@@ -398,7 +390,6 @@ class Integration:
     # --- for events ---
 
     def sample_at(self, y: Floats, time: float) -> Sample:
-        """Return a sample at y."""
         return self.flow.sample(y, time, self.steps_done)
 
     def bodies_changed(self) -> None:

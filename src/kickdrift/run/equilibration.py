@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,39 +22,10 @@ from kickdrift.model.units.quantities import time_in
 from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 if TYPE_CHECKING:
-    from kickdrift.integrators.method import Method
-    from kickdrift.looks.observers import Energies
     from kickdrift.run.advance import Integration
-    from kickdrift.run.followers import Follower
 
 Progress = Callable[[int, int], Any]
 STAIRS = 200  # parts of constant temperature in the ramp of a heat bath
-
-
-class Heated(Protocol):
-    """Attributes of a Simulation that equilibration needs."""
-
-    state: Any
-    method: Method
-    integrator: str
-    dt: float | None
-    integration: Integration
-    followers: list[Follower]
-
-    @property
-    def system(self) -> Any: ...
-
-    @property
-    def running(self) -> bool: ...
-
-    @property
-    def steps_done(self) -> int: ...
-
-    def energy(self) -> Energies: ...
-
-    def advance(self, steps: int) -> None: ...
-
-    def equilibrate(self, *args: Any, **options: Any) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -76,7 +47,7 @@ class Ramp:
 
 
 def equilibrate(
-    sim: Heated, asked: Equilibration, progress: Progress | None, other: Callable[[str, dict[str, Any]], Heated]
+    sim: Any, asked: Equilibration, progress: Progress | None, other: Callable[[str, dict[str, Any]], Any]
 ) -> None:
     """Bring the system to a temperature; see ``Simulation.equilibrate``.
 
@@ -94,7 +65,7 @@ def equilibrate(
         _through_rescaling(sim, ramp, asked.interval, progress)
 
 
-def _checked(sim: Heated, asked: Equilibration) -> Ramp:
+def _checked(sim: Any, asked: Equilibration) -> Ramp:
     """Refuse arguments that make no sense; return the temperature over the steps. The number of steps is of no use for
     an adaptive method."""
     if not isinstance(sim.system, System):
@@ -119,12 +90,12 @@ def _checked(sim: Heated, asked: Equilibration) -> Ramp:
     return Ramp(start, end, count)
 
 
-def _temperature(sim: Heated, key: str, value: Any) -> float:
+def _temperature(sim: Any, key: str, value: Any) -> float:
     """A positive temperature in the system's unit, from a number or a text with a unit."""
     return positive(key, time_in(value, sim.system.units, key, TEMPERATURE.dimension), "positive")
 
 
-def _check_bath(sim: Heated, ramp: Ramp, by: str) -> None:
+def _check_bath(sim: Any, ramp: Ramp, by: str) -> None:
     """Refuse an equilibration ``by`` a method that ends at another temperature than the run's own heat bath has."""
     own = sim.integration.options[TEMPERATURE.name]
     if own == ramp.end:
@@ -141,11 +112,11 @@ def _check_bath(sim: Heated, ramp: Ramp, by: str) -> None:
 
 
 def _with_own_method(
-    sim: Heated,
+    sim: Any,
     asked: Equilibration,
     ramp: Ramp,
     progress: Progress | None,
-    other: Callable[[str, dict[str, Any]], Heated],
+    other: Callable[[str, dict[str, Any]], Any],
 ) -> None:
     """Equilibrate with a method or options of the equilibration alone. The run's own options stay where it is the same
     method."""
@@ -161,7 +132,7 @@ def _with_own_method(
     _through(sim, made, asked, progress)
 
 
-def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress | None) -> None:
+def _through(sim: Any, made: Any, asked: Equilibration, progress: Progress | None) -> None:
     """Equilibrate in another Simulation, and go on from its state. A total momentum that a heat bath has left goes,
     where the run would conserve it: the run counts its degrees of freedom without that momentum."""
     made.state, made.followers = sim.state, sim.followers
@@ -174,7 +145,7 @@ def _through(sim: Heated, made: Heated, asked: Equilibration, progress: Progress
     said += [f"equilibrate: {line}" for line in getattr(made.integration.stepper, "warnings", ())]
 
 
-def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progress | None) -> None:
+def _through_rescaling(sim: Any, ramp: Ramp, interval: int, progress: Progress | None) -> None:
     masses, count = sim.system.coherent_masses, ramp.count
     per_degree = 0.5 * freedom_of(sim.system) * sim.system.units.boltzmann
     sim.integration.prepare()
@@ -194,7 +165,7 @@ def _through_rescaling(sim: Heated, ramp: Ramp, interval: int, progress: Progres
     sim.integration.record.compile_seconds = compile_seconds
 
 
-def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
+def _through_bath(sim: Any, ramp: Ramp, progress: Progress | None) -> None:
     """Run the steps in the heat bath of the method. They count from -count, so their noise is not the run's."""
     count, run = ramp.count, sim.integration
     run.prepare()
@@ -220,7 +191,7 @@ def _through_bath(sim: Heated, ramp: Ramp, progress: Progress | None) -> None:
     run.record.compile_seconds = compile_seconds
 
 
-def _tell(sim: Heated, progress: Progress | None, done: int, of: int) -> None:
+def _tell(sim: Any, progress: Progress | None, done: int, of: int) -> None:
     """Show how far the equilibration is."""
     for each in sim.followers:
         each.settle(sim, done, of)
@@ -238,7 +209,7 @@ def _heat_to(run: Integration, temperature: float) -> None:
     stepper.heat_to(temperature)
 
 
-def _move(sim: Heated, state: State) -> None:
+def _move(sim: Any, state: State) -> None:
     """Go on from a state, which a barostat of the equilibration may have left in another box."""
     run = sim.integration
     if not run.box_varies and state.box != sim.system.box:
@@ -253,14 +224,14 @@ def _move(sim: Heated, state: State) -> None:
     sim.state = state
 
 
-def _restart(sim: Heated) -> None:
+def _restart(sim: Any) -> None:
     """Make the current state step 0."""
     now = sim.state
     sim.state = State(now.phase, now.masses, now.ids, now.box)
 
 
 @unwarned
-def _rescale(sim: Heated, masses: Any, kinetic: float) -> None:
+def _rescale(sim: Any, masses: Any, kinetic: float) -> None:
     x, v = sim.integration.stepper.y
     motion = whole_motion(masses, x, v, apart_of(sim.system))
     now = kinetic_energy(masses, v if motion is None else v - motion)

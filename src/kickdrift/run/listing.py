@@ -32,9 +32,6 @@ class Listing(Shown):
     about: tuple[tuple[str, str], ...] = ()
     _lines_first = True
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -85,7 +82,6 @@ def _integrators() -> tuple[list[str], list[list[str]]]:
     """Table of every integrator and its properties."""
     from kickdrift.integrators import INTEGRATORS
 
-    yes = {True: "yes", False: "no"}
     columns = ["name", "family", "order", "evaluations", "symplectic", "reversible", "adaptive", "use"]
     rows = [
         [
@@ -93,9 +89,9 @@ def _integrators() -> tuple[list[str], list[list[str]]]:
             method.family,
             str(method.order),
             str(method.evaluations or "varies"),
-            yes[method.symplectic],
-            yes[method.reversible],
-            yes[method.chooses_steps],
+            _YES[method.symplectic],
+            _YES[method.reversible],
+            _YES[method.chooses_steps],
             method.use if name == method.name else f"the same as {method.name}",
         ]
         for name, method in INTEGRATORS.items()
@@ -167,6 +163,5 @@ def _explained(name: str) -> Listing:
 
 
 def option_row(option: Option, needs_dt: bool = False) -> list[str]:
-    """An option as a row of a table."""
     default = "required" if needs_dt and option is DT else option.fallback
     return [option.name, option.words, option.unit, default, option.known, option.help]

@@ -6,23 +6,46 @@ from collections.abc import Callable, Iterator
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.around.spins import with_spins
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.bodies import Body
 from kickdrift.model.orbits import OrbitTable, orbit_table
-from kickdrift.model.state import Floats
+from kickdrift.model.state import Floats, read_only
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
-from kickdrift.run.forces import accelerations_at, forces_at
+from kickdrift.run.plan.lengths import Exact, steps_to, time_of
 from kickdrift.run.report.shown import ShownSimulation
 
 if TYPE_CHECKING:
     from kickdrift.engines import Engine
+    from kickdrift.integrators.method import Method
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
+
+
+def accelerations_at(run: Integration) -> Floats:
+    """Accelerations of the particles now, (n, 3), in the system's units; a read-only copy."""
+    return read_only(_accelerations(run, "accelerations").T.copy())
+
+
+def forces_at(run: Integration) -> Floats:
+    """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
+    flow: Any = run.flow
+    return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
+
+
+def _accelerations(run: Integration, key: str) -> Any:
+    """Accelerations now, (3, n); ``key`` names the quantity in errors."""
+    flow: Any = run.flow
+    if not flow.of_particles:
+        raise InputError(f"{key}: a Problem has no {key}")
+    found = flow.accelerations(run.y, run.time)
+    if found is None:
+        raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")
+    return found
 
 
 def alone(method: Callable[Concatenate[Any, Given], Answer]) -> Callable[Concatenate[Any, Given], Answer]:
@@ -47,7 +70,11 @@ class Present(ShownSimulation):
     """The part of a Simulation that only reads its integration."""
 
     integration: Integration
+    method: Method
+    integrator: str
+    dt: float | None
     _engine: Engine
+    _outputs: Any
 
     @property
     def system(self) -> Any:
@@ -157,3 +184,21 @@ class Present(ShownSimulation):
     def going_on(self) -> list[dict[str, Any]]:
         """Return the close approaches that have not ended, as entries like those in ``events``."""
         return self.integration.events.going_on() if self.integration.events else []
+
+    @property
+    def box_varies(self) -> bool:
+        """Whether a barostat changes the box; ``state.box`` is the box of now."""
+        return self.integration.box_varies
+
+    @property
+    def output(self) -> str | None:
+        """Default output of ``run``: the file of a resumed run, else None."""
+        found: str | None = self._outputs.default
+        return found
+
+    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
+        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
+
+        Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
+        with ``until``)."""
+        return steps_to(self, steps, time_of(self, until, "until"), exact)

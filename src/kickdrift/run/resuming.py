@@ -8,9 +8,9 @@ does not matter.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,23 +18,27 @@ from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import most_threads
 from kickdrift.jit.compile import features, processor
-from kickdrift.looks.observers import Sample
+from kickdrift.looks.observers import Energies, Sample
 from kickdrift.model.checks.limits import NEVER
+from kickdrift.model.events.events import checked_crossings
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
+from kickdrift.run.files import slopes_of
 from kickdrift.run.loop import go_to
 from kickdrift.run.plan.plan import Plan, check_samples, whole_number
-from kickdrift.run.problem_resuming import check_f, other_y, sample_of, subject_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import plan_at, times_of
 from kickdrift.text import choices, counted, shown
 from kickdrift.trajectory import opened
+from kickdrift.trajectory.layout.checkpoints import before, same
 from kickdrift.trajectory.layout.named import about, method_of, options_of
 from kickdrift.trajectory.layout.names import versions
-from kickdrift.trajectory.layout.points import before, same
+from kickdrift.trajectory.layout.problem_header import ENERGY
 from kickdrift.trajectory.layout.record import changed_sources, differences, system_of
 from kickdrift.trajectory.problems.reader import CHANGED as PROBLEM_CHANGED
 from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.problems.record import another_f, changed_functions
+from kickdrift.trajectory.problems.record import differences as problem_differences
 from kickdrift.trajectory.read.reader import CHANGED, Run
 from kickdrift.trajectory.read.recorded import Recorded
 
@@ -43,6 +47,47 @@ if TYPE_CHECKING:
 
 CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
 _NEW = "a new run can begin at a frame"
+
+
+def subject_of(
+    run: ProblemRun, problem: Problem | None, events: Iterable[Event] | None
+) -> tuple[Problem, tuple[Event, ...]]:
+    """Return the Problem that the file describes, or the given one if it is the same, and its events."""
+    if problem is None:
+        problem = run.problem()
+    elif others := problem_differences(problem, run):
+        raise InputError(f"{run.path}: belongs to another Problem: {', '.join(others)} differ")
+    watched = checked_crossings(events or ())
+    there = run.problem_record.get("events", [])
+    if [event.kind for event in watched] != there:
+        expected = ", ".join(there) or "no events"
+        raise InputError(f"{run.path}: its run watched for {expected}; give the same, kd.resume(file, events=[…])")
+    return problem, watched
+
+
+def sample_of(step: int, time: float, values: Mapping[str, Any]) -> Sample:
+    """Return the Sample of a Problem with these values."""
+    energies = Energies(float("nan"), float("nan"), float(values.get(ENERGY, np.nan)))
+    columns = {name: value for name, value in values.items() if name not in ProblemRun.own_names}
+    return Sample(step, time, energies, columns=columns)
+
+
+def check_f(sim: Simulation, run: ProblemRun) -> None:
+    """Refuse a Problem whose f has other values than when the run began."""
+    if another_f(run, slopes_of(sim.integration)):
+        raise InputError(f"{run.path}: belongs to another Problem: f has other values than when the run began")
+
+
+def other_y(sim: Simulation, run: ProblemRun, goal: tuple[int, float | None]) -> list[str]:
+    """Return warnings: which functions have changed, and whether y differs from the file's."""
+    found = [f"{name}: its source has changed since the run began" for name in changed_functions(sim.system, run)]
+    samples = run.whole_samples()
+    for row in np.flatnonzero(samples.steps == goal[0]):
+        if same((goal[0], float(samples.times[row])), sim.steps_done, sim.time):
+            apart = float(np.abs(samples.observables["y"][row] - sim.state.y).max())
+            if apart:
+                found.append(f"y differs by {apart:.3g} from the file's sample here: it is not the same run")
+    return found
 
 
 def resume(

@@ -25,20 +25,19 @@ from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.asked import check_asked, kind_of
-from kickdrift.run.checkpoint import checkpoint_of, restore
 from kickdrift.run.columns import ColumnWatcher, check_columns_fit, checked_columns, with_body_columns
 from kickdrift.run.equilibration import equilibrate
-from kickdrift.run.files.failed_atoms import keeping_failed_atoms
-from kickdrift.run.files.outputs import Outputs
+from kickdrift.run.files import Outputs, keeping_failed_atoms
 from kickdrift.run.followers import Follower, followed
 from kickdrift.run.looks import Sampler
 from kickdrift.run.loop import go_on, run_through
-from kickdrift.run.plan.lengths import Exact, begin, goal_of, steps_to, time_of
+from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
+from kickdrift.run.plan.lengths import Exact, begin, goal_of, time_of
 from kickdrift.run.plan.plan import Plan, plan_of
 from kickdrift.run.present import Present, alone
-from kickdrift.run.relax.minimization import FORCE, METHOD, STEPS, Minimum, minimize
+from kickdrift.run.report.energy import work_columns
 from kickdrift.run.report.report import Report, report
-from kickdrift.run.report.work import work_columns
+from kickdrift.run.returning import checkpoint_of, restore
 from kickdrift.run.times import plan_at, refuse_beside, times_of
 from kickdrift.run.watch.watched_stepper import Events
 from kickdrift.run.watcher import Observe, Watcher
@@ -127,7 +126,7 @@ class Simulation(Present):
         self.integration = Integration(job, self._engine, watched)
         self._stability = Stability(self.integration)
         self._sampler = Sampler(self.integration, self._stability)
-        self._outputs = Outputs(self.integration, partial(checkpoint_of, self.integration))
+        self._outputs: Outputs = Outputs(self.integration, partial(checkpoint_of, self.integration))
         self.followers: list[Follower] = []  # views that show this Simulation while it runs
         self.plan: Plan | None = None  # the plan of `run` without arguments
         self.state = system.state
@@ -153,11 +152,6 @@ class Simulation(Present):
             raise InputError("state: is read-only while the Simulation runs")
         self.integration.begin_at(state)
         self._stability.begin_anew(check_at=0)
-
-    @property
-    def box_varies(self) -> bool:
-        """Whether a barostat changes the box; ``state.box`` is the box of now."""
-        return self.integration.box_varies
 
     @property
     @alone
@@ -330,11 +324,6 @@ class Simulation(Present):
         steps, every = self.steps_to(steps), every if every is None else whole_number("every", every, 1)
         go_on(self.integration, steps, every, visit, self)
 
-    @property
-    def output(self) -> str | None:
-        """Default output of ``run``: the file of a resumed run, else None."""
-        return self._outputs.default
-
     def continue_in(self, path: str, run_id: str, every: int, plan: Plan | None) -> None:
         """Continue a file that another Simulation of the same run began; ``plan`` is the default of ``run``."""
         self.plan = plan
@@ -402,13 +391,6 @@ class Simulation(Present):
         check_asked(None, progress, False, "minimize")
         with following(progress, "minimizing") as told:
             return minimize(self, force, steps, method, max_displacement, told)
-
-    def steps_to(self, steps: int | None = None, until: float | str | None = None, exact: Exact = False) -> int:
-        """Return the number of steps that ``run(steps)`` or ``run(until=…, exact=…)`` would take now.
-
-        Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
-        with ``until``)."""
-        return steps_to(self, steps, time_of(self, until, "until"), exact)
 
 
 def _warn_of_lattice() -> None:

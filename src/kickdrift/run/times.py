@@ -11,8 +11,17 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
-from kickdrift.run.plan.backward import check_backward
-from kickdrift.run.plan.lengths import CLOSE, SHORTEN, Exact, Planned, grid_from, steps_to, time_of, whole_steps
+from kickdrift.run.plan.lengths import (
+    CLOSE,
+    SHORTEN,
+    Exact,
+    Planned,
+    check_backward,
+    grid_from,
+    steps_to,
+    time_of,
+    whole_steps,
+)
 from kickdrift.run.plan.plan import Plan, check_samples
 from kickdrift.text import shown
 

@@ -50,5 +50,4 @@ class Observe(Watcher):
         self._function, self._sim = function, sim
 
     def look(self) -> None:
-        """Call the function."""
         self._function(self._sim)

@@ -62,7 +62,6 @@ def cite(name_or_path: str | os.PathLike[str]) -> str:
 
 
 def _sources(name: str) -> Iterator[str]:
-    """Texts of the sources."""
     if name in INTEGRATORS:
         yield INTEGRATORS[name].source
     elif name in FORCES:

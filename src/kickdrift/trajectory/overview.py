@@ -20,9 +20,8 @@ from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import counted, measured
 from kickdrift.trajectory.layout.problem_header import ENERGY, Y
-from kickdrift.trajectory.problems.info import MOST, table_rows
-from kickdrift.trajectory.problems.info import info as info_of_problem
-from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.problems.reader import MOST, ProblemRun, table_rows
+from kickdrift.trajectory.problems.reader import info as info_of_problem
 from kickdrift.trajectory.problems.table import ProblemTable
 from kickdrift.trajectory.read.info import alarms, goal, info_of, room_lines, warnings_of
 from kickdrift.trajectory.read.reader import Run, open

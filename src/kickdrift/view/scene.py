@@ -29,11 +29,11 @@ from kickdrift.run.simulation import Simulation
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
 from kickdrift.text import choices, counted, measured, shown, suggestion
-from kickdrift.trajectory.export.chosen import BLOCK_BYTES
+from kickdrift.trajectory.export.formats import BLOCK_BYTES
 from kickdrift.trajectory.file.opening import BEING_WRITTEN
 from kickdrift.trajectory.overview import overview_of
 from kickdrift.trajectory.read import reader
-from kickdrift.trajectory.read.merged import masses_held
+from kickdrift.trajectory.read.reader import masses_held
 from kickdrift.view.curves import curves_of
 from kickdrift.view.stage import Stage
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.certify.smoothness import jump_along
+from kickdrift.analysis.certify.force_tests import jump_along
 
 
 def drop(force, **options):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.analysis import pressure_tensor, radial_distribution, structure_factor
-from kickdrift.analysis.observables.waves import reciprocal
+from kickdrift.analysis.observables.structure import reciprocal
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.analysis.orbits.librations import libration, powers, ratios
-from kickdrift.analysis.orbits.secular import Theory, laplace, modes, theories
+from kickdrift.analysis.orbits.secular_report import libration, powers, ratios
+from kickdrift.analysis.orbits.secular_run import Theory, laplace, modes, theories
 from kickdrift.cli.main import app
 from kickdrift.model.orbits import Orbits
 from kickdrift.model.starts.elements import Elements

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import kickdrift as kd
 from kickdrift.analysis import radial_distribution, structure_factor
-from kickdrift.analysis.observables import waves
+from kickdrift.analysis.observables import structure
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.state import State
@@ -136,7 +136,7 @@ def test_structure_factor_equals_slow_sums(monkeypatch):
     np.testing.assert_allclose(found.k, np.linalg.norm(k, axis=1), rtol=1e-14)
     assert found.s[0] == pytest.approx(found.s[4], rel=1e-12), "k and -k are equal"
     whole = structure_factor(x, LENGTHS, k_max=3.0)
-    monkeypatch.setattr(waves, "ROOM", 100)
+    monkeypatch.setattr(structure, "ROOM", 100)
     np.testing.assert_allclose(structure_factor(x, LENGTHS, k_max=3.0).s, whole.s, rtol=1e-12)
 
 

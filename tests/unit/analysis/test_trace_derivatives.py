@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.tangents.trace_tangent_run import TraceTangentRun
+from kickdrift.analysis.tangents.mapped import TraceTangentRun
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.trace.tangent_meeting import add_exactly
 from kickdrift.jit.compile import driver
@@ -440,6 +440,6 @@ def test_what_the_map_does_not_have(given, message):
 
 
 def test_a_step_with_too_many_points_is_named(monkeypatch):
-    monkeypatch.setattr("kickdrift.analysis.tangents.trace_tangent_run.POINTS", 5)
+    monkeypatch.setattr("kickdrift.analysis.tangents.mapped.POINTS", 5)
     with pytest.raises(RunError, match=r"^trace, dt = 0\.4: step \d+ has more than 5 points of bodies that meet$"):
         kd.transition_matrix(meeting(), 4.0, "trace", DT)

@@ -7,7 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis import mean_squared_displacement, pressure_tensor, radial_distribution, structure_factor
-from kickdrift.analysis.observables.travel import travelled
+from kickdrift.analysis.observables.vectors import travelled
 from kickdrift.errors import InputError
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.state import State

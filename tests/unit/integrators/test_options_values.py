@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compare.compared_methods import chosen_methods
-from kickdrift.analysis.compare.work_precision import work_precision
+from kickdrift.analysis.compare.work_precision import chosen_methods, work_precision
 from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError

@@ -16,14 +16,14 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam import named as external_code
 from kickdrift.run.watch import contacts, watched_stepper
 from kickdrift.run.watch.contacts import Contacts
-from kickdrift.run.watch.fragments import fragmented
-from kickdrift.run.watch.scaling_laws import (
+from kickdrift.run.watch.fragments import (
     GRAZING_MERGER,
     HIT_AND_RUN,
     MERGING,
     Impact,
     Material,
     disruption_energy,
+    fragmented,
     hit_and_run_speed,
     impact_energy,
     largest_remnant,

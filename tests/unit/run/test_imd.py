@@ -18,7 +18,7 @@ from kickdrift.cli.main import app
 from kickdrift.model.units import constants
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.run.watchers import imd
-from kickdrift.run.watchers.imd_packets import Frame, Kind, Units, greeting, head, packets
+from kickdrift.run.watchers.imd_client import Frame, Kind, Units, greeting, head, packets
 from tests.systems import liquid
 
 imdclient = pytest.importorskip("imdclient.IMDClient")

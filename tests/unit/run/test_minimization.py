@@ -11,8 +11,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.run.relax import descent
-from kickdrift.run.relax.minimization import minimum
+from kickdrift.run import minimization
+from kickdrift.run.minimization import minimum
 from tests.oracle.forces import pair_oracle
 from tests.refusals import assert_refused
 from tests.systems import liquid
@@ -114,7 +114,7 @@ def test_forces_that_overflow_part_the_particles(distance):
 @pytest.mark.parametrize("method", METHODS)
 def test_no_particle_moves_further_than_the_cap_in_a_step(method, monkeypatch):
     cap, points = 0.02, []
-    monkeypatch.setattr(descent.BoundForces, "measure", noted(descent.BoundForces.measure, points))
+    monkeypatch.setattr(minimization.BoundForces, "measure", noted(minimization.BoundForces.measure, points))
     start = at_random(count=64, seed=5)
     minimum(start, method=method, max_displacement=cap, steps=40)
     moves = np.linalg.norm(np.diff(points, axis=0), axis=1).max(axis=1)

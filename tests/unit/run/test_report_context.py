@@ -9,8 +9,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.looks.columns import TOTAL
 from kickdrift.run.report.energy import EnergyReport
-from kickdrift.run.report.melting import has_melted, lattice_spacing, temperature_change
 from kickdrift.run.report.shown import took_text
+from kickdrift.run.report.warnings import has_melted, lattice_spacing, temperature_change
 from tests.systems import liquid
 
 

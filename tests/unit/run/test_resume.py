@@ -20,7 +20,7 @@ from kickdrift.run.advance import Integration
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
 from kickdrift.trajectory.layout.record import changed_sources, system_of
 from kickdrift.trajectory.read.info import describe, info
-from kickdrift.trajectory.write import cadence
+from kickdrift.trajectory.write import continued
 from kickdrift.trajectory.write.h5md import Writer
 from tests.long import rest
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
@@ -148,11 +148,11 @@ def test_any_step_of_a_file(tmp_path):
 
 def test_the_cost_does_not_depend_on_the_length(tmp_path, monkeypatch):
     """A restart begins at the last checkpoint, and checkpoints are no further apart in a longer run."""
-    monkeypatch.setattr(cadence, "SHARE", 1e-9)
-    monkeypatch.setattr(cadence, "SECONDS", 1e9)
+    monkeypatch.setattr(continued, "SHARE", 1e-9)
+    monkeypatch.setattr(continued, "SECONDS", 1e9)
     path, longer = tmp_path / "a.h5md", tmp_path / "b.h5md"
     kd.Simulation(liquid(), dt=0.004).run(300, every=10, output=path)
-    monkeypatch.setattr(cadence, "SHARE", 1e9)
+    monkeypatch.setattr(continued, "SHARE", 1e9)
     kd.Simulation(liquid(), dt=0.004).run(600, every=10, output=longer, file=kd.FileOptions(flush=1e-9))
     taken = []
     advance = Integration.advance

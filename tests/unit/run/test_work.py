@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.run.report.work import FEWER, POINTS, column_names, cumulative
+from kickdrift.run.report.energy import FEWER, POINTS, column_names, cumulative
 
 
 def two_bodies(*forces, e=0.3, masses=(0.9, 0.1)):

@@ -442,11 +442,11 @@ def test_progress_goes_to_the_end(path):
 
 
 def test_blocks_of_frames_are_read_in_order(path, monkeypatch):
-    from kickdrift.trajectory.export import chosen
+    from kickdrift.trajectory.export import formats
 
     system = make_system("lj", n=3)
     written = write(path, system, states(system, range(0, 101)))
-    monkeypatch.setattr(chosen, "BLOCK_FRAMES", 7)
+    monkeypatch.setattr(formats, "BLOCK_FRAMES", 7)
     for step in (1, 3, 9):
         kd.export(path, path.with_suffix(".traj"), unwrapped=True, start=2, step=step, overwrite=True)
         found = ase_io.read(path.with_suffix(".traj"), ":")

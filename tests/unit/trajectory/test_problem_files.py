@@ -15,9 +15,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.disk import kinds
 from kickdrift.errors import InputError, RunError
-from kickdrift.trajectory.problems.info import describe, info
-from kickdrift.trajectory.problems.layout import problem_hash
-from kickdrift.trajectory.problems.reader import ProblemRun
+from kickdrift.trajectory.problems.reader import ProblemRun, describe, info
+from kickdrift.trajectory.problems.record import problem_hash
 from kickdrift.trajectory.problems.table import ProblemTable
 from kickdrift.trajectory.read.info import with_end
 

@@ -148,7 +148,6 @@ def checked(runs: Sequence[SampledRun], level: float = LEVEL) -> EnsembleChecks:
 
 
 def _thermal(run: SampledRun) -> bool:
-    """Whether the run has a temperature of its own."""
     return run.temperature is not None
 
 

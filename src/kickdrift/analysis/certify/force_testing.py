@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.certify import force_tests
-from kickdrift.analysis.certify.certificate import FAIL, PASS
-from kickdrift.analysis.certify.evaluation import Evaluator, nearest_distances, tested_states
-from kickdrift.analysis.certify.force_certificate import ForceCheck, ForceChecks, judged, skipped
-from kickdrift.analysis.certify.smoothness import WHERE, Jump, jump_along
+from kickdrift.analysis.certify.certificate import FAIL, PASS, ForceCheck, ForceChecks, judged, skipped
+from kickdrift.analysis.certify.force_tests import WHERE, Evaluator, Jump, jump_along, nearest_distances, tested_states
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.pairs.law import PairForce

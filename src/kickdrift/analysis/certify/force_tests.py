@@ -1,18 +1,21 @@
-"""Tests of forces at given positions: slopes of the energy, sums, symmetries, and the virial."""
+"""Tests of forces at given positions: slopes of the energy, sums, symmetries, the virial, and jumps along a line."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.analysis.certify.evaluation import Evaluator, Values
-from kickdrift.analysis.certify.force_certificate import ForceCheck, judged, skipped
-from kickdrift.errors import RunError
+from kickdrift.analysis.certify.certificate import ForceCheck, judged, skipped
+from kickdrift.errors import InputError, RunError
+from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.box.box import Box
+from kickdrift.model.checks.values import no_overflow
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
 
 SLOPE = "force = -dE/dx"
 NOISE = "digits of the energy"
@@ -25,6 +28,99 @@ SLOPE_BOUND = 1e-6  # relative to the force on the particle
 LEAST = 1e-3  # smallest force that counts by itself, relative to the typical force
 NOISE_BOUND = 1e-10  # of the energy; float32 has 1e-7
 SAMPLED = 24  # particles and directions whose force is tested
+WHERE = ("energy", "force", "slope of the force", "curvature of the force")
+POINTS = 400  # of a line
+FINER = 4  # factor between two lattices of points
+LEVELS = 5  # of ever finer lattices around the place
+STENCIL = 12  # points on each side that are looked at again
+CLEAR = 30.0  # times the typical difference of the line
+ROUNDING = 1e3  # times the spacing of floats near the values
+
+
+class Values(NamedTuple):
+    """Forces and energies at one set of positions, in the units that make force = mass x acceleration."""
+
+    forces: Floats  # (n, 3)
+    energy: float
+    virial: float  # nan if unknown
+
+
+class Evaluator:
+    """Forces of a System at any positions (n, 3).
+
+    The evaluator keeps its pair lists between calls, as a run does. Another evaluator has lists of its own.
+    """
+
+    def __init__(self, system: System, engine: str | None = None, threads: int = 1) -> None:
+        self.system, self.engine, self.threads = system, engine, threads
+        self._masses = system.coherent_masses
+        self._velocities = system.state.phase[1]
+        self._measure = self._own() if engine is None else self._of_engine(engine)
+        self.calls = 0
+
+    def another(self, system: System | None = None) -> Evaluator:
+        """An evaluator with lists of its own, of another System if given."""
+        return Evaluator(self.system if system is None else system, self.engine, self.threads)
+
+    def __call__(self, positions: Floats) -> Values:
+        """Forces at ``positions`` (n, 3). Raises RunError if forces or energy are not finite."""
+        self.calls += 1
+        phase = np.ascontiguousarray([positions.T, self._velocities])
+        with no_overflow():
+            found = self._measure(phase)
+        if found is None or not np.isfinite(found.potential):
+            raise RunError(f"{self.system.name}: the forces are not finite at positions that a test tried")
+        return Values((found.accelerations * self._masses).T.copy(), float(found.potential), float(found.virial))
+
+    def _own(self) -> Any:
+        bound, time = BoundForces(self.system, self.threads), self.system.state.time
+        return lambda phase: bound.measure(time, phase)
+
+    def _of_engine(self, engine: str) -> Any:
+        sim, time = Simulation(self.system, engine=engine, dt=self.system.run.dt or 1e-3), self.system.state.time
+        stepper: Any = sim.integration.stepper
+
+        def measure(phase: Floats) -> Any:
+            stepper.reset(phase, time, 0)
+            return stepper.measure(time, phase)
+
+        return measure
+
+
+def tested_states(evaluate: Evaluator, count: int, part: float, rng: np.random.Generator) -> list[Floats]:
+    """Positions (n, 3) near the System's own, each moved by some ``part`` of its distance to the nearest neighbour.
+
+    Positions where the forces are not finite are tried again with half the displacement."""
+    x = evaluate.system.state.positions
+    near = nearest_distances(evaluate.system)[:, None]
+    flat = np.array([1.0, 1.0, 1.0 if evaluate.system.dimensions == 3 else 0.0])
+    found: list[Floats] = []
+    for _ in range(count):
+        direction, size = rng.standard_normal(x.shape) * flat, part
+        while True:
+            moved = x + size * near * direction
+            try:
+                evaluate(moved)
+            except RunError:
+                if size < 1e-6 * part:
+                    raise InputError(
+                        f"{evaluate.system.name}: no positions near the start have finite forces"
+                    ) from None
+                size /= 2
+                continue
+            found.append(moved)
+            break
+    return found
+
+
+def nearest_distances(system: System) -> Floats:
+    """Distance from each particle to its nearest neighbour, (n,); 1 for a single particle."""
+    x, least = system.state.positions, np.ones(len(system))
+    for i in range(len(x) if len(x) > 1 else 0):
+        d = system.box.minimum_image(np.delete(x, i, axis=0) - x[i])
+        nearest = float(np.sqrt((d**2).sum(axis=1).min()))
+        least[i] = nearest or 1.0
+    return least
 
 
 class Subject(NamedTuple):
@@ -233,3 +329,72 @@ def rms(values: Floats) -> float:
 
 def _energy_scale(at: Values) -> float:
     return abs(at.energy) or 1.0
+
+
+class Jump(NamedTuple):
+    """A jump along a line: its quantity and its place.
+
+    derivative : 0 for the energy, 1 for the force, 2 for its slope, 3 for its curvature
+    size : of the jump, in units of energy over length to the power ``derivative``
+    place : distance along the line
+    """
+
+    derivative: int
+    size: float
+    place: float
+
+
+def jump_along(values: Callable[[float], tuple[float, float]], length: float) -> Jump | None:
+    """The strongest jump along a line; None if none is resolved.
+
+    ``values(s)`` returns the energy at the distance s, and the force along the line. Fourth differences of smooth
+    values fall as the fourth power of the spacing. Near a jump of the k-th derivative they fall as its k-th power.
+    """
+    s = np.linspace(0.0, length, POINTS)
+    line = np.array([values(each) for each in s])
+    energy = _jump_of(lambda at: values(at)[0], s, line[:, 0])
+    if energy is not None and energy.derivative == 0:
+        return energy
+    force = _jump_of(lambda at: values(at)[1], s, line[:, 1])
+    return None if force is None else Jump(force.derivative + 1, force.size, force.place)
+
+
+def _jump_of(value: Callable[[float], float], s: Floats, values: Floats) -> Jump | None:
+    """The strongest jump of one quantity and of its first two derivatives."""
+    size = np.abs(_fourth(values))
+    place = int(np.argmax(size))
+    noise = ROUNDING * np.spacing(np.abs(values).max())
+    if not size[place] > max(CLEAR * np.median(size), noise):
+        return None
+    exponents: list[float] = []
+    levels: list[tuple[Floats, float]] = []  # values near the place, and their spacing
+    spacing, centre, largest = float(s[1] - s[0]), float(s[place + 2]), float(size[place])
+    for _ in range(LEVELS):
+        finer = spacing / FINER
+        near = centre + finer * np.arange(-STENCIL, STENCIL + 1)
+        near = near - min(0.0, float(near[0]))
+        found = np.array([value(float(each)) for each in near])
+        size = np.abs(_fourth(found))
+        place = int(np.argmax(size))
+        if not size[place] > noise:
+            break
+        exponents.append(float(np.log(largest / size[place]) / np.log(FINER)))
+        levels.append((found, finer))
+        spacing, centre, largest = finer, float(near[place + 2]), float(size[place])
+    if not exponents:
+        return None
+    exponent = float(np.median(exponents))
+    derivative = round(exponent)
+    if derivative > 2 or abs(exponent - derivative) > 0.3:
+        return None
+    if derivative == 0:  # fourth differences around a jump of one are 1, -3, 3, -1
+        return Jump(0, largest / 3, centre)
+    level = min(1, len(levels) - 1) if derivative == 2 else -1  # rounding limits the spacing for a curvature
+    found, spacing = levels[level]
+    place = int(np.argmax(np.abs(_fourth(found))))
+    near = np.diff(found[max(place - 2, 0) : place + 7], derivative) / spacing**derivative
+    return Jump(derivative, abs(float(near[-1] - near[0])), centre)
+
+
+def _fourth(values: Floats) -> Floats:
+    return np.diff(values, 4)

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.chaos.frames import MovingFrame, frame_of
-from kickdrift.analysis.chaos.megno import checked_seed, length_of
+from kickdrift.analysis.chaos.frames import MovingFrame, checked_seed, frame_of, length_of
 from kickdrift.analysis.chaos.report import KEPT
-from kickdrift.analysis.doubts import doubts_at, warning_lines
+from kickdrift.analysis.doubts import doubts_at, run_lines, warning_lines
 from kickdrift.analysis.tangents.deviations import cadence
 from kickdrift.display.showing import Lines, Shown, following
 from kickdrift.errors import InputError, RunError
@@ -28,7 +27,6 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import symbol_of
-from kickdrift.text import measured
 
 EVERY = 8  # most steps between two looks: in these, the strongest decay of a stable method leaves half of the digits
 LOOKS = 100  # least number of looks, where there are enough steps
@@ -83,17 +81,8 @@ class LyapunovSpectrum(Shown):
             return float(whole)
         return whole + float(sums[whole - 1] / abs(np.sort(self.exponents)[::-1][whole]))
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _lines(self) -> Lines:
-        unit = symbol_of(self.time_unit)
-        step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
-        lines = [
-            ("system", self.system),
-            ("integrator", self.integrator + step),
-            ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
-        ]
+        unit, lines = symbol_of(self.time_unit), run_lines(self)
         for k, (value, error) in enumerate(zip(self.exponents, self.errors, strict=True), 1):
             per = f" per {unit or 'unit of time'}" if k == 1 else ""
             lines.append((f"exponent {k}", f"{value:.4g} ± {error:.1g}{per}"))
@@ -154,7 +143,8 @@ def lyapunov_spectrum(
     seed, number = checked_seed(seed), most if count is None else int(count)
     asked, given = unpacked(integrator, {"dt": dt, **options})
     length = length_of(system, time)
-    frame = frame_of(system, asked, given, threads, number, seed)
+    drawn = np.random.Generator(np.random.PCG64(seed)).standard_normal((number, most))
+    frame = frame_of(system, asked, given, threads, np.linalg.qr(drawn.T)[0])
     with compiling_for(frame.sim.integration.purpose), following(progress, "running") as told:
         times, growth = _followed(frame, length, told)
         doubts = doubts_at(system, frame.end)

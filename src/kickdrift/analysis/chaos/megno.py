@@ -1,4 +1,4 @@
-"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation vector.
+"""MEGNO and the largest Lyapunov exponent of a motion, from a run with a deviation, or of many small systems at once.
 
 See `kickdrift.analysis.chaos.report` for the definitions and their sources.
 """
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.analysis.chaos.map import DeviationOfMap
+from kickdrift.analysis.chaos.frames import MovingFrame, carrier, checked_seed, frame_of, length_of
 from kickdrift.analysis.chaos.report import ChaosReport, report_of
 from kickdrift.analysis.tangents.deviations import (
     LARGEST,
@@ -21,24 +21,87 @@ from kickdrift.analysis.tangents.deviations import (
     first_deviation,
     scale_of,
 )
-from kickdrift.analysis.tangents.mapped import has_map
+from kickdrift.batch.members import common, members_of
+from kickdrift.batch.sampling import run_lanes
 from kickdrift.display.showing import following
-from kickdrift.errors import InputError, RunError
-from kickdrift.forces.slopes.problem_variations import varied_problem
-from kickdrift.forces.slopes.variations import varied
-from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators import integrator as method_named
+from kickdrift.errors import InputError
+from kickdrift.forces.gravity.batch import LOOK, measure_in_lanes
 from kickdrift.integrators.asked import Integrator, unpacked
+from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
 from kickdrift.jit.cache.notices import compiling_for
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.looks.observers import Energies
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units.quantities import time_in
-from kickdrift.run.simulation import Simulation
 
-DEFAULT = "dop853"  # for a system file without an integrator, or with one that carries no variations
+
+class Growths(NamedTuple):
+    """Growth of each system's deviation over k looks."""
+
+    integrator: str
+    steps: int
+    dt: Floats  # dt of each system (members,)
+    times: Floats  # (members, k) since the start
+    growth: Floats  # (members, k) ln of the deviation's length, 0 at the start
+    begin: Floats  # (members, 3) kinetic, potential, total energy
+    end: Floats  # (members, 3) the same at the end
+
+
+@np.errstate(all="ignore")  # systems may blow up
+def growths(
+    systems: Sequence[System],
+    lengths: Sequence[float],
+    integrator: str | None,
+    dt: Any,
+    seeds: Sequence[int],
+    options: dict[str, Any],
+) -> Growths:
+    """Run systems with deviations from these seeds for times ``lengths``."""
+    name, method, own, steps_of = common(tuple(systems), integrator, dt, options)
+    taken = [cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
+    (steps, every), n = taken[0], len(systems[0])
+    for k, (mine, _) in enumerate(taken):
+        if mine != steps:
+            raise InputError(
+                f"system {k}: all systems of a batch need the same steps; it has {mine}, system 0 has {steps}"
+            )
+    phase = np.array([system.state.phase for system in systems])
+    accelerations, begin = _measured_in_lanes(members_of(systems, steps_of, phase))
+    scale = scale_of(phase, accelerations)
+    drawn = np.array([first_deviation(n, seed) for seed in seeds]) * scale
+    members = members_of(systems, steps_of, np.concatenate([phase, drawn], axis=-1))
+    stepper = method.in_lanes(members, own)
+    counts = np.full(-(-steps // every), every, np.int64)
+    counts[-1] = steps - (len(counts) - 1) * every
+    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), LARGEST)
+    looks, exponents = run_lanes(stepper, counts, 0, watch)
+    sizes, count = looks[:, 0, : len(systems)], len(systems)
+    scaled = np.cumsum(exponents[:, :count], axis=0) - exponents[:, :count]  # before each look
+    growth = np.concatenate([np.zeros((1, count)), np.log(sizes) + scaled * math.log(2.0)])
+    passed = np.concatenate([[0], np.cumsum(counts)])
+    start = from_lanes(members.start, count)[:, None]
+    return Growths(
+        integrator=name,
+        steps=steps,
+        dt=steps_of,
+        times=(start + passed * steps_of[:, None]) - start,
+        growth=np.ascontiguousarray(growth.T),
+        begin=begin,
+        end=_measured_in_lanes(members._replace(y=stepper.y))[1],
+    )
+
+
+def _measured_in_lanes(members: Members) -> tuple[Floats, Floats]:
+    """Accelerations of the bodies (members, 3, n), and kinetic, potential and total energy (members, 3)."""
+    blocks, n = len(members.y), members.gm.shape[1]
+    a, found = aligned((blocks, *members.y.shape[2:])), aligned((blocks, LOOK, WIDTH))
+    for block in range(blocks):
+        measure_in_lanes(members.bodies(block), members.y[block], a[block], found[block])
+    energies = from_lanes(found, len(members.systems))[:, :2]
+    return from_lanes(a, len(members.systems))[..., :n], np.column_stack([energies, energies.sum(axis=1)])
 
 
 def megno(
@@ -82,71 +145,17 @@ def megno(
     seed = checked_seed(seed)
     asked, given = unpacked(integrator, {"dt": dt, **options})
     length = length_of(system, time)
-    if isinstance(system, Problem):
-        return _of_problem(system, length, asked or system.run.integrator or DEFAULT, given, seed, threads, progress)
-    if asked is not None and has_map(method_named(asked)):
-        mapped = DeviationOfMap(system, method_named(asked), threads, given, seed)
-        return _measured(system, mapped, length, Deviation(mapped.size, mapped.shrink, LARGEST), seed, progress)
-    n, name = len(system), carrier(system, asked)
-    sim = Simulation(varied(system, np.zeros_like(system.state.phase)), name, threads=threads, **given)
-    state = sim.state
-    try:
-        with compiling_for(sim.integration.purpose):
-            accelerations = sim.accelerations()[:n].T
-    except RunError:  # not finite; the run gives the reason
-        accelerations = np.zeros((3, 1))
-    scale = scale_of(state.phase[:, :, :n], accelerations)
-    state.phase[:, :, n:] = first_deviation(n, seed) * scale
-    sim.state = state
-
-    def size() -> float:
-        return float(np.linalg.norm(sim.integration.y[:, :, n:] / scale))
-
-    def shrink(factor: float) -> None:
-        state = sim.state
-        state.phase[:, :, n:] *= factor
-        sim.state = state
-
-    return _measured(system, sim, length, Deviation(size, shrink, LARGEST), seed, progress)
-
-
-def _of_problem(
-    problem: Problem, length: float, name: str, given: dict[str, Any], seed: int, threads: int, progress: Any
-) -> ChaosReport:
-    """``megno`` of a Problem."""
-    made, place = varied_problem(problem, direction(len(problem), seed))
-    sim = Simulation(made, name, threads=threads, **given)
-
-    def size() -> float:
-        return float(np.linalg.norm(sim.integration.y.reshape(-1)[place]))
-
-    def shrink(factor: float) -> None:
-        state = sim.state
-        state.y[place] *= factor
-        sim.state = state
-
-    return _measured(problem, sim, length, Deviation(size, shrink, LARGEST_OF_PROBLEM), seed, progress)
-
-
-class Deviation(NamedTuple):
-    """The deviation in a run: its length, how to multiply it, and how far it may grow or fall before that."""
-
-    size: Callable[[], float]
-    shrink: Callable[[float], None]
-    largest: float
-
-
-def _measured(
-    system: System | Problem, sim: Any, length: float, deviation: Deviation, seed: int, progress: Any
-) -> ChaosReport:
-    """Run a varied System or Problem, and return the report."""
-    with compiling_for(sim.integration.purpose), following(progress, "running") as told:
-        begin = sim.energy()
-        times, growth = _growth(sim, length, deviation, told)
-        end = sim.energy()
-    phase = sim.integration.y[:, :, : len(system)] if isinstance(system, System) else None
-    chosen = None if sim.method.chooses_steps else sim.dt
-    return report_of(system, sim.integrator, chosen, sim.steps_done, seed, (begin, end), times, growth, phase)
+    n = len(system)
+    first = direction(n, seed) if isinstance(system, Problem) else first_deviation(n, seed)
+    frame = frame_of(system, asked, given, threads, first.reshape(-1, 1))
+    with compiling_for(frame.sim.integration.purpose), following(progress, "running") as told:
+        begin = frame.energy()
+        times, growth = _growth(frame, length, LARGEST_OF_PROBLEM if isinstance(system, Problem) else LARGEST, told)
+        end = frame.energy()
+    phase = frame.sim.integration.y[:, :, :n] if isinstance(system, System) else None
+    chosen = None if frame.sim.method.chooses_steps else frame.sim.dt
+    name, steps = frame.sim.integrator, frame.steps_done
+    return report_of(system, name, chosen, steps, seed, (begin, end), times, growth, phase)
 
 
 def megnos(
@@ -176,8 +185,6 @@ def megnos(
     InputError
         For arguments that make no sense, with the system's index.
     """
-    from kickdrift.analysis.chaos.lanes import growths
-
     systems = tuple(systems)
     count = len(systems)
     asked, options = unpacked(integrator, {"dt": dt, **options})
@@ -213,50 +220,22 @@ def _each(key: str, value: Any, count: int) -> list[Any]:
     return values
 
 
-def checked_seed(seed: Any) -> int:
-    """The seed as an int. Raises InputError unless it is a whole number, zero or more."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed: expected a whole number, zero or more, got {seed!r}")
-    return int(seed)
-
-
-def length_of(system: System | Problem, time: float | str | None) -> float:
-    """Length of the run."""
-    length = system.run.time if time is None else time_in(time, getattr(system, "units", None), "time")
-    if time is None and length is None and system.run.steps and system.run.dt:
-        length = system.run.steps * system.run.dt
-    if length is None:
-        raise InputError(f"time: system {system.name!r} has no time in [run]; give a time")
-    if not (isinstance(length, (int, float, np.number)) and math.isfinite(length) and length > 0):
-        raise InputError(f"time must be a positive finite time, got {length!r}")
-    return float(length)
-
-
-def carrier(system: System, integrator: str | None, default: str = DEFAULT) -> str:
-    """Name of the integrator for the run."""
-    if integrator is not None:
-        if not method_named(integrator).carries:
-            raise InputError(f"integrator: {integrator} carries no variations; {default} does, and yoshida6")
-        return integrator
-    named = INTEGRATORS.get(system.run.integrator or "")
-    return named.name if named is not None and named.carries else default
-
-
 def _growth(
-    sim: Any, length: float, deviation: Deviation, progress: Callable[[int, int], Any] | None
+    frame: MovingFrame, length: float, largest: float, progress: Callable[[int, int], Any] | None
 ) -> tuple[Floats, Floats]:
-    """Run a varied System or Problem. Return times since the start, and ln of the deviation's length at these times."""
-    start, largest = sim.time, deviation.largest
+    """Run. Return times since the start, and ln of the deviation's length at these times. A deviation that grows or
+    falls by ``largest`` is scaled back."""
+    start, sim = frame.time, frame.sim
     steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
     times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
 
-    def visit(sim: Any) -> bool:
+    def visit(_: Any) -> bool:
         """Record the deviation's length. Return whether the time is over or the deviation needs scaling."""
         nonlocal scaled, exponent
-        size = deviation.size()
+        size = frame.size()
         if not size > 0.0:
             raise InputError("megno: the deviation vanished: these forces lose every trace of the start")
-        times.append(sim.time - start)
+        times.append(frame.time - start)
         growth.append(math.log(size) + scaled)
         exponent = 0 if 1.0 / largest < size < largest else round(math.log2(size))
         scaled += exponent * math.log(2.0)
@@ -265,11 +244,11 @@ def _growth(
         return exponent != 0 or over()
 
     def over() -> bool:
-        return sim.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
+        return frame.steps_done >= steps or (steps == MOST_STEPS and times[-1] >= length)
 
     while not over():
-        sim.advance(steps - sim.steps_done, every=every, visit=visit)
+        frame.advance(steps - frame.steps_done, every=every, visit=visit)
         if exponent:
-            deviation.shrink(2.0**-exponent)  # scaling by a power of two changes no digit
+            frame.scale(2.0**-exponent)  # scaling by a power of two changes no digit
             exponent = 0
     return np.array(times), np.array(growth)

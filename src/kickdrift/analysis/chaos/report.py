@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from kickdrift.analysis.doubts import trajectory_doubts, warning_lines
+from kickdrift.analysis.doubts import run_lines, trajectory_doubts, warning_lines
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.doubts import UNRELIABLE
@@ -27,7 +27,6 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import symbol_of
-from kickdrift.text import measured
 
 Verdict = Literal["regular", "chaotic", "undecided", "unreliable"]
 
@@ -91,17 +90,11 @@ class ChaosReport(Shown):
         """Largest Lyapunov exponent that this run allows: the modulus of its estimate, and the error."""
         return abs(self.lyapunov) + self.lyapunov_error
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _lines(self) -> Lines:
         unit, longer = symbol_of(self.time_unit), self.time_to_decide
-        step = "" if self.dt is None else f", dt = {measured(f'{self.dt:g}', unit)}"
         exponent = f"{self.lyapunov:.2e} ± {self.lyapunov_error:.1e}" if longer is None else f"below {self.bound:.1e}"
         lines = [
-            ("system", self.system),
-            ("integrator", self.integrator + step),
-            ("length", f"{self.steps:,} steps, {measured(f'{self.time:g}', unit)}"),
+            *run_lines(self),
             ("MEGNO", f"{self.megno:.4g}: {self.verdict} over this length"),
             ("Lyapunov", f"exponent {exponent} per {unit or 'unit of time'}"),
         ]

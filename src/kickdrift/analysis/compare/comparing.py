@@ -10,11 +10,10 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from kickdrift.analysis.compare import work_precision as work
-from kickdrift.analysis.compare.compared_methods import chosen_methods, have_baths
 from kickdrift.analysis.compare.comparison import Comparison
 from kickdrift.analysis.compare.recommendation import recommendation
-from kickdrift.analysis.compare.sampling import SamplingComparison
-from kickdrift.analysis.compare.sampling_comparing import compare_sampling
+from kickdrift.analysis.compare.sampling import SamplingComparison, compare_sampling
+from kickdrift.analysis.compare.work_precision import chosen_methods, have_baths
 from kickdrift.display.showing import Bar, progress_bar
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator, in_units, known_options

@@ -35,9 +35,6 @@ class Installation(Shown):
     problems: tuple[str, ...]
     _lines_first = True
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def as_json(self) -> dict[str, Any]:
         """The installation as one JSON object."""
         rows = [dict(zip(("package", "version", "needed by"), row, strict=True)) for row in self.packages]

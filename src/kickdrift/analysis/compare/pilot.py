@@ -1,7 +1,8 @@
-"""Pilot runs: a solution at evenly spaced times, its cost, and a time limit."""
+"""Pilot runs: a solution at evenly spaced times, its cost, a time limit, and resonance of multiple time steps."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,11 +14,14 @@ import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.asked import Integrator
+from kickdrift.integrators.flows.particle_flow import ParticleFlow
+from kickdrift.integrators.step_choice.step_length import MOST, fastest
 from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import EnergyError, energy_error
+from kickdrift.text import measured
 
 SHORT = 0.1  # seconds; a shorter run is timed three times more, a longer one once
 LONG = 3.0  # seconds; a longer run is not timed again, since its looks take little of its time
@@ -175,3 +179,20 @@ def _guarded(run: Callable[[], Any]) -> None:
         raise
     except (ArithmeticError, ValueError) as error:
         raise RunError(f"blew up: {type(error).__name__}: {error}") from error
+
+
+def resonance(subject: Subject, start: Any) -> list[str]:
+    """Note on the longest step of the slow forces, [] without an oscillation or for more than ``MOST`` particles.
+
+    Kicks of slow forces that come twice or more often in a period of the fastest oscillation pump energy into it
+    (Biesiadecki & Skeel 1993, J. Comput. Phys. 109, 318, doi:10.1006/jcph.1993.1220)."""
+    if not isinstance(subject, System) or len(subject) > MOST:
+        return []
+    omega = fastest(ParticleFlow(subject, 1, True), start.time, start.phase)
+    if not omega > 0:
+        return []
+    period, unit = 2 * math.pi / omega, measured("", subject.units.symbol("time"))
+    return [
+        f"resonance: the fastest oscillation has a period of {period:.3g}{unit}, and slow forces resonate with it from "
+        f"dt = {period / 2:.3g}{unit} on"
+    ]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from math import ceil, exp, floor, isfinite, log, log10
 from statistics import median
 
-from kickdrift.analysis.compare.choices import SAFETY as SAFETY
-from kickdrift.analysis.compare.choices import Choice as Choice
-from kickdrift.analysis.compare.choices import Recommendation as Recommendation
+from kickdrift.analysis.compare.comparison import SAFETY as SAFETY
+from kickdrift.analysis.compare.comparison import Choice as Choice
 from kickdrift.analysis.compare.comparison import Comparison
+from kickdrift.analysis.compare.comparison import Recommendation as Recommendation
 from kickdrift.analysis.compare.ladder import Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.analysis.chaos.megno import carrier, length_of
+from kickdrift.analysis.chaos.frames import carrier, length_of
 from kickdrift.analysis.doubts import doubts_at
 from kickdrift.analysis.tangents.columns import Columns, columns_of
 from kickdrift.analysis.tangents.map_run import MapRun

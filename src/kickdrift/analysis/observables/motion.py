@@ -90,7 +90,6 @@ class _Correlation:
     dimensions: int = 3
 
     def _lag(self, name: str, time: float) -> int:
-        """Lag nearest to a time."""
         step = float(self.times[1]) if len(self.times) > 1 else math.inf
         if not 0 <= time <= self.times[-1] + 0.5 * step:
             raise InputError(f"diffusion: {name} = {time:g} is not among the times, 0 to {self.times[-1]:g}")

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.orbits import Orbits, Paths, central_row, orbits_of
 from kickdrift.model.starts.elements import Elements
 from kickdrift.trajectory.read import reader
-from kickdrift.trajectory.read.merged import masses_held
+from kickdrift.trajectory.read.reader import masses_held
 
 
 def orbits(

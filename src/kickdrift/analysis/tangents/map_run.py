@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.analysis.tangents.columns import Columns
 from kickdrift.analysis.tangents.deviations import cadence
-from kickdrift.analysis.tangents.map_pushes import pushes_of
 from kickdrift.analysis.tangents.varied_run import DEFAULT
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.forces.slopes.pushes import PairPush, Push, parameter_of, push_of_parameter, pushes_of_mass
 from kickdrift.forces.slopes.variations import check_mapped
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.model.state import Floats
@@ -24,7 +24,48 @@ from kickdrift.run.simulation import Simulation
 if TYPE_CHECKING:
     from kickdrift.integrators.wisdom_holman.tangent_columns import Derived
 
+
+Pushes = list[tuple[int, Push | PairPush]]
 PIECE = 1000  # steps between two reports of progress
+
+
+class BoundOthers(NamedTuple):
+    """Machine code of the other forces. It must live as long as its addresses are in use."""
+
+    slopes: list[Any]
+    pushes: list[Any]
+    forces: NDArray[np.int64]  # (other forces, 2) addresses of the slopes of each, and of its parts
+    table: NDArray[np.int64]  # (pushes, 3) the column of each, and addresses
+
+
+def pushes_of(system: System, columns: Columns | None) -> Pushes:
+    """What masses and parameters do in the forces other than gravity, each with its column."""
+    made: Pushes = []
+    if columns is None:
+        return made
+    of_masses = columns.of_masses(len(system))
+    if of_masses is not None:
+        for body, column in np.argwhere(of_masses):
+            made += [(int(column), push) for push in pushes_of_mass(system, int(body), 0, 1.0)]
+    for column, text in enumerate(columns.parameters, sum(columns.widths[:2])):
+        if not isinstance(system.forces[parameter_of(system, text)[0]], Gravity):
+            made.append((column, push_of_parameter(system, text, 0, 1.0)))
+    return made
+
+
+def bound_others(forces: list[Any], pushes: Pushes, system: System, threads: int) -> BoundOthers:
+    """Bind the slopes of these forces, and these pushes."""
+    from kickdrift.forces.seam.kernel import BoundForce
+    from kickdrift.forces.slopes.dual_slopes import BoundSlopes
+
+    slopes = [BoundSlopes(force.bind(system, threads)).ready() for force in forces]
+    bound = [BoundForce(push.bind(system, threads)).ready() for _, push in pushes]
+    rows = [(column, each.address, each.work) for (column, _), each in zip(pushes, bound, strict=True)]
+    return BoundOthers(
+        slopes, bound,
+        np.array([(each.address, each.work) for each in slopes], np.int64).reshape(-1, 2),
+        np.array(rows, np.int64).reshape(-1, 3),
+    )  # fmt: skip
 
 
 class MapRun:
@@ -68,7 +109,6 @@ class MapRun:
         raise NotImplementedError
 
     def advance(self, steps: int) -> None:
-        """Take steps."""
         raise NotImplementedError
 
     def _leave(self, found: Derived) -> None:
@@ -132,7 +172,6 @@ class MapRun:
 
     @property
     def time(self) -> float:
-        """Time at the step point."""
         return self.system.state.time + self.steps * self.dt
 
     def advance_and_look(self, steps: int, every: int, visit: Callable[[], Any]) -> None:
@@ -144,7 +183,6 @@ class MapRun:
                 return
 
     def scale(self, factor: float) -> None:
-        """Multiply all deviations."""
         for slopes in self._deviations():
             slopes *= factor
 

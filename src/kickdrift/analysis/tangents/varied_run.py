@@ -41,6 +41,15 @@ def _size(value: float) -> float:
     return float(2.0 ** np.round(np.log2(abs(value) or 1.0)))
 
 
+def accelerations_at_start(sim: Simulation, n: int) -> Floats:
+    """Accelerations (3, n) of the first n particles; zeros where they are not finite, as the run will say."""
+    try:
+        with compiling_for(sim.integration.purpose):
+            return sim.accelerations()[:n].T
+    except RunError:
+        return np.zeros((3, 1))
+
+
 class VariedRun:
     """A System with deviations, under way.
 
@@ -75,12 +84,8 @@ class VariedRun:
             self._pushed[k], unit[k] = True, 1.0 / _size(parameter_of(system, text)[2])
         self._unit = self._with_pairs(unit)
         self.sim = self._simulation(system, start)
-        try:
-            with compiling_for(self.sim.integration.purpose):
-                accelerations = self.sim.accelerations()[:n].T
-        except RunError:  # not finite; the run gives the reason
-            accelerations = np.zeros((3, 1))
-        self._scale = 2.0 ** np.round(np.log2(scale_of(system.state.phase, accelerations)))[..., None]
+        scale = scale_of(system.state.phase, accelerations_at_start(self.sim, n))
+        self._scale = 2.0 ** np.round(np.log2(scale))[..., None]
         found = np.abs(start / self._scale).max(axis=(0, 1, 2))[:count]
         found = 2.0 ** np.round(np.log2(np.where(found > 0.0, found, 1.0)))
         if begun is None:

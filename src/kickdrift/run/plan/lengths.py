@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.stepping.backward import mirrored
 from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
@@ -16,50 +17,12 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.integrators.method import Method
     from kickdrift.looks.record import Record
-    from kickdrift.model.problem import Problem
-    from kickdrift.model.system import System
+
 
 Exact = bool | Literal["shorten"]
 
 SHORTEN: Literal["shorten"] = "shorten"
 CLOSE = 1e-6  # steps between a time and the grid that count as rounding
-
-
-class Point(Protocol):
-    """Last step point of a run."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def steps_done(self) -> int: ...
-
-
-class Moving(Protocol):
-    """Attributes of an integration that the length of a run needs; see `run.advance.Integration`."""
-
-    @property
-    def stepper(self) -> Point: ...
-
-    @property
-    def backward(self) -> bool: ...
-
-    @property
-    def box_varies(self) -> bool: ...
-
-    @property
-    def foreign(self) -> bool: ...
-
-    @property
-    def engine(self) -> Any: ...
-
-    @property
-    def events(self) -> Any: ...
-
-    @property
-    def system(self) -> Any: ...
-
-    def turn(self, backward: bool) -> None: ...
 
 
 class Planned(Protocol):
@@ -70,7 +33,7 @@ class Planned(Protocol):
     dt: float | None
 
     @property
-    def integration(self) -> Moving: ...
+    def integration(self) -> Any: ...
 
     @property
     def steps_done(self) -> int: ...
@@ -79,14 +42,10 @@ class Planned(Protocol):
     def time(self) -> float: ...
 
     @property
-    def system(self) -> System | Problem: ...
+    def system(self) -> Any: ...
 
     @property
     def running(self) -> bool: ...
-
-
-class Begun(Planned, Protocol):
-    """Attributes of a Simulation that begins to run."""
 
     @property
     def record(self) -> Record: ...
@@ -170,7 +129,7 @@ def goal_of(sim: Planned, steps: int | None, until: float | str | None, time: fl
     return sim.time + more
 
 
-def begin(sim: Begun, backward: bool, until: float | None, exact: Exact) -> None:
+def begin(sim: Planned, backward: bool, until: float | None, exact: Exact) -> None:
     """Turn the run to its direction of time, and note a time between two steps in its record."""
     notes = _rounding_note(sim, until, exact)
     sim.integration.turn(backward)
@@ -197,3 +156,18 @@ def steps_to(sim: Planned, steps: int | None, until: float | None, exact: Exact 
     if until is None:
         return whole_number("steps", steps, 0)
     return whole_steps(sim, until, exact).steps
+
+
+def check_backward(sim: Planned) -> None:
+    """Refuse a run backwards in time where method, engine, events or a force cannot go back; names which."""
+    run, method = sim.integration, sim.method
+    if not (method.reversible or method.chooses_steps):
+        raise InputError(
+            f"run: {sim.integrator} is neither reversible nor adaptive, so the run cannot go back in time; "
+            "velocity-verlet and dop853 can"
+        )
+    if run.foreign:
+        raise InputError(f"run: engine {run.engine.name!r} runs forwards in time only; the native engine goes back")
+    if run.events:
+        raise InputError("run: events are watched forwards in time only; a run back in time takes no events")
+    mirrored(run.system)

@@ -16,8 +16,16 @@ from kickdrift.looks.observers import check_samples as check_samples
 from kickdrift.model.checks.limits import NEVER, steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
-from kickdrift.run.plan.backward import check_backward
-from kickdrift.run.plan.lengths import CLOSE, SHORTEN, Exact, Planned, check_exact, steps_to, whole_steps
+from kickdrift.run.plan.lengths import (
+    CLOSE,
+    SHORTEN,
+    Exact,
+    Planned,
+    check_backward,
+    check_exact,
+    steps_to,
+    whole_steps,
+)
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -80,7 +88,6 @@ class Plan:
 
     @classmethod
     def of(cls, numbers: Sequence[float]) -> Plan:
-        """Return the Plan with these ``numbers``."""
         begin_step, begin_time, end_step, end_time, every, interval, exact, *times = numbers
         steps = int(begin_step), int(end_step), int(every)
         return cls(steps[0], begin_time, steps[1], end_time, steps[2], interval, bool(exact), tuple(times))

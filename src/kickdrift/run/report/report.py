@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,8 +14,7 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.seam.group import ListedForce
-from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import PRESSURE, TEMPERATURE, Options
+from kickdrift.integrators.options import PRESSURE, TEMPERATURE
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks.values import unwarned
@@ -24,12 +22,9 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.run.report.energy import EnergyReport, energy_report
-from kickdrift.run.report.melting import melting
+from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
 from kickdrift.run.report.shown import ShownReport
-from kickdrift.run.report.verdicts import DIFFERS, DRAWN, SLOW, cause_of_drift, moving, verdict
-from kickdrift.run.report.warnings import ends_badly
-from kickdrift.run.report.work import work_of, working
+from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
 
 COMPILING = "compiling"
@@ -198,53 +193,8 @@ class Report(ShownReport):
         return self if output is None else replace(self, about=self.about._replace(output=os.fspath(output)))
 
 
-class Reported(Protocol):
-    """Attributes of a run that a report needs."""
-
-    @property
-    def record(self) -> Record: ...
-
-    @property
-    def system(self) -> System | Problem: ...
-
-    @property
-    def engine(self) -> str: ...
-
-    @property
-    def engine_version(self) -> str | None: ...
-
-    @property
-    def integrator(self) -> str: ...
-
-    @property
-    def method(self) -> Method: ...
-
-    @property
-    def options(self) -> Options: ...
-
-    @property
-    def dt(self) -> float | None: ...
-
-    @property
-    def threads(self) -> int: ...
-
-    @property
-    def processes(self) -> int: ...
-
-    @property
-    def stopped(self) -> str: ...
-
-    @property
-    def state(self) -> Any: ...
-
-    @property
-    def events(self) -> Sequence[dict[str, Any]]: ...
-
-    def going_on(self) -> list[dict[str, Any]]: ...
-
-
 @unwarned
-def report(sim: Reported) -> Report:
+def report(sim: Any) -> Report:
     """Return the report of a Simulation, or of one system in a Batch, so far."""
     record, system = sim.record, sim.system
     series = record.series()
@@ -310,9 +260,7 @@ def report(sim: Reported) -> Report:
             *melted,
             *(line for line in doubts if line and line not in record.warnings),
         ],
-        about=_about(system, series, even, bath)._replace(
-            drawn=sim.method.overdamped, slow=getattr(sim.method, "slow_velocities", False)
-        ),
+        about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 
 

@@ -17,9 +17,6 @@ from kickdrift.text import counted, measured
 class ShownReport(Shown):
     """A Report that prints itself."""
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def _spark(self: Any) -> Spark | None:
         series = self.about.series
         return energy_spark(series.total, series.kinetic)

@@ -1,4 +1,4 @@
-"""Warnings of a System at the start and the end of its run, beside those about its energy."""
+"""Words of a report: warnings of a System, its drift and its melting, and means beside what was asked."""
 
 from __future__ import annotations
 
@@ -9,10 +9,109 @@ import numpy as np
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.group import ListedForce
 from kickdrift.looks.doubts import digits_doubt
+from kickdrift.looks.record import Series
 from kickdrift.model.body_checks import doubtful_forces
+from kickdrift.model.freedom import NONE, apart_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.text import choices, suggestion
+from kickdrift.text import choices, measured, suggestion
+
+AGREES = 3.0  # standard errors
+DIFFERS = "differs"
+SLOW = "a long step makes velocities of this bath too slow, and configurations hardly at all"
+DRAWN = "the bath draws velocities; no test of the motion"
+JUMPS = "; the force jumps at the cutoff, see lj-1000-switch"
+TOO_LONG = "; a shorter dt tells whether the step is too long"
+LARGE = 10.0  # energy of the centre of mass that is worth a word, in heats of one particle
+SHARE = 0.01  # of the kinetic energy
+LEAST_LOOKS = 10
+CHANGE = 0.05  # of the temperature; a smaller change leaves averages as they are
+FLUCTUATIONS = 4.0  # standard deviations of the temperature in the second half
+PROBES = 8  # particles whose nearest neighbours are measured
+LINDEMANN = 0.3  # distances of neighbours that a particle is off its site; crystals melt near 0.1 to 0.15
+EVEN = 1e-3  # spread of the nearest distances on a lattice, of their mean
+
+
+def verdict(mean: float, error: float | None, asked: float) -> str:
+    """A mean beside the number that was asked for, in words."""
+    if not error:
+        return "too short to judge"
+    off = abs(mean - asked) / error
+    return "agrees" if off <= AGREES else f"{DIFFERS} by {off:.1f} standard errors"
+
+
+def cause_of_drift(system: System, fixed: bool) -> str:
+    """Words on the likely cause of a secular drift under pair forces; ``fixed`` tells whether the step is."""
+    pairs = [force for force in system.forces if isinstance(force, PairForce)]
+    if any(force.jumps_at_cutoff(system.species) for force in pairs):
+        return JUMPS
+    return TOO_LONG if pairs and fixed else ""
+
+
+def moving(system: System, drags: bool, series: Series) -> list[str]:
+    """Return a line if the centre of mass moves much faster than heat would make it, so that this motion is no heat."""
+    if series.temperatures is None or series.momentum is None or apart_of(system, drags) == NONE:
+        return []
+    masses, momentum = system.coherent_masses, series.momentum[0]
+    energy = 0.5 * float(momentum @ momentum) / float(masses.sum())
+    if energy <= max(SHARE * series.kinetic, LARGE * (series.kinetic - energy) / len(masses)):
+        return []
+    return [
+        f"the particles move as a whole: their centre of mass has {energy / series.kinetic:.3g} of the kinetic energy, "
+        "which is no heat; temperature and pressure are without this motion"
+    ]
+
+
+def melting(system: System, temperatures: Floats | None, run: Any, bath: bool = False) -> list[str]:
+    """Return a warning if the temperature shows that the lattice of the start melts during the run. A ``bath`` changes
+    the temperature by itself."""
+    change = temperature_change(temperatures)
+    if change is None or not has_melted(system, run.state.positions):
+        return []
+    first, later = change
+    mean = measured(f"{later:.4g}", system.units.symbol("temperature"))
+    sign = f"the lattice is melting: the temperature {'falls' if later < first else 'rises'} from {first:.4g} to {mean}"
+    if bath:
+        sign = f"the run starts from a lattice, which it leaves while the bath brings {first:.4g} to {mean}"
+    return [
+        f"{sign} (mean of the second half), so the run is not in equilibrium; equilibrate first, with [equilibrate] in "
+        "the system file or with sim.equilibrate"
+    ]
+
+
+def temperature_change(temperatures: Floats | None) -> tuple[float, float] | None:
+    """Return the first temperature and the mean of the second half, if they differ by more than fluctuations."""
+    if temperatures is None or len(temperatures) < LEAST_LOOKS or not np.isfinite(temperatures).all():
+        return None
+    later = temperatures[len(temperatures) // 2 :]
+    first, mean = float(temperatures[0]), float(later.mean())
+    change = abs(mean - first)
+    return (first, mean) if change > CHANGE * mean and change > FLUCTUATIONS * float(later.std()) else None
+
+
+def lattice_spacing(system: System) -> float | None:
+    """Return the distance of nearest neighbours at the start if some particles, evenly chosen, all have the same."""
+    positions, count = system.state.positions, len(system)
+    if count <= PROBES:
+        return None
+    nearest = []
+    for i in np.linspace(0, count - 1, PROBES).astype(int):
+        apart = system.box.minimum_image(positions - positions[i])
+        distances = np.einsum("ij,ij->i", apart, apart)
+        distances[i] = np.inf
+        nearest.append(np.sqrt(distances.min()))
+    return float(np.mean(nearest)) if np.ptp(nearest) <= EVEN * np.mean(nearest) else None
+
+
+def has_melted(system: System, positions: Floats) -> bool:
+    """Tell whether the run starts from a lattice, and the particles, now at ``positions`` (n, 3), unwrapped, are off
+    their sites by more than a crystal's particles (Lindemann 1910, Phys. Z. 11, 609)."""
+    start, spacing = system.state.positions, lattice_spacing(system)
+    if spacing is None or positions.shape != start.shape:
+        return False
+    moved = positions - start
+    moved = moved - moved.mean(axis=0)
+    return float(np.sqrt(np.einsum("ij,ij->i", moved, moved).mean())) > LINDEMANN * spacing
 
 
 def layer_warning(system: Any, phase: Any) -> str:
@@ -44,12 +143,15 @@ def pressure_warning(system: Any) -> str:
     return f"pressure is left out: {'; '.join(reasons)}" if reasons else ""
 
 
-def begins_badly(system: Any, phase: Floats) -> list[str]:
-    """Return the warnings at the start of a run, at positions and velocities (2, 3, n)."""
+def begins_badly(system: Any, phase: Floats | None = None) -> list[str]:
+    """Return the warnings at the start of a run, at positions and velocities (2, 3, n); without these, the warnings
+    that the System alone gives."""
     if not isinstance(system, System):
         return []
-    x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
-    found = [layer_warning(system, (x, v)), pressure_warning(system), digits_doubt(system, x)]
+    found = [pressure_warning(system)]
+    if phase is not None:
+        x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
+        found = [layer_warning(system, (x, v)), *found, digits_doubt(system, x)]
     return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system)]
 
 

@@ -14,12 +14,10 @@ from kickdrift.model.memory import Checkpointed, Memory, put_back
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.courses import AHEAD, STRONG
+from kickdrift.run.watch.courses import AHEAD, STRONG, all_far, room, soon, suspects
 from kickdrift.run.watch.encounters import contacts
-from kickdrift.run.watch.meetings import all_far, room, soon, suspects
 from kickdrift.run.watch.overlaps import overlapping
-from kickdrift.run.watch.span import Act, Part, Span, attraction
-from kickdrift.run.watch.trials import Exact, Own
+from kickdrift.run.watch.span import Act, Exact, Own, Part, Span, attraction
 
 LATE = 0.01  # of a step: the cubic and the method's own solution tell the time of a contact closer than this
 SHORT = 1e-6  # of a step: the square of a shorter time is below rounding
@@ -39,7 +37,7 @@ class Contacts(Checkpointed):
     """Contacts of a `Collision`. With many bodies, only pairs that a step may bring together are searched."""
 
     saved = ("radii", "_touching")
-    evaluated = (1.0, 0.0)  # latest and earliest evaluation of the forces in a step; see `trials.evaluated`
+    evaluated = (1.0, 0.0)  # latest and earliest evaluation of the forces in a step; see `span.evaluated`
     _newton = False  # whether to try a step of Newton's method from the contact on the cubic curve
 
     def __init__(self, event: Collision, system: System) -> None:

@@ -1,24 +1,27 @@
-"""Search of a step for close approaches and escapes: events of distances between bodies."""
+"""Search of a step for close approaches and escapes: events of distances between bodies.
+
+The end of a step tells little of the least distance of a pair that attracts each other strongly in the step.
+`Passing` follows such a passage by gauss-radau15, beside the run and from the step in which it begins, until the pair
+is far again. The run itself goes on by its own steps.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.errors import RunError
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events.events import CloseApproach, Escape
-from kickdrift.model.memory import Checkpointed
+from kickdrift.model.memory import Checkpointed, Memory
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
+from kickdrift.run.watch.courses import any_bends
 from kickdrift.run.watch.encounters import CLOSEST, passages, unbound
-from kickdrift.run.watch.meetings import any_bends
-from kickdrift.run.watch.span import Act, Part, Span, approach, attraction, separation
-
-if TYPE_CHECKING:
-    pass
+from kickdrift.run.watch.span import Act, Part, Span, Trials, Watched, approach, attraction, separation
 
 
 class Approaches(Checkpointed):
@@ -86,7 +89,6 @@ class Approaches(Checkpointed):
         return None
 
     def _end_passages(self, time: float) -> None:
-        """Make the entries of the passages that end at a time."""
         for p, _, what in self._rows[: self._count].tolist():
             if what != CLOSEST:
                 self._ended.append((time, self._entry(int(p), "passed")))
@@ -184,3 +186,52 @@ class Escapes(Checkpointed):
         """Mark an escape as reported."""
         self._known_ids.append(int(self._system.state.ids[body]))
         self._known[body] = True
+
+
+class Passing:
+    """Passages beside a run."""
+
+    def __init__(self, run: Watched, approaches: Sequence[Approaches]) -> None:
+        self._approaches = approaches
+        logs = any(each.event.action == "log" for each in approaches)  # a stop needs no least distance
+        self._on = logs and not run.method.adaptive
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the passage under way."""
+        self._y: Floats | None = None
+        self._time = -np.inf
+
+    def parts(self, trials: Trials, found_in: list[Part]) -> list[Part]:
+        """The parts in which a step is searched for passages: those of the step, or those of the motion beside it."""
+        if not self._on:
+            return found_in
+        y, begin, end = found_in[0].y0, found_in[0].t0, found_in[-1].t1
+        beside = self._y is not None and self._time == begin  # until the pair has left in the run too
+        here, y = y, self._y if beside and self._y is not None else y
+        for each in self._approaches:
+            if each.bends(y, end - begin) or (beside and each.bends(here, end - begin, inside=True)):
+                break
+        else:
+            self._y = None
+            return found_in
+        try:
+            parts = trials.parts(y, begin, end)
+        except RunError:
+            self.forget()
+            return found_in
+        self._y, self._time = parts[-1].y1, end
+        return parts
+
+    @property
+    def states(self) -> list[Floats]:
+        """State of the bodies beside the run, if there is a passage."""
+        return [] if self._y is None else [self._y]
+
+    def memory(self) -> Memory:
+        """State of the bodies beside the run, and its time."""
+        return {"y": self._y, "time": self._time}
+
+    def recall(self, memory: Memory) -> None:
+        """Restore this state."""
+        self._y, self._time = memory["y"], memory["time"]

@@ -45,7 +45,6 @@ def cubic(y0, y1, h, i, j, c):
 
 @jit
 def separation2(c, s):
-    """Return the squared separation at s."""
     total = 0.0
     for k in range(3):
         r = c[0, k] + s * (c[1, k] + s * (c[2, k] + s * c[3, k]))

@@ -1,4 +1,8 @@
-"""Bodies that leave a collision with fragmentation: masses by the scaling laws, places on a ring outside the contact.
+"""Collision of two gravity-dominated bodies with fragmentation: masses by scaling laws, places on a ring.
+
+The scaling laws are those of Leinhardt & Stewart 2012. Equation numbers are those of ApJ 745, 79,
+doi:10.1088/0004-637X/745/1/79, as the programs Swiftest and collresolve give them. The heavier body is the target.
+Lengths, masses and speeds are in any units in which G holds.
 
 The debris makes fragments of equal mass, none below the smallest mass. The fragments stand evenly on a ring in the
 plane of the collision, around the remnants, and move outwards (Chambers 2013, doi:10.1016/j.icarus.2013.02.015).
@@ -13,10 +17,158 @@ import numpy as np
 
 from kickdrift.model.events.collision import Sphere
 from kickdrift.model.state import Floats
-from kickdrift.run.watch.scaling_laws import GRAZING_MERGER, HIT_AND_RUN, MERGING, Impact, Material, Remnants, remnants
 
+MERGING, GRAZING_MERGER, HIT_AND_RUN = "perfect merging", "graze-and-merge", "hit-and-run"
+ACCRETION, EROSION, DISRUPTION = "partial accretion", "erosion", "super-catastrophic disruption"
+SUPER = 1.8  # Q_R / Q*_RD from which a disruption is super-catastrophic
+ETA = -1.5  # exponent of the largest remnant there
 ROOM = 1.1  # distances on the ring, over those of spheres that touch
 LAUNCH = 1.05  # speed of the fragments over their escape speed
+
+
+class Material(NamedTuple):
+    """Constants of the laws: c*, mu-bar, the density rho_1, and G."""
+
+    c_star: float
+    mu_bar: float
+    density: float
+    G: float
+
+
+class Impact(NamedTuple):
+    """Two bodies at contact. ``sine`` is the impact parameter b: the sine of the angle between the line of centres and
+    the relative velocity."""
+
+    target: float  # masses
+    projectile: float
+    target_radius: float
+    projectile_radius: float
+    speed: float
+    sine: float
+
+    @property
+    def total(self) -> float:
+        """Mass of both."""
+        return self.target + self.projectile
+
+    @property
+    def grazing(self) -> bool:
+        """Whether the centre of the projectile passes beside the target: b > R / (R + r)."""
+        return self.sine > self.target_radius / (self.target_radius + self.projectile_radius)
+
+    @property
+    def overlap(self) -> float:
+        """Length of the projectile that meets the target, at most its diameter."""
+        reach = self.target_radius + self.projectile_radius
+        return min((1.0 - self.sine) * reach, 2.0 * self.projectile_radius)
+
+    @property
+    def interacting(self) -> float:
+        """Fraction alpha of the projectile's mass that meets the target."""
+        length, r = self.overlap, self.projectile_radius
+        return length**2 * (3.0 * r - length) / (4.0 * r**3)
+
+
+class Remnants(NamedTuple):
+    """Regime and masses of the largest bodies. ``second`` is what is left of the projectile after a hit-and-run."""
+
+    regime: str
+    largest: float
+    second: float = 0.0
+
+
+def impact_energy(one: float, other: float, speed: float) -> float:
+    """Q_R: kinetic energy about the centre of mass, over the total mass; eq. 1."""
+    return 0.5 * one * other / (one + other) ** 2 * speed**2
+
+
+def disruption_energy(one: float, other: float, material: Material) -> float:
+    """Q*_RD of a head-on collision: the Q_R that disperses half of the total mass.
+
+    Bodies of equal mass need c* (4/5) pi rho_1 G R_C1^2 (eq. 28), with R_C1 the radius of the total mass at the density
+    rho_1. Others need ((gamma + 1)^2 / (4 gamma))^(2 / (3 mu-bar) - 1) times that (eq. 23), with gamma the ratio of the
+    masses."""
+    radius = ((one + other) * 3.0 / (4.0 * math.pi * material.density)) ** (1.0 / 3.0)
+    equal = material.c_star * 0.8 * math.pi * material.density * material.G * radius**2
+    gamma = other / one
+    return float(equal * ((gamma + 1.0) ** 2 / (4.0 * gamma)) ** (2.0 / (3.0 * material.mu_bar) - 1.0))
+
+
+def oblique_disruption_energy(impact: Impact, material: Material) -> float:
+    """Q'*_RD at an angle: (mu / mu_alpha)^(2 - 3 mu-bar / 2) times the head-on value; eq. 15.
+
+    The reduced mass mu_alpha has the interacting mass alpha M_p in the projectile's place; eq. 12."""
+    alpha = impact.interacting
+    ratio = (alpha * impact.projectile + impact.target) / (alpha * impact.total)
+    head_on = disruption_energy(impact.target, impact.projectile, material)
+    return float(head_on * ratio ** (2.0 - 1.5 * material.mu_bar))
+
+
+def largest_remnant(ratio: float) -> float:
+    """Mass of the largest remnant over the total mass, from Q_R / Q*_RD.
+
+    The universal law 1/2 - (ratio - 1) / 2 (eq. 5) holds up to 1.8, and 0.1 (ratio / 1.8)^-1.5 beyond (eq. 44)."""
+    return 1.0 - 0.5 * ratio if ratio < SUPER else 0.1 * (ratio / SUPER) ** ETA
+
+
+def escape_speed(impact: Impact, material: Material) -> float:
+    """Speed below which the bodies merge: the escape speed from the surface of the target with the interacting mass,
+    at the mean density of both bodies."""
+    mass = impact.target + impact.interacting * impact.projectile
+    cubes = impact.target_radius**3 + impact.projectile_radius**3
+    radius = (cubes * mass / impact.total) ** (1.0 / 3.0)
+    return math.sqrt(2.0 * material.G * mass / radius)
+
+
+def hit_and_run_speed(impact: Impact, material: Material) -> float:
+    """Speed below which two bodies that graze each other lose so much of it that they merge.
+
+    Over the escape speed of both at contact this is 2.43 g^2 h + 1.86 h - 0.0408 g^2 + 1.08, with h = (1 - sine)^(5/2)
+    and g the difference of the masses over their sum (Kokubo & Genda 2010; Genda, Kokubo & Ida 2012,
+    doi:10.1088/0004-637X/744/2/137)."""
+    escape = math.sqrt(2.0 * material.G * impact.total / (impact.target_radius + impact.projectile_radius))
+    unlike, open_angle = ((impact.target - impact.projectile) / impact.total) ** 2, (1.0 - impact.sine) ** 2.5
+    return escape * (2.43 * unlike * open_angle + 1.86 * open_angle - 0.0408 * unlike + 1.08)
+
+
+def left_of_projectile(impact: Impact, material: Material) -> float:
+    """Mass of what is left of the projectile after a hit-and-run: the reverse impact.
+
+    The part of the target that the projectile sweeps is a cylinder (eqs. 46 to 48). This part strikes the projectile
+    head-on."""
+    big, r, length = impact.target_radius, impact.projectile_radius, impact.overlap
+    phi = 2.0 * math.acos((length - r) / r)
+    area = r**2 * (math.pi - 0.5 * (phi - math.sin(phi)))
+    path = 2.0 * math.sqrt(big**2 - (big - 0.5 * length) ** 2)
+    density = impact.target / (4.0 / 3.0 * math.pi * big**3)
+    swept = min(area * path * density, impact.target)
+    if not swept > 0.0:
+        return impact.projectile
+    energy = impact_energy(impact.projectile, swept, impact.speed)
+    ratio = energy / disruption_energy(impact.projectile, swept, material)
+    return min(largest_remnant(ratio) * (impact.projectile + swept), impact.projectile)
+
+
+def remnants(impact: Impact, material: Material) -> Remnants:
+    """Regime of an impact, and the masses of its largest bodies.
+
+    Bodies slower than `escape_speed` merge. A grazing impact that does not erode the target is a hit-and-run, or below
+    `hit_and_run_speed` a graze-and-merge. All others leave one largest remnant: more than the target (partial
+    accretion), less (erosion), or less than a tenth of the total mass (super-catastrophic disruption)."""
+    if impact.projectile == 0.0 or impact.speed <= escape_speed(impact, material):
+        return Remnants(MERGING, impact.total)
+    if impact.interacting == 0.0:
+        return Remnants(HIT_AND_RUN, impact.target, impact.projectile)
+    energy = impact_energy(impact.target, impact.projectile, impact.speed)
+    ratio = energy / oblique_disruption_energy(impact, material)
+    largest = largest_remnant(ratio) * impact.total
+    if largest >= impact.target:
+        if impact.grazing and impact.speed <= hit_and_run_speed(impact, material):
+            return Remnants(GRAZING_MERGER, impact.total)
+        if impact.grazing:
+            return Remnants(HIT_AND_RUN, impact.target, left_of_projectile(impact, material))
+        return Remnants(ACCRETION, largest)
+    return Remnants(EROSION if ratio < SUPER else DISRUPTION, largest)
 
 
 class Fragmented(NamedTuple):

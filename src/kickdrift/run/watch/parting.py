@@ -12,8 +12,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 from kickdrift.run.watch.contacts import ALL_PAIRS, Contacts
-from kickdrift.run.watch.span import Act, Part, Span
-from kickdrift.run.watch.trials import Trials, Watched, evaluated
+from kickdrift.run.watch.span import Act, Part, Span, Trials, Watched, evaluated
 
 NONE = np.zeros(0, np.bool_)
 FEW = 1e-9  # of a step: a shorter rest is no part of its own

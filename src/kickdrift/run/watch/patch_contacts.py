@@ -80,12 +80,10 @@ class PatchContacts(Contacts):
         return contacts(crowd.y0, crowd.y1, h, places, radii, self._approaching, self._touching, self._rows)
 
     def _places(self, whole: Part, h: float, step: int) -> tuple[Floats, Floats, Whole, Whole]:
-        """See Contacts."""
         crowd, places = self._crowded(whole, h, step, AHEAD * h)
         return crowd.y0, crowd.y1, places, crowd.bodies
 
     def _pairs_at(self, y: Floats, time: float) -> tuple[Floats, Whole, Whole]:
-        """See Contacts."""
         first, second, *image = self._suspected
         images = y[:, :, second] + self._patch.offset(np.array(image), time)
         count = len(first)

@@ -49,7 +49,6 @@ class Roster:
 
     @property
     def next(self) -> New:
-        """The next new body."""
         return New(next_id(self.first) + len(self.names), len(self.names) + 1)
 
     def check_room(self, come: int) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.event_log import Row, entry
+from kickdrift.model.event_log import Row, entry, is_row
 from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
 from kickdrift.model.patch import HERE
@@ -18,19 +18,62 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import Change
 from kickdrift.run.watch.crossings import Crossings
-from kickdrift.run.watch.distances import Approaches, Escapes
-from kickdrift.run.watch.log import Log
+from kickdrift.run.watch.distances import Approaches, Escapes, Passing
 from kickdrift.run.watch.parting import Parting
-from kickdrift.run.watch.passing import Passing
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
-from kickdrift.run.watch.span import Act, Part, Span, parts, separation
-from kickdrift.run.watch.trials import Trials, Watched
+from kickdrift.run.watch.span import Act, Part, Span, Trials, Watched, parts, separation
 
 if TYPE_CHECKING:
     from kickdrift.integrators.stepping.stepper import Stepper
 
 ROUNDING = 1e-12  # of a distance between bodies that touch
+
+
+class Log:
+    """Entries for the record of a run.
+
+    The present of an adaptive run may lie inside a step, but the search covers whole steps. A later event waits until
+    the present reaches it.
+    """
+
+    def __init__(self, run: Watched) -> None:
+        self._run = run
+        self._waiting: list[tuple[float, Row]] = []
+
+    def add(self, row: Row) -> None:
+        """Write an entry into the record."""
+        self._run.record.events.append(row)
+
+    def wait(self, found: list[tuple[float, Row]]) -> None:
+        """Keep entries until the present reaches their times."""
+        self._waiting += sorted(found, key=lambda pair: pair[0])
+
+    def tell(self, until: float) -> None:
+        """Write the entries up to this time."""
+        late = []
+        for due, row in self._waiting:
+            if due <= until:
+                self.add(row)
+            else:
+                late.append((due, row))
+        self._waiting = late
+
+    def forget(self) -> None:
+        self._waiting = []
+
+    @property
+    def waiting_rows(self) -> list[Row]:
+        return [row for _, row in self._waiting]
+
+    def memory(self) -> list[list[Any]]:
+        return [[due, row] for due, row in self._waiting]
+
+    def recall(self, memory: Any) -> None:
+        """Restore waiting entries. Raises InputError for anything else."""
+        self._waiting = [(due, row) for due, row in memory]
+        if not all(isinstance(due, int | float) and is_row(row) for due, row in self._waiting):
+            raise InputError("checkpoint: its waiting events are invalid")
 
 
 class Search:
@@ -76,7 +119,6 @@ class Search:
         self._crossings.begin(self._run.system)
 
     def prepare(self, inner: Stepper) -> None:
-        """Compile the search."""
         y, t = inner.y, inner.time
         for watch in self._bodily:
             known = watch.memory()

@@ -25,12 +25,10 @@ from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.patch import HERE, patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.watch.booked import energy_of_places, taken_between, taken_by_bounce
-from kickdrift.run.watch.collisions import Change, changed
+from kickdrift.run.watch.collisions import Change, changed, energy_of_places, taken_between, taken_by_bounce
 from kickdrift.run.watch.roster import Roster
 from kickdrift.run.watch.search import Search
-from kickdrift.run.watch.span import Act, Span
-from kickdrift.run.watch.trials import Watched
+from kickdrift.run.watch.span import Act, Span, Watched
 from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from kickdrift.looks.columns import TIME
 from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
 from kickdrift.model.state import Floats
-from kickdrift.run.forces import forces_at
+from kickdrift.run.present import forces_at
 from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ class File(Watcher):
         self._run, self._open, self._columns, self._going_on = run, open, tuple(columns), going_on
 
     def begin(self) -> None:
-        """Open the file."""
         run = self._run
         self._writer: Any = self._open()
         self._told, self._named = len(run.record.events), 0

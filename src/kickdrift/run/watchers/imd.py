@@ -15,10 +15,9 @@ from kickdrift.looks.record import OBSERVING
 from kickdrift.model.checks.values import whole_number
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.forces import forces_at
+from kickdrift.run.present import forces_at
 from kickdrift.run.watcher import Watcher
-from kickdrift.run.watchers.imd_client import Client
-from kickdrift.run.watchers.imd_packets import Frame, Kind, Units, greeting, packets
+from kickdrift.run.watchers.imd_client import Client, Frame, Kind, Units, greeting, packets
 from kickdrift.text import counted, shown
 
 if TYPE_CHECKING:

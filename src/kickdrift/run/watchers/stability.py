@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from kickdrift.engines.session import EngineFlow, RunFlow
+from kickdrift.engines.session import EngineFlow
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.method import Method
 from kickdrift.integrators.step_choice.step_length import (
     LIMITED,
     TOO_LONG,
@@ -20,35 +19,13 @@ from kickdrift.integrators.step_choice.step_length import (
     stability_warning,
     step_warning,
 )
-from kickdrift.integrators.stepping.stepper import Stepper
 from kickdrift.looks.doubts import LIGHT, light_doubt, slowest_light
-from kickdrift.looks.record import Record
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.model.state import Floats
 from kickdrift.run.watcher import Watcher
 
 if TYPE_CHECKING:
-    from kickdrift.run.watch.watched_stepper import WatchedStepper
-
-
-class Stepping(Protocol):
-    """Attributes of the integration; see `run.advance.Integration`."""
-
-    method: Method
-    system: Any
-    flow: RunFlow
-    dt: float | None
-    record: Record
-    changes: int
-
-    @property
-    def stepper(self) -> Stepper | WatchedStepper: ...
-
-    @property
-    def y(self) -> Floats: ...
-
-    @property
-    def time(self) -> float: ...
+    pass
 
 
 class Stability(Watcher):
@@ -63,7 +40,7 @@ class Stability(Watcher):
         How many looks at the end of a series this must see.
     """
 
-    def __init__(self, run: Stepping) -> None:
+    def __init__(self, run: Any) -> None:
         self._run = run
         flow = None if isinstance(run.flow, EngineFlow) else run.flow  # another program has limits of its own
         self.limited = flow is not None and can_be_limited(flow, run.method)

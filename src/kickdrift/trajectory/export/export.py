@@ -12,8 +12,7 @@ from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
 from kickdrift.forces.around.spins import SPINS
 from kickdrift.trajectory.export import to_ase, to_lammps, to_mdanalysis, to_rebound
-from kickdrift.trajectory.export.chosen import Chosen
-from kickdrift.trajectory.export.formats import FORMATS, Format, losses
+from kickdrift.trajectory.export.formats import FORMATS, Chosen, Format, losses
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.universe import topology_of
 

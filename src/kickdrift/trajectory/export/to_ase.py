@@ -11,8 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import BODY_MASSES
-from kickdrift.trajectory.export.chosen import Chosen, Placed
-from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Format
+from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format, Placed
 from kickdrift.trajectory.read.universe import species
 
 

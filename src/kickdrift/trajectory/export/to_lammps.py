@@ -15,8 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
-from kickdrift.trajectory.export.chosen import Chosen, Placed
-from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Format
+from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format, Placed
 from kickdrift.trajectory.read.universe import topology_of
 
 UNITS = ("lj", "metal", "si")  # LAMMPS has the same

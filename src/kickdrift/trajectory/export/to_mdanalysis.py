@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.units.file_units import FileUnits
-from kickdrift.trajectory.export.chosen import Chosen, Placed
-from kickdrift.trajectory.export.formats import REMOVED_NAN, Format
+from kickdrift.trajectory.export.formats import REMOVED_NAN, Chosen, Format, Placed
 from kickdrift.trajectory.read.universe import dimensions, label, mdanalysis, spacing, topology_of
 
 INT32 = 2**31 - 1

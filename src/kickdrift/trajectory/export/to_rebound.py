@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from kickdrift.model.bridged import bridge
-from kickdrift.trajectory.export.chosen import Chosen
-from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Format
-from kickdrift.trajectory.read.merged import masses_held
+from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format
+from kickdrift.trajectory.read.reader import masses_held
 
 
 def write(chosen: Chosen, path: Path, format: Format, progress: Callable[[int, int], None]) -> list[str]:
     """Write a snapshot for each frame and return notes about what was lost."""
     bridge("rebound", format.suffix)
-    from kickdrift.bridges.rebound_archive import Archive
+    from kickdrift.bridges.rebound import Archive
 
     run = chosen.run
     archive = Archive(path, run.system())

@@ -3,7 +3,7 @@
 A checkpoint (`Simulation.checkpoint`) is a dictionary of arrays, numbers, texts, and lists and dictionaries of these.
 Its bytes are the length of a JSON text as a little-endian int64, then the text, then the arrays in turn, little-endian
 and in C order. In the text an array is ``{"array": [dtype, shape, first byte]}``. The first byte counts from the end of
-the text. No part of a checkpoint is code.
+the text. No part of a checkpoint is code. A point of a run is a step and a time.
 """
 
 from __future__ import annotations
@@ -21,13 +21,29 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.trajectory.layout.contents import Contents, too_deep
 
+ROUNDING = 1e-12  # relative, for times that were converted between units
 CHECKPOINTS = "kickdrift/checkpoints"
 BYTES_CHUNK = 64 * 1024
 ROWS_CHUNK = 128
 COLUMNS = {"data": "u1", "end": "i8", "step": "i8", "time": "f8", "crc32": "u4"}
 ROW_BYTES = 32  # step, time, end and checksum
-
 Checkpoint = dict[str, Any]
+
+
+def same(point: tuple[int, float] | None, step: int, time: float) -> bool:
+    """Tell whether a point is at this step and time. An adaptive run may have looks at several times inside one
+    step."""
+    return point is not None and point[0] == step and math.isclose(point[1], time, rel_tol=ROUNDING)
+
+
+def before(time: float, other: float) -> bool:
+    """Tell whether a time is earlier than another by more than rounding."""
+    return time < other and not math.isclose(time, other, rel_tol=ROUNDING)
+
+
+def behind(point: tuple[int, float], last: tuple[int, float]) -> bool:
+    """Tell whether a (step, time) is earlier than the last one."""
+    return point[0] < last[0] or (point[0] == last[0] and before(point[1], last[1]))
 
 
 class Stored(NamedTuple):

@@ -70,12 +70,10 @@ class Contents:
             raise self.damaged(f"{what} cannot be read{': ' * bool(said)}{said[:120]}") from None
 
     def has(self, name: str) -> bool:
-        """Tell whether the file has an object with this name."""
         with self.guarded(name):
             return name in self.file
 
     def group(self, name: str) -> h5py.Group:
-        """Return the group with this name."""
         found = self.anything(name)
         if not isinstance(found, h5py.Group):
             raise self.damaged(f"{name} is a dataset; expected a group")

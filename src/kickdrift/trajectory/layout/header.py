@@ -285,7 +285,6 @@ def framed(contents: Contents, name: str, frames: int) -> h5py.Dataset:
 
 
 def event_column(contents: Contents, name: str, events: int) -> h5py.Dataset:
-    """Column of the table of events."""
     kind, shape = EVENT_COLUMNS[name]
     return contents.series(f"{EVENTS}/{name}", kind, events, shape)
 

@@ -25,7 +25,7 @@ from kickdrift.trajectory.layout.edges import recorded
 from kickdrift.trajectory.layout.named import Record, about, equilibration_of, event_of, force_of, run_of
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.layout.run_parts import RunRecord
+    from kickdrift.trajectory.layout.run_parts import RunFile
 
 
 def to_json(value: Any) -> str:
@@ -104,14 +104,14 @@ def _source_hash(thing: Any) -> str:
     return hashlib.sha256("".join(sources).encode()).hexdigest() if sources else ""
 
 
-def changed_sources(system: System, run: RunRecord) -> list[str]:
+def changed_sources(system: System, run: RunFile) -> list[str]:
     """User's forces whose source has changed since the run began."""
     then = [force.source for force in checked_record(run).forces]
     pairs = zip(system.forces, then, strict=True)
     return [type(force).__name__ for force, source in pairs if source != _source_hash(force)]
 
 
-def checked_record(run: RunRecord) -> Record:
+def checked_record(run: RunFile) -> Record:
     """Record of the file's system, checked. Raises InputError if kickdrift does not write such a record."""
     with about(run.path, "damaged: kickdrift/system/record"):
         record: Record = checked(Record, run.system_record, None)
@@ -119,7 +119,7 @@ def checked_record(run: RunRecord) -> Record:
 
 
 def system_of(
-    run: RunRecord,
+    run: RunFile,
     frame: int | None = None,
     *,
     forces: Iterable[Any] | None = None,
@@ -178,7 +178,7 @@ def _compared(force: Mapping[str, Any]) -> dict[str, Any]:
     return {"type": type_name, "module": module, "parameters": force.get("parameters")}
 
 
-def differences(system: System, run: RunRecord) -> list[str]:
+def differences(system: System, run: RunFile) -> list[str]:
     """Differences between a System and the System that a run began with; empty if they are the same."""
     system = with_empty_rows(system, checked_record(run).room)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)

@@ -1,4 +1,4 @@
-"""Protocols of a Run for the modules of this layer: its header, its record and its numbers."""
+"""A run's file as the other modules of this layer see it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from kickdrift.model.subject import Particles
 from kickdrift.trajectory.layout.options import FileOptions
 
 
-class RunHeader(Particles, Protocol):
-    """Particles and units of a run's file; see ``Run``."""
+class RunFile(Particles, Protocol):
+    """Particles, record, steps and vectors of a run's file; see ``Run``. An item is a ``Frame``."""
 
     @property
     def path(self) -> Path: ...
@@ -38,57 +38,6 @@ class RunHeader(Particles, Protocol):
     def system_record(self) -> dict[str, Any]: ...
 
     @property
-    def method(self) -> dict[str, Any]: ...
-
-    @property
-    def options(self) -> FileOptions: ...
-
-    @property
-    def box_varies(self) -> bool:
-        """Whether any frame has another box than the run's System."""
-
-    def unit_of(self, observable: str) -> str:
-        """Unit of an observable, as text."""
-
-
-class RunClock(RunHeader, Protocol):
-    """Header with the steps and times of a run's frames; see ``Run``."""
-
-    @property
-    def steps(self) -> NDArray[Any]: ...
-
-    @property
-    def times(self) -> Floats: ...
-
-    def __len__(self) -> int: ...
-
-
-class Instant(Protocol):
-    """One frame, as needed to make a System; see ``Frame``."""
-
-    @property
-    def index(self) -> int: ...
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def positions(self) -> Floats: ...
-
-    @property
-    def velocities(self) -> Floats: ...
-
-    @property
-    def box(self) -> Box: ...
-
-
-class RunRecord(RunHeader, Protocol):
-    """Record of the System in a run's file; see ``Run``."""
-
-    @property
-    def system_record(self) -> dict[str, Any]: ...
-
-    @property
     def system_source(self) -> str: ...
 
     @property
@@ -97,11 +46,14 @@ class RunRecord(RunHeader, Protocol):
     @property
     def events(self) -> list[dict[str, Any]]: ...
 
-    def __getitem__(self, index: int) -> Instant: ...
+    @property
+    def method(self) -> dict[str, Any]: ...
 
+    @property
+    def options(self) -> FileOptions: ...
 
-class Series(Protocol):
-    """Some frames, as needed for tables; see ``Frames``."""
+    @property
+    def box_varies(self) -> bool: ...
 
     @property
     def steps(self) -> NDArray[Any]: ...
@@ -110,35 +62,23 @@ class Series(Protocol):
     def times(self) -> Floats: ...
 
     @property
-    def positions(self) -> Floats: ...
-
-    @property
-    def velocities(self) -> Floats: ...
-
-    @property
-    def boxes(self) -> list[Box]: ...
-
-
-class RunNumbers(RunRecord, RunClock, Protocol):
-    """All that frames read from a run's file; see ``Run``."""
-
-    @property
     def all_steps(self) -> NDArray[Any]: ...
 
     @property
     def all_times(self) -> Floats: ...
 
-    def check_clock(self, rows: range) -> None:
-        """Refuse a damaged step or time of one of these frames."""
+    def __len__(self) -> int: ...
 
-    def refuse_changed(self) -> None:
-        """Refuse a file whose system was changed."""
+    def __getitem__(self, index: int) -> Any: ...
 
-    def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats:
-        """Positions, velocities or forces, shape (f, n, 3)."""
+    def unit_of(self, observable: str) -> str: ...
 
-    def framed(self, frames: slice) -> dict[str, Floats]:
-        """Every observable at some frames."""
+    def check_clock(self, rows: range) -> None: ...
 
-    def boxes_of(self, rows: range) -> list[Box]:
-        """Box of each of some frames, in ascending order."""
+    def refuse_changed(self) -> None: ...
+
+    def vectors(self, what: str, frames: slice, particles: slice = slice(None)) -> Floats: ...
+
+    def framed(self, frames: slice) -> dict[str, Floats]: ...
+
+    def boxes_of(self, rows: range) -> list[Box]: ...

@@ -1,4 +1,7 @@
-"""A Problem as a run's file keeps it, and back where kickdrift ships its equation."""
+"""A Problem as a run's file keeps it, the file's first bytes, and the Problem back where kickdrift ships its equation.
+
+``docs/file-format.md`` describes the whole file.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import h5py
 import numpy as np
 
 from kickdrift.errors import InputError
@@ -17,8 +21,12 @@ from kickdrift.model.state import Floats
 from kickdrift.odes import ODES
 from kickdrift.systemfile.schema import checked, ode_table
 from kickdrift.text import shown
+from kickdrift.trajectory.layout import checkpoints, checksums
+from kickdrift.trajectory.layout.checkpoints import Stored
 from kickdrift.trajectory.layout.named import about, run_of
-from kickdrift.trajectory.layout.record import run_record
+from kickdrift.trajectory.layout.names import add_method, add_text, hashed, image, new_counts, new_run, new_samples
+from kickdrift.trajectory.layout.problem_header import PROBLEM
+from kickdrift.trajectory.layout.record import run_record, to_json
 
 FUNCTIONS = ("f", "energy")  # whose source is compared
 NEARBY = 2.0**-10  # relative distance from y0 to the second state where f is compared
@@ -152,3 +160,43 @@ def changed_functions(problem: Problem, run: ProblemRecord) -> list[str]:
     """The functions whose source is not what it was when the run began."""
     then = run.problem_record.get("functions", {})
     return [key for key in FUNCTIONS if then.get(key, "") != _source_hash(getattr(problem, key))]
+
+
+def problem_image(
+    problem: Problem,
+    record: dict[str, Any],
+    *,
+    method: dict[str, Any],
+    every: int,
+    run_id: str,
+    plan: Sequence[float] = (),
+    start: Stored | None = None,
+) -> bytes:
+    """The bytes of a file that holds everything but samples; see `kickdrift.trajectory.layout.names.header_image`."""
+    with image(run_id) as file:
+        own = new_run(file, new_counts(file), run_id=run_id, every=every, compress=False, plan=plan)
+        add_method(own, method)
+        group = file.create_group(PROBLEM)
+        add_text(group, "source", problem.source)
+        add_text(group, "record", to_json(record))
+        group.create_dataset("y0", data=problem.y0, track_times=False)
+        own.attrs["sha256"] = problem_hash(file)
+        new_samples(file)
+        checksums.new_group(file, 0, 1, ())
+        checkpoints.new_table(file, start)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def problem_hash(file: h5py.File) -> str:
+    """SHA-256, in hexadecimal digits, of all that a file says but once of its run.
+
+    In this order: the texts of ``problem/record``, ``problem/source``, ``method`` and ``versions`` of ``kickdrift``,
+    with a zero byte after each; ``every`` and ``y0``, as little-endian float64.
+    """
+    own = file["kickdrift"]
+    found = hashlib.sha256()
+    for name in ("problem/record", "problem/source", "method", "versions"):
+        found.update(hashed(own[name].asstr()[()]))
+    found.update(hashed(own.attrs["every"]) + hashed(own["problem/y0"][()]))
+    return found.hexdigest()

@@ -18,8 +18,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
 from kickdrift.trajectory.layout.problem_header import ENERGY
-from kickdrift.trajectory.read.shown import ShownProblemRun
-from kickdrift.trajectory.read.tables import library
+from kickdrift.trajectory.read.tables import ShownProblemRun, library
 
 SUFFIXES = kinds.SERIES.suffixes
 TIME = "time"
@@ -85,7 +84,6 @@ def series(times: Floats, y: Floats, energies: Floats | None, columns: Mapping[s
 
 
 def data_frame(columns: Mapping[str, Floats]) -> Any:
-    """A pandas DataFrame of columns."""
     return library("pandas", "to_pandas()").DataFrame(dict(columns))
 
 

@@ -18,12 +18,10 @@ from kickdrift.trajectory.layout import problem_header as header
 from kickdrift.trajectory.layout.checkpoints import Checkpoint
 from kickdrift.trajectory.layout.options import FileOptions
 from kickdrift.trajectory.layout.problem_header import ENERGY, Y
-from kickdrift.trajectory.problems.layout import problem_image
 from kickdrift.trajectory.problems.reader import ProblemRun
-from kickdrift.trajectory.problems.record import record_of
+from kickdrift.trajectory.problems.record import problem_image, record_of
 from kickdrift.trajectory.read.recorded import Recorded
-from kickdrift.trajectory.write.cadence import Cadence
-from kickdrift.trajectory.write.columns import Described, units_of
+from kickdrift.trajectory.write.continued import Cadence, Described, units_of
 from kickdrift.trajectory.write.h5md import FLUSH_BYTES, Writer
 
 

@@ -146,7 +146,6 @@ class Checks:
         return found
 
     def frame(self, number: int) -> bool:
-        """Tell whether one frame is damaged."""
         one = range(number, number + 1)
         found = self.clock[number] or self.observables(one)[0]
         return bool(found or any(self._wrong_vectors(name, one)[0] for name in self._header.vectors))

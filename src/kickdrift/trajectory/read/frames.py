@@ -19,7 +19,7 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.layout.run_parts import RunHeader, RunNumbers
+    from kickdrift.trajectory.layout.run_parts import RunFile
 
 _ENERGIES = ("kinetic_energy", "potential_energy", "total_energy")
 
@@ -53,7 +53,7 @@ class FrameSystem(System):
 class Frame:
     """One frame of a Run, read on demand, in the system's units."""
 
-    _run: RunNumbers
+    _run: RunFile
     index: int
 
     def __repr__(self) -> str:
@@ -135,11 +135,11 @@ class Frames(Sequence[Frame]):
     Values are read on demand: ``run[::100].positions`` reads every hundredth frame at once.
     """
 
-    def __init__(self, of: RunNumbers | None, rows: range) -> None:
+    def __init__(self, of: RunFile | None, rows: range) -> None:
         self._of, self._rows = of, rows
 
     @property
-    def _run(self) -> RunNumbers:
+    def _run(self) -> RunFile:
         """Return the Run. A Run holds no reference to itself, so its file closes when the last user drops the Run."""
         return self if self._of is None else self._of  # type: ignore[return-value]
 
@@ -161,7 +161,7 @@ class Frames(Sequence[Frame]):
         return Frame(self._run, self._rows[index])
 
     @property
-    def run(self) -> RunNumbers:
+    def run(self) -> RunFile:
         """The Run that holds these frames."""
         return self._run
 
@@ -252,7 +252,7 @@ class Frames(Sequence[Frame]):
         return values[::-1] if self._rows.step < 0 else values
 
 
-def energies_of(run: RunHeader, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
+def energies_of(run: RunFile, times: Floats, observables: dict[str, Floats]) -> EnergySeries:
     """Energies among the observables. Raises InputError if they are missing."""
     if missing := [name for name in _ENERGIES if name not in observables]:
         raise InputError(f"{run.path}: holds no {missing[0]}")

@@ -1,35 +1,87 @@
-"""Content of a run's file, as a dictionary and as text. The file is only read, never repaired."""
+"""Content of a run's file and its box over time, as a dictionary and as text. The file is only read, never repaired."""
 
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces import force_class
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.looks.doubts import of_samples
+from kickdrift.looks.record import even_stretch
 from kickdrift.looks.report_lines import mean_text
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.molecules.topology import counts_text
+from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import symbol_of
+from kickdrift.statistics.blocks import block_average
 from kickdrift.text import choices, clean, counted, measured, shown
 from kickdrift.trajectory.read.reader import Run, open
 from kickdrift.trajectory.read.recorded import Recorded
-from kickdrift.trajectory.read.room import means_of
 from kickdrift.trajectory.read.universe import topology_of
 
+VOLUME = "volume"  # a column of the samples of a run with a barostat
 SHOWN = 5  # most unregistered forces that are listed
 WIDTH = 60  # largest width of the column of keys
-
 _METHOD_FIRST = ("engine", "engine_version", "processes", "integrator", "dt", "threads", "seed")
 MOST_SHOWN = 12  # values of a list
 RANGES = 20  # most stretches of damaged rows that are listed
 _SHOWN_UNITS = ("length", "time", "energy")
 _METHOD_SHOWN = (*_METHOD_FIRST, "options")  # all other keys repeat one of these
+
+
+class Room(NamedTuple):
+    """The box of each whole frame.
+
+    Attributes
+    ----------
+    steps, times : (f,) of the frames
+    lengths : (f, 3) diagonals of the edge vectors: the edge lengths of a rectangular box
+    volume : (f,) volumes, in two dimensions areas
+    density : (f,) particles per volume or area
+    """
+
+    steps: NDArray[np.int64]
+    times: Floats
+    lengths: Floats
+    volume: Floats
+    density: Floats
+
+
+def room_of(run: Run) -> Room | None:
+    """The box over time; None if all frames have the box of the run's System, or if the box has no volume."""
+    steps, times, boxes = run.whole_boxes()
+    plane = run.system_record.get("dimensions") == 2
+    if not run.box_varies or not boxes:
+        return None
+    volume = np.array([box.area if plane else box.volume for box in boxes])
+    if not np.isfinite(volume).all():
+        return None
+    lengths = np.array([np.diag(box.matrix) for box in boxes])
+    return Room(steps, times, lengths, volume, len(run.ids) / volume)
+
+
+def means_of(run: Run) -> dict[str, dict[str, float | None]]:
+    """Mean volume and density with standard errors (None if the run is too short): over the samples if these have the
+    volume, else over the frames. Empty for a box that is fixed or open."""
+    room, samples = room_of(run), run.whole_samples()
+    if VOLUME in samples.observables:
+        steps, volume = samples.steps, samples.observables[VOLUME]
+    elif room is not None:
+        steps, volume = room.steps, room.volume
+    else:
+        return {}
+    return {"volume": _mean(steps, volume), "density": _mean(steps, len(run.ids) / volume)}
+
+
+def _mean(steps: NDArray[np.int64], values: Floats) -> dict[str, float | None]:
+    error = float(block_average(values[even_stretch(steps)]).error)
+    return {"mean": float(values.mean()), "error": error if np.isfinite(error) else None}
 
 
 def info(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from kickdrift.trajectory.layout.edges import EDGES, stored
 from kickdrift.trajectory.layout.names import TRAJECTORY
 
 if TYPE_CHECKING:
-    from kickdrift.trajectory.layout.run_parts import RunClock, RunHeader
+    from kickdrift.trajectory.layout.run_parts import RunFile
 
 EVEN = 1e-6  # relative to the time between frames; rounding changes times far less
 _ATOMIC = {"u": 1.0, "kg": 1 / constants.ATOMIC_MASS}
@@ -35,7 +35,7 @@ def mdanalysis(what: str) -> Any:
     return MDAnalysis
 
 
-def universe(run: RunClock) -> Any:
+def universe(run: RunFile) -> Any:
     """MDAnalysis Universe of a run's file: float32, unwrapped, in angstrom and ps.
 
     Nominal units stay nominal: a sigma counts as an angstrom, a tau as a ps. Atoms have names (the bodies' names, else
@@ -82,7 +82,7 @@ def dimensions(box: Box, factor: float) -> list[float] | None:
     return [*edges, 90.0, 90.0, 90.0] if edges.ndim == 1 else list(triclinic_box(*edges))
 
 
-def label(universe: Any, run: RunHeader) -> None:
+def label(universe: Any, run: RunFile) -> None:
     """Give a Universe's atoms the attributes that the file has for its particles."""
     from MDAnalysis.guesser.tables import SYMB2Z
 
@@ -98,7 +98,7 @@ def label(universe: Any, run: RunHeader) -> None:
                 universe.add_TopologyAttr(kind, [tuple(item) for item in items.tolist()])
 
 
-def topology_of(run: RunHeader) -> Topology | None:
+def topology_of(run: RunFile) -> Topology | None:
     """Topology of a run's file; None if the file has none."""
     given = run.system_record.get("topology")
     if not isinstance(given, dict):
@@ -111,22 +111,22 @@ def topology_of(run: RunHeader) -> Topology | None:
     return found
 
 
-def species(run: RunHeader) -> list[str]:
+def species(run: RunFile) -> list[str]:
     """Species of every particle."""
     return [run.species[index] for index in run.species_index]
 
 
-def chemical_symbols(run: RunHeader, known: Container[str]) -> list[str]:
+def chemical_symbols(run: RunFile, known: Container[str]) -> list[str]:
     """Species of every particle if each is a chemical element and units are real, else nothing."""
     return species(run) if not run.nominal_units and all(each in known for each in run.species) else []
 
 
-def atomic_masses(run: RunHeader) -> Floats:
+def atomic_masses(run: RunFile) -> Floats:
     """Masses (n,) in u; unchanged if the file's unit of mass has no value in u."""
     return run.masses * _ATOMIC.get(run.units.mass, 1.0)
 
 
-def spacing(run: RunHeader, times: Floats) -> tuple[float, bool]:
+def spacing(run: RunFile, times: Floats) -> tuple[float, bool]:
     """Time between frames at these times, in the file's ps, and whether the frames are evenly spaced.
 
     If only the last interval is shorter, as at a run's end, the time is that of the others. If frames are otherwise

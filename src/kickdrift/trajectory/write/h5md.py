@@ -25,20 +25,16 @@ from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.trajectory.file import creation, packing
 from kickdrift.trajectory.file.openfile import OpenFile, opening, refuse_second
-from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table
+from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table, behind, same
 from kickdrift.trajectory.layout.contents import Contents
 from kickdrift.trajectory.layout.header import Committed, Outline, outline_of
 from kickdrift.trajectory.layout.names import add_plan, header_image
 from kickdrift.trajectory.layout.options import FileOptions
-from kickdrift.trajectory.layout.order import in_order
-from kickdrift.trajectory.layout.points import behind, same
 from kickdrift.trajectory.layout.record import to_json
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.recorded import Recorded
-from kickdrift.trajectory.write.cadence import Cadence
-from kickdrift.trajectory.write.columns import Described, units_of
-from kickdrift.trajectory.write.continued import check_continued
-from kickdrift.trajectory.write.rows import Rows
+from kickdrift.trajectory.write.continued import Cadence, Described, check_continued, units_of
+from kickdrift.trajectory.write.rows import Rows, in_order
 from kickdrift.trajectory.write.waiting import EventRow
 
 if TYPE_CHECKING:
@@ -115,7 +111,6 @@ class Writer:
 
     @staticmethod
     def _reading(path: Path) -> Recorded:
-        """The file, open for reading."""
         return reader.open(path)
 
     @classmethod
@@ -212,7 +207,6 @@ class Writer:
 
     @property
     def _checkpoints(self) -> Table:
-        """Checkpoint table of the open file."""
         if self._table is None or self._table.file is not self._out.h5:
             self._table = Table(self._out.h5, self.path)
         return self._table
@@ -305,7 +299,6 @@ class Writer:
         self._seen.append(EventRow.of(event))
 
     def name(self, number: int, names: Sequence[str]) -> None:
-        """Write the names of new bodies, from this number on, counted from 0."""
         self._write(lambda: self._rows.name(number, names))
 
     @property
@@ -389,7 +382,6 @@ class Writer:
                 os.replace(part, self.path)
 
     def _unpack(self) -> None:
-        """Continue in an uncompressed file."""
         with packing.rewritten(self._out.h5, self.path, compress=False) as part:
             self._out.replace(part)
 

@@ -183,7 +183,6 @@ class Waiting:
         return {name: column.first(len(self.frames)) for name, column in self._vectors.items()}
 
     def add_events(self, rows: list[EventRow]) -> None:
-        """Add events."""
         self.events += rows
         self.bytes += 8 * EVENT_WIDTH * len(rows)
 

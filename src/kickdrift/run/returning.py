@@ -1,21 +1,15 @@
-"""Error of a run that blew up, or whose method stopped, and the way back to the last good state."""
+"""Going back in a run: to the last good state after an error, or to a checkpoint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
-from kickdrift.engines.session import RunFlow
-from kickdrift.errors import RunError
-from kickdrift.integrators.method import Method
-from kickdrift.integrators.stepping.stepper import Stepper
-from kickdrift.looks.record import Record
+from kickdrift.errors import InputError, RunError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import unwarned
+from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats, State
-
-if TYPE_CHECKING:
-    from kickdrift.run.watch.watched_stepper import WatchedStepper
 
 
 @dataclass
@@ -28,42 +22,18 @@ class Safe:
     box: Box | None = None  # of a run with a barostat
 
 
-class Failing(Protocol):
-    """Attributes of a failed integration; see `run.advance.Integration`."""
-
-    method: Method
-    flow: RunFlow
-    stepper: Stepper | WatchedStepper
-    dt: float | None
-    record: Record
-    at: float | None
-    replaced: bool
-
-    @property
-    def backward(self) -> bool: ...
-
-    @property
-    def moving(self) -> RunFlow: ...
-
-    @property
-    def integrator(self) -> str: ...
-
-    @property
-    def safe(self) -> Safe: ...
-
-
-def go_back(run: Failing) -> None:
+def go_back(run: Any) -> None:
     """Put a run back to its last good state, and forget the events after this state."""
     safe = run.safe
     run.record.events = [event for event in run.record.events if event["time"] <= safe.time]
     if safe.box is not None:
-        run.flow.box = safe.box  # type: ignore[union-attr]
+        run.flow.box = safe.box
     run.stepper.reset(safe.y.copy(), safe.time, safe.step)
     run.at, run.replaced = None, True
 
 
 @unwarned
-def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseException, BaseException | None]:
+def failure(run: Any, inside_step: bool, stopped: bool) -> tuple[BaseException, BaseException | None]:
     """Return the error to raise and its cause.
 
     With ``inside_step``, the current step failed; otherwise the last completed step did. ``stopped`` means that the
@@ -88,3 +58,39 @@ def failure(run: Failing, inside_step: bool, stopped: bool) -> tuple[BaseExcepti
     error = RunError(f"{run.integrator}{with_step}: {message}")
     error.state, error.failed_at = last, (step, time)
     return error, raised
+
+
+def checkpoint_of(run: Any) -> Memory:
+    """Return a checkpoint; see ``Simulation.checkpoint``."""
+    return {
+        "step": run.steps_done,
+        "time": run.time,
+        "integrator": run.method.name,
+        "options": dict(run.options),
+        "stepper": run.stepper.memory(),
+        "present": run.at,
+        "record": run.record.memory(),
+    }
+
+
+def restore(run: Any, checkpoint: Memory) -> None:
+    """Continue from a checkpoint; see ``Simulation.restore``."""
+    try:
+        _check(run, checkpoint)
+        run.recall(checkpoint)
+    except InputError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError) as error:
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"checkpoint: does not fit a run of this system: {why[:200]}") from None
+
+
+def _check(run: Any, checkpoint: Memory) -> None:
+    """Refuse a checkpoint whose method, options or bodies differ."""
+    own = {"integrator": run.method.name, **run.options}
+    for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
+        if own.get(key) != (tuple(value) if isinstance(value, list) else value):
+            raise InputError(f"checkpoint: {key} is {value!r} in the checkpoint and {own.get(key)!r} in this run")
+    there, here = checkpoint["stepper"]["y"].shape, run.stepper.y.shape
+    if there != here and not run.events:
+        raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns; the system has {here[-1]}")
