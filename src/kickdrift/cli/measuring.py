@@ -1,24 +1,27 @@
-"""The commands ``compare``, ``chaos``, ``transits`` and ``certify``."""
+"""The commands ``compare``, ``chaos``, ``transits``, ``certify`` and ``analyze``."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import in_units
-from kickdrift.cli.amounts import length as span
-from kickdrift.cli.console import busy, print_lines, progress_bar, say
+from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found
 from kickdrift.cli.options import (
     JsonOption,
     OverwriteOption,
     QuietOption,
     SubjectArgument,
     ThreadsOption,
+    argument,
+    in_units,
+    length,
+    option,
     with_options,
 )
-from kickdrift.cli.printing import show_found
+from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
@@ -30,25 +33,18 @@ from kickdrift.text import shown
 def compare(
     system: SubjectArgument,
     integrator: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
+        list[str] | None, option("NAME", "Integrator; repeat for several (default: a suitable choice).")
     ] = None,
     options: Any = None,
     time: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the pilot runs (default: about a minute's worth).")
+        Any, option("T", "Length of the pilot runs (default: about a minute's worth).", parser=span)
     ] = None,
-    accuracy: Annotated[
-        float | None, typer.Option(metavar="X", help="Wanted relative error: recommend a method and a step.")
-    ] = None,
-    length: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the planned run (default: the file's).")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
+    accuracy: Annotated[float | None, option("X", "Wanted relative error: recommend a method and a step.")] = None,
+    length: Annotated[Any, option("T", "Length of the planned run (default: the file's).", parser=span)] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw error against evaluations and seconds.")
-    ] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw error against evaluations and seconds.")] = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -78,18 +74,15 @@ def compare(
 @with_options("dt", "rtol", "atol")
 def chaos(
     system: SubjectArgument,
-    time: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the run, such as '5 yr' (default: the file's).")
-    ] = None,
+    time: Annotated[Any, option("T", "Length of the run, such as '5 yr' (default: the file's).", parser=span)] = None,
     integrator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
+        str | None, option("NAME", "Default: the file's if it can carry deviations, else dop853.")
     ] = None,
     options: Any = None,
     spectrum: Annotated[
-        str | None,
-        typer.Option(metavar="K", help="Lyapunov spectrum instead: the K largest exponents, or all of them."),
+        str | None, option("K", "Lyapunov spectrum instead: the K largest exponents, or all of them.")
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
+    seed: Annotated[int, option("S", "Seed of the first deviation.", min=0)] = 0,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -123,28 +116,18 @@ def chaos(
 @with_options("dt", "rtol", "atol")
 def transits(
     system: SubjectArgument,
-    planet: Annotated[str, typer.Argument(metavar="PLANET", help="Name or number of the planet.")],
-    until: Annotated[Any, typer.Option(metavar="T", parser=span, help="Last time, such as '40 day'.")],
-    star: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name or number of the star (default: the most massive body).")
-    ] = None,
-    direction: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="Direction from the system towards the observer.")
-    ] = "0,0,1",
+    planet: Annotated[str, argument("PLANET", "Name or number of the planet.")],
+    until: Annotated[Any, option("T", "Last time, such as '40 day'.", parser=span)],
+    star: Annotated[str | None, option("NAME", "Name or number of the star (default: the most massive body).")] = None,
+    direction: Annotated[str, option("X,Y,Z", "Direction from the system towards the observer.")] = "0,0,1",
     within: Annotated[
-        str | None,
-        typer.Option(
-            metavar="D", help="Largest distance on the sky (default: the sum of both radii, if there are any)."
-        ),
+        str | None, option("D", "Largest distance on the sky (default: the sum of both radii, if there are any).")
     ] = None,
     masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
     elements: Annotated[
-        list[str] | None,
-        typer.Option(metavar="BODY.KEY", help="Orbital element to differentiate by, such as b.e; repeat for several."),
+        list[str] | None, option("BODY.KEY", "Orbital element to differentiate by, such as b.e; repeat for several.")
     ] = None,
-    integrator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the file's if it suits, else gauss-radau15.")
-    ] = None,
+    integrator: Annotated[str | None, option("NAME", "Default: the file's if it suits, else gauss-radau15.")] = None,
     options: Any = None,
     threads: ThreadsOption = 1,
     json_file: JsonOption = None,
@@ -191,38 +174,28 @@ def _amount(text: str | None) -> Any:
 def certify(
     runs: Annotated[
         list[str],
-        typer.Argument(
-            metavar="RUN|SYSTEM",
-            help="A run's .h5md, or two at neighbouring temperatures; or a system, for its forces.",
-        ),
+        argument("RUN|SYSTEM", "A run's .h5md, or two at neighbouring temperatures; or a system, for its forces."),
     ],
     temperature: Annotated[
-        list[float] | None,
-        typer.Option(metavar="T", help="Temperature (default: the heat bath's); repeat for two runs."),
+        list[float] | None, option("T", "Temperature (default: the heat bath's); repeat for two runs.")
     ] = None,
-    pressure: Annotated[
-        list[float] | None, typer.Option(metavar="P", help="Pressure of a barostat; repeat for two runs.")
-    ] = None,
-    constraints: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Rigid bonds and angles in runs of other programs.")
-    ] = 0,
+    pressure: Annotated[list[float] | None, option("P", "Pressure of a barostat; repeat for two runs.")] = None,
+    constraints: Annotated[int, option("N", "Rigid bonds and angles in runs of other programs.", min=0)] = 0,
     topology: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Topology of other programs' trajectories, which MDAnalysis then reads."),
+        Path | None, option("FILE", "Topology of other programs' trajectories, which MDAnalysis then reads.")
     ] = None,
     engine: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Run a system on this engine first; see: kickdrift list engines.")
+        str | None, option("NAME", "Run a system on this engine first; see: kickdrift list engines.")
     ] = None,
     forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
     calculator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="ASE calculator, such as ase.calculators.emt.EMT, for a structure file."),
+        str | None, option("NAME", "ASE calculator, such as ase.calculators.emt.EMT, for a structure file.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the tests of forces.")] = None,
-    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw the tests of forces.")] = None,
+    integrator: Annotated[str | None, option("NAME", "Integrator of the engine's run.")] = None,
     options: Any = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of the engine's run.")] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between its samples.")] = None,
+    steps: Annotated[int | None, option("N", "Steps of the engine's run.", min=1)] = None,
+    every: Annotated[int | None, option("K", "Steps between its samples.", min=1)] = None,
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
@@ -325,3 +298,35 @@ def _tested(name: str, calculator: str | None) -> Any:
     if name in FORCES and not is_shipped(name) and not Path(name).exists():
         return FORCES[name]()
     return load_or_run(name)
+
+
+Frames = StrEnum("Frames", "jacobi heliocentric barycentric")  # origins of orbits
+Planes = StrEnum("Planes", "invariable file")  # reference planes of orbits
+
+
+def analyze(
+    run: Annotated[Path, argument("RUN.h5md", "A run's file, of bodies under gravity.")],
+    frame: Annotated[Frames, option("NAME", f"Origin of the orbits: {', '.join(Frames)}.")] = Frames.jacobi,
+    plane: Annotated[
+        Planes, option("NAME", f"Plane of inclinations and nodes: {', '.join(Planes)}.")
+    ] = Planes.invariable,
+    order: Annotated[int, option("N", "Largest p - q of resonances p : q of mean motions.", min=1)] = 4,
+    until: Annotated[Any, option("T", "Last time to use, such as '20 Myr' (default: all).", parser=length)] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw the orbits' frequencies and librating angles.")] = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Find the proper frequencies of each orbit, their secular periods, and resonant angles that librate."""
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])
+    from kickdrift.analysis.orbits.secular_run import orbit_report
+
+    with busy(f"analysing {run}", quiet):
+        found = orbit_report(run, str(frame), str(plane), order, until)
+    show_found(found, json_file, overwrite)
+    if plot is not None:
+        from kickdrift.plots.runs import checked_target, save_figure
+
+        with busy(f"drawing {plot}", quiet):
+            drawn = save_figure(found.plot(), checked_target(plot, overwrite))
+        out(str(drawn))

@@ -1,7 +1,8 @@
-"""The commands ``run`` and ``resume``."""
+"""The commands ``run``, ``resume`` and ``relax``."""
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,10 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import in_units, length, row, whole
 from kickdrift.cli.console import busy, print_lines, progress_bar, say
-from kickdrift.cli.equilibrating import with_keys
-from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
     FlushOption,
     HostsOption,
@@ -21,13 +19,25 @@ from kickdrift.cli.options import (
     QuietOption,
     SubjectArgument,
     ThreadsOption,
+    amount,
+    argument,
+    in_units,
+    length,
     method_names,
+    option,
+    row,
+    whole,
     with_options,
 )
-from kickdrift.cli.watching import ImdOption, ImdWaitOption, LiveOption, check_watching, watched
-from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.cli.watching import ImdOption, ImdWaitOption, Interruption, LiveOption, check_watching, watched
+from kickdrift.disk import kinds
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.integrators.asked import known_options
+from kickdrift.model.checks.limits import whole_text
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -35,14 +45,54 @@ if TYPE_CHECKING:
     from kickdrift.run.simulation import Simulation
     from kickdrift.trajectory.layout.options import FileOptions
 
+WHOLE = ("steps", "interval")
+
+
+def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
+    """The system with keys of [equilibrate] from texts KEY=VALUE, over those of its file."""
+    from kickdrift.systemfile.schema_run import EquilibrateTable, equilibration_of
+
+    if not pairs:
+        return chosen
+    if not isinstance(chosen, System):
+        raise InputError("--equilibrate: a Problem has no temperature")
+    given: dict[str, Any] = {}
+    for text in pairs:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (equals and key and value):
+            raise InputError(f"--equilibrate: expected KEY=VALUE, such as temperature=1, got {shown(text)}")
+        if key in given:
+            raise InputError(f"--equilibrate {key}: is given twice")
+        known = None if key in EquilibrateTable.model_fields else known_options().get(key)
+        given[key] = known.parsed(value) if known else _number(key, value)
+    said = chosen.equilibration.said() if chosen.equilibration else {}
+    for one, other in (("steps", "time"), ("time", "steps")):
+        if one in given and other not in given:
+            said.pop(other, None)
+    made = copy(chosen)
+    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units))
+    return made
+
+
+def _number(key: str, text: str) -> int | float | str:
+    """The number that a text is, whole where it must be, or the text itself."""
+    whole = whole_text(text)
+    if whole is not None:
+        return whole
+    try:
+        found = float(text)
+    except ValueError:
+        return text
+    return int(found) if key in WHOLE and found.is_integer() else found
+
 
 TimesOption = Annotated[
     Any,
-    typer.Option(
-        metavar="T,…",
-        parser=row,
-        help="Samples and frames at exactly these times, which rise: 1,2.5,4 or START:STOP:COUNT. The run ends at the "
+    option(
+        "T,…",
+        "Samples and frames at exactly these times, which rise: 1,2.5,4 or START:STOP:COUNT. The run ends at the "
         "last one.",
+        parser=row,
     ),
 ]
 
@@ -53,67 +103,54 @@ TimesOption = Annotated[
 def run(
     system: SubjectArgument,
     integrator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="See: kickdrift list integrators.", autocompletion=method_names),
+        str | None, option("NAME", "See: kickdrift list integrators.", autocompletion=method_names)
     ] = None,
     options: Any = None,
-    steps: Annotated[
-        int | None, typer.Option(metavar="N", parser=whole(0), help="Number of steps, such as 1e6.")
-    ] = None,
+    steps: Annotated[int | None, option("N", "Number of steps, such as 1e6.", parser=whole(0))] = None,
     time: Annotated[
         Any,
-        typer.Option(
-            metavar="T",
+        option(
+            "T",
+            "Length of the run in time, such as '5 ps', instead of --steps; negative for a run back in time.",
             parser=length,
-            help="Length of the run in time, such as '5 ps', instead of --steps; negative for a run back in time.",
         ),
     ] = None,
     exact: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="With fixed steps, a --time between two steps: false runs to the nearest (default), true is an error, "
+        option(
+            "NAME",
+            "With fixed steps, a --time between two steps: false runs to the nearest (default), true is an error, "
             "shorten shortens the last step.",
         ),
     ] = None,
-    every: Annotated[
-        int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples and frames.")
-    ] = None,
+    every: Annotated[int | None, option("K", "Steps between samples and frames.", parser=whole(1))] = None,
     interval: Annotated[
-        Any,
-        typer.Option(metavar="T", parser=length, help="Time between samples and frames, for adaptive methods."),
+        Any, option("T", "Time between samples and frames, for adaptive methods.", parser=length)
     ] = None,
     times: TimesOption = None,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
+        Path | None, option("FILE", "Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
     ] = None,
     overwrite: OverwriteOption = False,
     flush: FlushOption = None,
-    store: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Type of stored frames: float64 (default), float32.")
-    ] = None,
+    store: Annotated[str | None, option("NAME", "Type of stored frames: float64 (default), float32.")] = None,
     old_store: Annotated[str | None, typer.Option("--precision", hidden=True)] = None,
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
-    write: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
+    write: Annotated[str | None, option("NAMES", "Further data in frames: forces, images, or forces,images.")] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     equilibrate: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "KEY=VALUE",
+            "A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
             "--equilibrate",
             "-e",
-            metavar="KEY=VALUE",
-            help="A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
         ),
     ] = None,
     threads: ThreadsOption = 1,
-    engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
+    engine: Annotated[str, option("NAME", "See: kickdrift list engines.")] = "native",
     processes: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps (default: 1)."
-        ),
+        int | None, option("N", "Number of processes, for an engine that can use several: lammps (default: 1).", min=1)
     ] = None,
     hosts: HostsOption = None,
     imd: ImdOption = None,
@@ -191,21 +228,16 @@ def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | No
 
 
 def resume(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A run's .h5md, or the .h5 of an ODE, finished or not.")],
+    file: Annotated[Path, argument("FILE", "A run's .h5md, or the .h5 of an ODE, finished or not.")],
     steps: Annotated[
-        int | None,
-        typer.Option(metavar="N", parser=whole(0), help="Continue to this step, counted from the run's start."),
+        int | None, option("N", "Continue to this step, counted from the run's start.", parser=whole(0))
     ] = None,
     time: Annotated[
-        Any,
-        typer.Option(
-            metavar="T", parser=length, help="Continue to this time since the run's start, instead of --steps."
-        ),
+        Any, option("T", "Continue to this time since the run's start, instead of --steps.", parser=length)
     ] = None,
     times: TimesOption = None,
     threads: Annotated[
-        int | None,
-        typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
+        int | None, option("K", "Threads (default: as in the run); they do not change the results.", min=1)
     ] = None,
     hosts: HostsOption = None,
     flush: FlushOption = None,
@@ -275,3 +307,58 @@ def show(
         write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # a full disk does not lose the results
         print_lines(lines_of(report.written_to(output)))
+
+
+def relax(
+    system: SubjectArgument,
+    output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
+    force: Annotated[
+        Any,
+        option(
+            "F",
+            "Tolerance of the largest force on a particle (default 1e-6).",
+            parser=amount("a force such as 1e-6, or '1e-6 eV/angstrom'"),
+        ),
+    ] = None,
+    steps: Annotated[int | None, option("N", "Most steps (default 10000).", parser=whole(0))] = None,
+    method: Annotated[str | None, option("NAME", "fire (default) or l-bfgs.")] = None,
+    max_displacement: Annotated[
+        Any,
+        option(
+            "X",
+            "Longest step of a particle (default: a tenth of the shortest sigma).",
+            parser=amount("a length such as 0.1, or '0.3 angstrom'"),
+        ),
+    ] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    threads: ThreadsOption = 1,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
+    keeps the velocities of the file."""
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
+    from kickdrift.forces.bound.forces import check_threads
+    from kickdrift.model.system import System
+    from kickdrift.run.relax.minimization import minimum
+    from kickdrift.systemfile.python_file import load_or_run
+
+    start = load_or_run(system, seed, overlaps=True)
+    if not isinstance(start, System):
+        raise InputError(f"{system}: is an ODE; relax needs particles")
+    if output is not None:
+        start.at(start.state.phase, 0.0).to_toml()  # refuses a system that no file can hold, before any work
+    asked = {"force": force, "steps": steps, "method": method, "max_displacement": max_displacement}
+    given = {key: value for key, value in asked.items() if value is not None}
+    with progress_bar(quiet) as bar:
+        found = minimum(start, check_threads(threads), **given, progress=bar("minimizing"))
+    if not found.converged:
+        say(f"warning: not converged: {found.trouble}", quiet)
+    try:
+        write_system(output, found.system.to_toml() if output else "", overwrite=overwrite)
+        write_json(json_file, found.as_json(), overwrite=overwrite)
+    finally:
+        print_lines([*lines_of(found), *([("written", str(output))] if output else [])])
+    if not found.converged:
+        raise typer.Exit(1)

@@ -62,10 +62,7 @@ def refuse_outputs(
 
 
 def checked_target(
-    output: str | os.PathLike[str],
-    kind: Kind,
-    overwrite: bool,
-    inputs: Iterable[str | os.PathLike[str] | None] = (),
+    output: str | os.PathLike[str], kind: Kind, overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Path:
     """Checked path of a file to be written. Raises InputError for a wrong name, an existing file or a missing
     folder."""

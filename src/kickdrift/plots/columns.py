@@ -8,17 +8,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
-from kickdrift.plots.runs import (
-    COLOURS,
-    GRID,
-    INK,
-    _thin,
-    _time_axis,
-    _title,
-    new_axes,
-    new_figure,
-    with_unit,
-)
+from kickdrift.plots.runs import COLOURS, GRID, INK, _thin, _time_axis, _title, new_axes, new_figure, with_unit
 from kickdrift.text import choices, shown, suggestion
 from kickdrift.trajectory.read import reader
 

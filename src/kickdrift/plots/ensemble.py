@@ -40,11 +40,7 @@ MOST_LABELS = 8  # most values along a map's axis that are all labelled
 
 
 def plot_ensemble(
-    path: str | os.PathLike[str],
-    output: str | os.PathLike[str],
-    column: str | None = None,
-    *,
-    overwrite: bool = False,
+    path: str | os.PathLike[str], output: str | os.PathLike[str], column: str | None = None, *, overwrite: bool = False
 ) -> Path:
     """Draw a column of an ensemble's table against the varied keys. Return the figure's path.
 

@@ -20,17 +20,7 @@ from kickdrift.analysis.observables.motion import (
 from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import (
-    COLOURS,
-    GRID,
-    INK,
-    _title,
-    new_axes,
-    new_figure,
-    printed,
-    with_unit,
-    write_figure,
-)
+from kickdrift.plots.runs import COLOURS, GRID, INK, _title, new_axes, new_figure, printed, with_unit, write_figure
 from kickdrift.text import measured
 from kickdrift.trajectory.read import reader
 

@@ -53,10 +53,7 @@ def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, ov
 
 
 def write_figure(
-    path: str | os.PathLike[str],
-    output: str | os.PathLike[str],
-    overwrite: bool,
-    draw: Callable[[reader.Run], Figure],
+    path: str | os.PathLike[str], output: str | os.PathLike[str], overwrite: bool, draw: Callable[[reader.Run], Figure]
 ) -> Path:
     """Write the figure that ``draw`` makes of a run's file. Return the figure's path."""
     target = checked_target(output, overwrite, path)

@@ -19,10 +19,7 @@ if TYPE_CHECKING:
 FEW = 12  # most bodies with a line each
 ANGLES = 4  # most angles that are drawn
 WIDE = 1.6  # range of the spectra over the fastest proper frequency
-KINDS = (
-    ("z", "g", "Pericentres", "e cos ϖ", "e sin ϖ"),
-    ("zeta", "s", "Nodes", "sin(i/2) cos Ω", "sin(i/2) sin Ω"),
-)
+KINDS = (("z", "g", "Pericentres", "e cos ϖ", "e sin ϖ"), ("zeta", "s", "Nodes", "sin(i/2) cos Ω", "sin(i/2) sin Ω"))
 
 
 def orbit_report_figure(report: OrbitReport) -> Figure:

@@ -21,12 +21,7 @@ from kickdrift.model.checks.other_names import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
 from kickdrift.model.orbits.orbits import G_given
 from kickdrift.model.problem import Problem
-from kickdrift.model.starts.builders import (
-    Structure,
-    check_overlaps,
-    maxwell_boltzmann,
-    read_structure,
-)
+from kickdrift.model.starts.builders import Structure, check_overlaps, maxwell_boltzmann, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
