@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
 from kickdrift.odes import pendulum
-from kickdrift.plots.shadow import plot_shadow
+from kickdrift.plots.results import plot_shadow
 from kickdrift_validation.claim import Claim, claim, main
 
 STEPS = (0.4, 0.2, 0.1, 0.05, 0.025)

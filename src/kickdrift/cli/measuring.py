@@ -63,7 +63,7 @@ def compare(
         )
     show_found(found, json_file, overwrite)
     if plot:
-        from kickdrift.plots.compare import plot_comparison
+        from kickdrift.plots.results import plot_comparison
 
         with busy(f"drawing {plot}", quiet):
             plot_comparison(found, plot, overwrite=overwrite)
@@ -274,8 +274,8 @@ def _certify_forces(
             progress=bar("testing"),
         )
     if plot is not None:
-        from kickdrift.plots.forces import force_figure
-        from kickdrift.plots.runs import checked_target, save_figure
+        from kickdrift.plots.drawing import checked_target, save_figure
+        from kickdrift.plots.results import force_figure
 
         with busy(f"drawing {plot}", quiet):
             save_figure(force_figure(found), checked_target(plot, overwrite))
@@ -325,7 +325,7 @@ def analyze(
         found = orbit_report(run, str(frame), str(plane), order, until)
     show_found(found, json_file, overwrite)
     if plot is not None:
-        from kickdrift.plots.runs import checked_target, save_figure
+        from kickdrift.plots.drawing import checked_target, save_figure
 
         with busy(f"drawing {plot}", quiet):
             drawn = save_figure(found.plot(), checked_target(plot, overwrite))

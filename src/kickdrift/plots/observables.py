@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from functools import partial
 from itertools import combinations_with_replacement
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from warnings import warn
 
@@ -20,7 +17,7 @@ from kickdrift.analysis.observables.motion import (
 from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _title, new_axes, new_figure, printed, with_unit, write_figure
+from kickdrift.plots.drawing import COLOURS, GRID, INK, new_axes, new_figure, printed, title_of, with_unit
 from kickdrift.text import measured
 from kickdrift.trajectory.read import reader
 
@@ -45,20 +42,13 @@ class Curve(NamedTuple):
     error: Floats
 
 
-def plot_observable(
-    path: str | os.PathLike[str], kind: str, output: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
-    """Draw "rdf", "msd", "vacf" or "structure-factor" of a run. Return the figure's path.
+def observable_figure(run: reader.Run, kind: str) -> Figure:
+    """ "rdf", "msd", "vacf" or "structure-factor" of an open file.
 
     If there are few species, each species or pair has its own line. Bands and bars are standard errors by block
     averages, and a panel below shows the errors alone. A run that is too short has no errors. g(r) and S(k) are
     averages over frames spread evenly over the run without the first, as many as take a few seconds.
     """
-    return write_figure(path, output, overwrite, partial(observable_figure, kind=kind))
-
-
-def observable_figure(run: reader.Run, kind: str) -> Figure:
-    """The figure of ``plot_observable``, of an open file."""
     measure, draw = KINDS[kind]
     if not len(run):
         raise InputError(f"{run.path}: no frame to draw")
@@ -72,7 +62,7 @@ def observable_figure(run: reader.Run, kind: str) -> Figure:
         warn(f"{kind}: the curve has {points}; write frames more often, or run longer", stacklevel=3)
     if any(curve.label for curve in curves):
         axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
-    figure.suptitle(_title(run), fontsize=11, color=INK)
+    figure.suptitle(title_of(run), fontsize=11, color=INK)
     return figure
 
 
@@ -139,8 +129,7 @@ def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     axes.axhline(1.0, color=GRID, linewidth=1.2)
     _lines(axes, curves)
     _name(axes, "Radial distribution function", with_unit("r", run.units.length), "g(r)")
-    axes.set_xlim(0.0, None)
-    axes.set_ylim(bottom=0.0)
+    axes.set(xlim=(0.0, None), ylim=(0.0, None))
 
 
 def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
@@ -150,14 +139,12 @@ def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> 
         bars = np.where(np.isfinite(curve.error), curve.error, 0.0)
         axes.errorbar(curve.x, curve.y, bars, fmt="o", markersize=3.5, color=colour, elinewidth=1.0, capsize=2.0)
     _name(axes, "Static structure factor", with_unit("k", f"1/{run.units.length}"), "S(k)")
-    axes.set_xlim(0.0, None)
-    axes.set_ylim(bottom=0.0)
+    axes.set(xlim=(0.0, None), ylim=(0.0, None))
 
 
 def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     _lines(axes, curves)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     squared = with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
     _name(axes, "Mean squared displacement", with_unit("time", run.units.time), squared)
 
@@ -182,21 +169,18 @@ def _lines(axes: Axes, curves: list[Curve]) -> None:
 def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
     """Draw the errors alone, which are thinner than a line for a long run."""
     axes = new_axes(figure, (4, 1, 4))
-    axes.set_xscale(above.get_xscale())
-    axes.set_yscale("log")
+    axes.set(xscale=above.get_xscale(), yscale="log")
     for curve, colour in zip(curves, COLOURS, strict=False):
         drawn = np.isfinite(curve.error) & (curve.error > 0)
         axes.plot(curve.x[drawn], curve.error[drawn], ".", color=colour, markersize=3.0)
     axes.set_xlim(above.get_xlim())
-    axes.set_xlabel(above.get_xlabel())
-    axes.set_ylabel("standard error")
+    axes.set(xlabel=above.get_xlabel(), ylabel="standard error")
     above.set_xlabel("")
 
 
 def _name(axes: Axes, title: str, x: str, y: str) -> None:
     axes.set_title(f"{title} (± one standard error)", fontsize=11)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+    axes.set(xlabel=x, ylabel=y)
 
 
 Measure = Callable[[reader.Run], list[Curve]]

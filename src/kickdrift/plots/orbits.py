@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,20 +13,19 @@ from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.starts.universal import TAU
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.plots.runs import (
+from kickdrift.plots.drawing import (
     COLOURS,
     GRID,
     INK,
-    _draw_error,
-    _thin,
-    _time_axis,
-    _title,
-    energy_taken,
+    legend,
     new_axes,
     new_figure,
+    thin,
+    time_axis,
+    title_of,
     with_unit,
-    write_figure,
 )
+from kickdrift.plots.runs import _draw_error, energy_taken
 from kickdrift.trajectory.read import reader
 
 if TYPE_CHECKING:
@@ -46,35 +43,24 @@ CLOSE = 0.8  # share of a few bodies' places, without a dominant one, inside the
 BODY_COLOURS = (*COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
 
 
-def has_orbits(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a run's file has bodies under gravity and frames to draw."""
-    with reader.open(path) as run:
-        return orbits_in(run)
-
-
 def orbits_in(run: reader.Run) -> bool:
     """Tell whether an open file has bodies under gravity and frames to draw."""
     return gravity_of(run) is not None and len(run) > 0 and len(run.ids) > 1
 
 
-def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw the orbits of a run's bodies. Return the figure's path.
+def orbits_figure(run: reader.Run) -> Figure:
+    """Orbits of the bodies of an open file.
 
     The plane is perpendicular to the total angular momentum, seen from the side where the bodies turn counterclockwise.
     It is x-y if they do not turn. Positions are relative to the barycentre. A body whose frames are too far apart for a
     path is drawn by its ellipses, faint, with the last one strong. A body that was absorbed or removed is drawn up to
     its end.
     """
-    return write_figure(path, output, overwrite, orbits_figure)
-
-
-def orbits_figure(run: reader.Run) -> Figure:
-    """The figure of ``plot_orbits``, of an open file."""
     found = paths(run, FRAMES)
     if len(run.ids) < 2:
         raise InputError(f"{run.path}: one body; orbits need two or more")
     energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
-    units, title = run.units, _title(run, "bodies")
+    units, title = run.units, title_of(run, "bodies")
     axes = invariable_axes(found)
     flat = np.allclose(axes, np.eye(3), rtol=0, atol=1e-12)
     found = found._replace(positions=found.positions @ axes.T, velocities=found.velocities @ axes.T)
@@ -191,12 +177,14 @@ def _draw_plane(
         axes.plot(x[:, 0], x[:, 1], ".", color=COLOURS[0], markersize=2.2, alpha=0.7)
         if found.central is not None:
             axes.plot(*x[found.central, :2], "*", color=COLOURS[5], markersize=10)
-    axes.set_xlim(centre[0] - reach, centre[0] + reach)
-    axes.set_ylim(centre[1] - reach, centre[1] + reach)
-    axes.set_aspect("equal")
-    axes.set_title(title if lines else f"{title}, at the end")
-    axes.set_xlabel(with_unit("x", units.length))
-    axes.set_ylabel(with_unit("y", units.length))
+    axes.set(
+        xlim=(centre[0] - reach, centre[0] + reach),
+        ylim=(centre[1] - reach, centre[1] + reach),
+        aspect="equal",
+        title=title if lines else f"{title}, at the end",
+        xlabel=with_unit("x", units.length),
+        ylabel=with_unit("y", units.length),
+    )
 
 
 def _draw_space(figure: Any, place: tuple[int, int, int], found: Paths, lines: list[list[Floats]],
@@ -247,9 +235,8 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
             for frame, colour, when in ((0, COLOURS[6], "start"), (-1, COLOURS[0], "end")):
                 axes.plot(found.a[frame][bound], values[frame][bound], ".", color=colour, markersize=2.5, alpha=0.6,
                           label=when)  # fmt: skip
-            axes.set_xlabel(with_unit("semi-major axis", units.length))
-            axes.set_ylabel(label)
-            axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+            axes.set(xlabel=with_unit("semi-major axis", units.length), ylabel=label)
+            legend(axes)
         return
     panels = (
         (found.a, with_unit("semi-major axis", units.length)),
@@ -260,10 +247,10 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
         axes = new_axes(figure, (1, columns, column + 1))
         for k in range(len(orbits.names)):
             fine = np.isfinite(values[:, k])
-            axes.plot(*_thin(orbits.times[fine], values[fine, k]), color=BODY_COLOURS[k % len(BODY_COLOURS)],
+            axes.plot(*thin(orbits.times[fine], values[fine, k]), color=BODY_COLOURS[k % len(BODY_COLOURS)],
                       linewidth=0.9)  # fmt: skip
         axes.set_title(label[:1].upper() + label[1:])
-        _time_axis(axes, units)
+        time_axis(axes, units)
         known = values[np.isfinite(values)]
         if column == 0 and np.all(known > 0) and np.ptp(known) > (INNER - 1.0) * known.min():
             axes.set_yscale("log")

@@ -15,7 +15,7 @@ from kickdrift.integrators.asked import Integrator, method_of, takers_text
 from kickdrift.integrators.options.option import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _thin, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, legend, new_axes, new_figure, save_figure, thin
 from kickdrift.run.plan.lengths import steps_to
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import length_of
@@ -195,11 +195,10 @@ def _draw_series(axes: Axes, solution: Solution) -> None:
     shown = min(n // 2 if solution.separable else n, MOST_LINES)
     for k in range(shown):
         times, values = _finite(solution.times, solution.y[:, k])
-        axes.plot(*_thin(times, values), label=f"y{k}", color=COLOURS[k % len(COLOURS)], linewidth=1.1)
-    axes.set_xlabel("time")
-    axes.set_ylabel("y0" if shown == 1 else "y")
+        axes.plot(*thin(times, values), label=f"y{k}", color=COLOURS[k % len(COLOURS)], linewidth=1.1)
+    axes.set(xlabel="time", ylabel="y0" if shown == 1 else "y")
     if shown > 1:
-        axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+        legend(axes)
 
 
 def _draw_portrait(axes: Axes, solution: Solution) -> None:
@@ -207,8 +206,7 @@ def _draw_portrait(axes: Axes, solution: Solution) -> None:
     other = solution.y.shape[1] // 2 if solution.separable else 1
     axes.plot(*_finite(solution.y[:, 0], solution.y[:, other]), color=COLOURS[0], linewidth=0.7)
     axes.plot(*solution.y[:1, [0, other]].T, marker="o", color=INK, markersize=4)
-    axes.set_xlabel("y0")
-    axes.set_ylabel(f"y{other}")
+    axes.set(xlabel="y0", ylabel=f"y{other}")
 
 
 def _draw_error(axes: Axes, solution: Solution) -> None:
@@ -217,10 +215,8 @@ def _draw_error(axes: Axes, solution: Solution) -> None:
     first = float(solution.energies[0])
     times, error = _finite(solution.times, np.abs(solution.energies - first) / (abs(first) or 1.0))
     drawn = error > 0  # zero, as at the start, cannot be drawn on a logarithmic axis
-    axes.plot(*_thin(times[drawn], error[drawn]), color=COLOURS[1], linewidth=0.9)
-    axes.set_yscale("log")
-    axes.set_xlabel("time")
-    axes.set_ylabel("|E − E$_0$| / |E$_0$|" if first else "|E − E$_0$|")
+    axes.plot(*thin(times[drawn], error[drawn]), color=COLOURS[1], linewidth=0.9)
+    axes.set(yscale="log", xlabel="time", ylabel="|E − E$_0$| / |E$_0$|" if first else "|E − E$_0$|")
     if len(times) and not drawn.any():
         axes.set_ylim(1e-17, 1e-15)
         axes.text(0.5, 0.5, "no error", transform=axes.transAxes, ha="center", color=INK)
@@ -230,9 +226,8 @@ def _column(name: str, values: Floats) -> Panel:
     """One column of the table against time."""
 
     def draw(axes: Axes, solution: Solution) -> None:
-        axes.plot(*_thin(*_finite(solution.times, values)), color=COLOURS[0], linewidth=1.1)
-        axes.set_xlabel("time")
-        axes.set_ylabel(name)
+        axes.plot(*thin(*_finite(solution.times, values)), color=COLOURS[0], linewidth=1.1)
+        axes.set(xlabel="time", ylabel=name)
 
     return draw
 

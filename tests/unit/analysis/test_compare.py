@@ -18,7 +18,7 @@ from kickdrift.analysis.compare.work_precision import Comparison, work_precision
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
-from kickdrift.plots.shadow import plot_shadow
+from kickdrift.plots.results import plot_shadow
 from kickdrift.statistics.growth import Growth, energy_growth, position_growth
 
 
