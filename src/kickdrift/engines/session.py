@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kickdrift.engines.heat_baths import EngineBath
-from kickdrift.engines.job import Job
+from kickdrift.engines.job import EngineBath, Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.seam.kernel import OK

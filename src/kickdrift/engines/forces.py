@@ -1,9 +1,9 @@
-"""Bonded forces in the terms of the engines: one row for each law that ships."""
+"""Forces in the terms of other programs: which ones they take, a row for each bonded law, and files of parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 from kickdrift.forces.bonded.law import BondedForce
@@ -19,6 +19,14 @@ from kickdrift.forces.bonded.shipped import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
+from kickdrift.forces.many_body.entries import potential_file
+from kickdrift.forces.many_body.setfl import FORMS
+from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
+from kickdrift.forces.many_body.tabled import TabledForce
+from kickdrift.forces.many_body.tersoff import Tersoff
+from kickdrift.forces.pairs.lennard_jones import LennardJones
 from kickdrift.model.system import System
 
 
@@ -96,3 +104,59 @@ def strange(system: System, program: str) -> str | None:
         if type(force) not in LAWS:
             return f"force {force.name!r}: {program} gets only the laws of bonds that ship"
     return None
+
+
+def only_lennard_jones(system: System, truncations: Collection[str], takes: str, molecules: bool = False) -> str | None:
+    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
+
+    ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
+    pair force."""
+    if not molecules and system.topology is not None and len(system.topology.scaled.pairs):
+        return "topology: pairs that are left out or scaled are not possible"
+    forces = split(system)[0] if molecules else system.forces
+    if [type(force) for force in forces] != [LennardJones]:
+        names = " and ".join(repr(force.name) for force in system.forces)
+        given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
+        return f"{given}: {takes}"
+    truncation = forces[0].truncation
+    if truncation not in truncations:
+        return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"
+    return None
+
+
+def small_units(system: System) -> str | None:
+    """Reason why lengths would be too small for a program with absolute tolerances, or None."""
+    if system.units.name == "si":
+        return "units 'si': the program's tolerances are absolute, and too long for metres; use metal, with angstroms"
+    return None
+
+
+STYLES: dict[type, str] = {StillingerWeber: "sw", Tersoff: "tersoff"}
+
+
+def many_body(system: System, molecules: bool = False) -> bool:
+    """Tell whether the system's only force is one of kickdrift's many-body forces.
+
+    With ``molecules``, bonded forces may come beside it."""
+    forces = split(system)[0] if molecules else system.forces
+    return len(forces) == 1 and type(forces[0]) in (EmbeddedAtom, *STYLES)
+
+
+def style_of(force: ManyBodyForce) -> str:
+    """LAMMPS' pair style."""
+    if isinstance(force, EmbeddedAtom):
+        return "eam/alloy" if force.file.endswith(FORMS[0]) else "eam/fs"
+    return STYLES[type(force)]
+
+
+def text_of(force: Any) -> str:
+    """Text of a file of the force's parameters, without LAMMPS' note of units in its first line."""
+    if isinstance(force, EmbeddedAtom):
+        first, rest = potential_file(force.name, force.file).decode("utf-8", "replace").split("\n", 1)
+        return f"written by kickdrift\n{rest}" if first else rest
+    assert isinstance(force, TabledForce)
+    lines = (
+        " ".join([*triple.split("-"), *(repr(numbers[key]) for key in force.keys)])
+        for triple, numbers in force.table.items()
+    )
+    return "\n".join(["# written by kickdrift", *lines, ""])
