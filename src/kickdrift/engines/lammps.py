@@ -57,13 +57,13 @@ def model_of(job: Job, seed: int) -> Model:
     force: Any = split(system)[0][0]
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
-    given: dict[str, Any]
+    given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
-        given = {"many_body": (style_of(force), text_of(force), tuple(species))}
+        given |= {"many_body": (style_of(force), text_of(force), tuple(species))}
     else:
         pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
         laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
-        given = {
+        given |= {
             "pairs": tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
             "shifted": force.truncation == "shift", "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip

@@ -208,11 +208,11 @@ class Model(NamedTuple):
     box: Box
     types: NDArray[np.int32]
     masses: tuple[float, ...]
+    pairs: tuple[tuple[int, int, float, float], ...]
     cutoff: float
+    shifted: bool
+    tail: bool
     dt: float
-    pairs: tuple[tuple[int, int, float, float], ...] = ()
-    shifted: bool = False
-    tail: bool = False
     dimensions: int = 3
     fixes: tuple[str, ...] = FIXES["velocity-verlet"]
     bonded: Bonded | None = None

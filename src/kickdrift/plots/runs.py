@@ -152,8 +152,7 @@ def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes
     total, kinetic = energies.total + taken, float(energies.kinetic[0])
     found = energy_error(total, kinetic)
     by_total = found.relative_to == "initial energy"
-    scale = {"initial energy": abs(found.initial), "kinetic energy": kinetic}.get(found.relative_to, 1.0)
-    error = (total - total[0]) / scale
+    error = (total - total[0]) / found.scale(kinetic)
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
     axes.axhline(0.0, color=GRID, linewidth=1.2)
     axes.plot(*thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)

@@ -1,10 +1,11 @@
-"""One self-contained HTML page of a scene. It works from a file, without a network."""
+"""Views that stand still: one self-contained HTML page, which needs no network, and what ``view()`` returns."""
 
 from __future__ import annotations
 
 import html
 import json
 import os
+import sys
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import last_stage
+from kickdrift.model.checks.values import whole_number
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory.read import reader
 from kickdrift.view.scene import Scene, scene_of
@@ -109,3 +111,74 @@ def write_with_scene(
     with written_whole(target, PAGE, overwrite=overwrite) as part:
         part.write_text(text, encoding="utf-8")
     return target, scene
+
+
+HEIGHT = 480  # pixels
+FRAME = (
+    '<iframe srcdoc="{page}" sandbox="allow-scripts allow-downloads" title="{title}" '
+    'style="width: 100%; height: {height}px; border: 0"></iframe>'
+)
+
+
+class View:
+    """A view of one moment, or of a run's frames. A notebook shows it; ``save`` writes it as a page.
+
+    Attributes
+    ----------
+    scene : what the view shows, as plain texts, numbers and lists
+    height : in a notebook, in pixels
+    """
+
+    def __init__(self, scene: Scene, height: int = HEIGHT) -> None:
+        self.scene, self.height = scene, height
+
+    def __repr__(self) -> str:
+        frames = sum(chunk["count"] for chunk in self.scene["chunks"])
+        return f"<View of {self.scene['title']}: frames {frames}; save('view.html') writes the page>"
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of its own, which can reach nothing outside."""
+        title = html.escape(self.scene["title"])
+        return FRAME.format(page=html.escape(page(self.scene)), title=title, height=self.height)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+        """Write the view as one page that needs no network. Return the page's path.
+
+        Raises InputError for an existing file without ``overwrite``, and for a name that does not end in .html."""
+        target = checked_target(path, PAGE, overwrite, [])
+        with written_whole(target, PAGE, overwrite=overwrite) as part:
+            part.write_text(page(self.scene), encoding="utf-8")
+        return target
+
+
+MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'kickdrift[notebook]'"
+
+
+def view_of(
+    given: Any, frames: int | None = None, colour: str | None = None, size: float = 1.0, height: int | None = None
+) -> Any:
+    """View of a System, a Simulation or an open run: a widget in a notebook, else a `View`."""
+    height = HEIGHT if height is None else whole_number("view: height", height, 1)
+    scene = scene_of(given, frames, colour, size)
+    if not in_notebook():
+        return View(scene, height)
+    try:
+        from kickdrift.view.widget import Widget
+    except ImportError:
+        if isinstance(given, Simulation):
+            print(MISSING, file=sys.stderr)
+        return View(scene, height)
+    found = Widget(scene, height)
+    if isinstance(given, Simulation):
+        found.follow(given)
+    return found
+
+
+def in_notebook() -> bool:
+    """Whether the program runs in a notebook: IPython with a kernel, or marimo."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    if shell is not None and getattr(shell, "kernel", None) is not None:
+        return True
+    marimo: Any = sys.modules.get("marimo")
+    return bool(marimo is not None and marimo.running_in_notebook())

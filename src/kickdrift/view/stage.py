@@ -14,9 +14,8 @@ from kickdrift.model.orbits.orbits import G_given, Paths, central_row, invariabl
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
-from kickdrift.view.bonds import molecules_of, pairs_of
 from kickdrift.view.packing import packed, quantised, scaled, unpacked
-from kickdrift.view.sizes import pixels_of, radii_of
+from kickdrift.view.sizes import molecules_of, pairs_of, pixels_of, radii_of
 
 if TYPE_CHECKING:
     from kickdrift.model.system import System

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 import kickdrift as kd
-from kickdrift.view import shown, views
+from kickdrift.view import page
 from kickdrift.view.packing import unpacked
 from tests.systems import liquid
 
@@ -41,7 +41,7 @@ def test_a_view_is_a_page_that_can_be_saved(tmp_path):
     assert (frame["srcdoc"] or "").startswith("<!DOCTYPE html>")
     for name, view in found.items():
         path = view.save(tmp_path / f"{name}.html")
-        assert path.read_text() == shown.page(view.scene)
+        assert path.read_text() == page.page(view.scene)
         with pytest.raises(kd.InputError, match="exists"):
             view.save(path)
     assert unpacked(found["sim"].scene["chunks"][0]["steps"]).tolist() == [3]
@@ -61,7 +61,7 @@ def test_a_title_with_markup_stays_inside_its_attribute():
 
 def test_a_widget_follows_its_simulation(monkeypatch):
     pytest.importorskip("anywidget")
-    monkeypatch.setattr(views, "in_notebook", lambda: True)
+    monkeypatch.setattr(page, "in_notebook", lambda: True)
     sim = kd.Simulation(liquid(), dt=0.001)
     widget = sim.view(height=250)
     sent = []
@@ -81,7 +81,7 @@ def test_a_widget_follows_its_simulation(monkeypatch):
 
 
 def test_without_anywidget_one_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(views, "in_notebook", lambda: True)
+    monkeypatch.setattr(page, "in_notebook", lambda: True)
     monkeypatch.delitem(sys.modules, "kickdrift.view.widget", raising=False)
     before = builtins.__import__
 
@@ -92,7 +92,7 @@ def test_without_anywidget_one_line_says_what_to_install(monkeypatch, capsys):
 
     monkeypatch.setattr(builtins, "__import__", missing)
     view = kd.Simulation(liquid(), dt=0.001).view()
-    assert isinstance(view, shown.View)
+    assert isinstance(view, page.View)
     assert capsys.readouterr().err.count("\n") == 1
     liquid().view()
     assert capsys.readouterr().err == ""
@@ -104,4 +104,4 @@ def test_a_problem_has_no_view():
 
 
 def test_no_program_outside_of_a_notebook_gets_widgets():
-    assert not views.in_notebook()
+    assert not page.in_notebook()
