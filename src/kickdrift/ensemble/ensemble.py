@@ -15,8 +15,7 @@ import numpy as np
 from kickdrift.display.showing import above, members_bar
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.keys import path_of
-from kickdrift.ensemble.members import Members, members_of
+from kickdrift.ensemble.members import Members, members_of, path_of
 from kickdrift.ensemble.recipe import INTEGRATOR, MEGNO, RUN, VERSION, Measure, Recipe, SystemMaker, SystemText, seeded
 from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
 from kickdrift.errors import InputError

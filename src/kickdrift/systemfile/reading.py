@@ -26,11 +26,9 @@ from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
-from kickdrift.systemfile.bodies import cluster, on_orbits
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
-from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
-from kickdrift.systemfile.plain import plain
+from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.particles import as_given, box_of, cluster, edges_given, on_lattice, on_orbits
 from kickdrift.systemfile.schema import (
     ElementsTable,
     LatticeTable,
@@ -43,7 +41,7 @@ from kickdrift.systemfile.schema import (
     ode_table,
 )
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
-from kickdrift.systemfile.topology import topology_of
+from kickdrift.systemfile.particles import topology_of
 from kickdrift.text import choices, shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads

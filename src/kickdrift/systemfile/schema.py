@@ -34,18 +34,19 @@ from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema_base import (
     Edge,
+    ElementsTable,
     GravitationalParameter,
     In,
     Length,
     Mass,
+    PlummerTable,
     Radius,
     Table,
     Temperature,
     Vector,
     Velocity,
 )
-from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
-from kickdrift.systemfile.topology import TopologyTable
+from kickdrift.systemfile.schema_base import TopologyTable
 from kickdrift.text import VALUE, clean, shown
 
 

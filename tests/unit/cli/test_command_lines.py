@@ -19,8 +19,7 @@ from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.cli.console import print_table
 from kickdrift.disk.interrupt import heard_everywhere, whole
-from kickdrift.ensemble.keys import with_values
-from kickdrift.ensemble.members import members_of
+from kickdrift.ensemble.members import members_of, with_values
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.checks import capacity
 from kickdrift.model.checks import values as checks

@@ -19,7 +19,7 @@ import kickdrift as kd
 from kickdrift.disk import kinds, outputs, parts
 from kickdrift.disk.outputs import checked_target, refuse_outputs, settle, write_json, written_whole
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.lock import Lock
+from kickdrift.ensemble.table import Lock
 from kickdrift.errors import InputError, RunError
 from kickdrift.trajectory.file import storage
 from tests import run_files
