@@ -317,7 +317,7 @@ ABOVE.update(
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),
-        "view": _loader("view.page", "view_of"),
+        "view": _loader("view.views", "view_of"),
     }
 )
 

@@ -13,6 +13,7 @@ from kickdrift.cli.console import out, print_table, progress_bar, say
 from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption, ThreadsOption, argument, option, whole
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator as method_named
 from kickdrift.looks.report_lines import drift_text
 from kickdrift.text import duration
 
@@ -33,7 +34,6 @@ def bench_lj_energy(
     refuse_outputs({"json": json_file, "plot": plot}, overwrite)
     from kickdrift.analysis.compare import bench
     from kickdrift.forces.bound.forces import check_threads
-    from kickdrift.integrators import integrator as method_named
 
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))
     check_threads(threads)

@@ -15,6 +15,8 @@ from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
 from kickdrift.cli.options import OverwriteOption, QuietOption, argument, option, whole, with_options
 from kickdrift.errors import InputError
+from kickdrift.integrators.asked import integrator
+from kickdrift.model.problem import Problem
 from kickdrift.text import counted
 
 
@@ -111,7 +113,6 @@ def plot(
 
 def print_stability(names: Sequence[str]) -> None:
     """Print the longest stable step of each method, from its coefficients."""
-    from kickdrift.integrators.asked import integrator
     from kickdrift.plots.stability import number
 
     columns = ["omega dt", "real lambda dt", "imaginary lambda dt"]
@@ -138,7 +139,6 @@ def _plot_methods(
     quiet: bool,
 ) -> Path:
     """Run the Problem of a system file with each method, and draw them."""
-    from kickdrift.model.problem import Problem
     from kickdrift.plots.problems import plot_methods
     from kickdrift.systemfile.reading import load
 

@@ -6,7 +6,7 @@ import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,11 +17,11 @@ from kickdrift.disk.kinds import JSON, SYSTEM
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
 from kickdrift.display.showing import lines_of, tables_of
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator
+from kickdrift.integrators.asked import settled
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 from kickdrift.text import counted
-
-if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-    from kickdrift.model.system import System
 
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
 
@@ -139,8 +139,6 @@ def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: 
 
 def check_run(system: System | Problem) -> None:
     """Raise InputError if a system's [run] names no method, or options that the method does not take."""
-    from kickdrift.integrators import integrator
-    from kickdrift.integrators.asked import settled
 
     if system.run.integrator is not None:
         try:

@@ -25,6 +25,7 @@ from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.text import shown
 
@@ -284,7 +285,6 @@ def _certify_forces(
 
 def _tested(name: str, calculator: str | None) -> Any:
     """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
-    from kickdrift.forces import FORCES
     from kickdrift.systemfile.files import is_shipped
     from kickdrift.systemfile.python_file import load_or_run
 

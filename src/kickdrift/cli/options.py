@@ -15,6 +15,7 @@ import typer
 from kickdrift.cli.console import hush, results_on_stderr
 from kickdrift.disk.outputs import STDOUT
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options, parsed, takers
 from kickdrift.integrators.options.option import DOUBLE, DT, MIXED, PRECISION, Option
 from kickdrift.model.checks.limits import whole_text
@@ -94,7 +95,6 @@ def system_names(incomplete: str) -> list[str]:
 
 def method_names(incomplete: str) -> list[str]:
     """Names of integrators that begin so, for completion in a shell."""
-    from kickdrift.integrators import INTEGRATORS
 
     return [name for name in INTEGRATORS if name.startswith(incomplete)]
 

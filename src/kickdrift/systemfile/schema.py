@@ -43,10 +43,10 @@ from kickdrift.systemfile.schema_base import (
     Radius,
     Table,
     Temperature,
+    TopologyTable,
     Vector,
     Velocity,
 )
-from kickdrift.systemfile.schema_base import TopologyTable
 from kickdrift.text import VALUE, clean, shown
 
 

@@ -1,11 +1,10 @@
-"""Views that stand still: one self-contained HTML page, which needs no network, and what ``view()`` returns."""
+"""One self-contained HTML page of a scene, which needs no network, and a view that stands still."""
 
 from __future__ import annotations
 
 import html
 import json
 import os
-import sys
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 from kickdrift.disk.kinds import PAGE
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import last_stage
-from kickdrift.model.checks.values import whole_number
 from kickdrift.run.simulation import Simulation
 from kickdrift.trajectory.read import reader
 from kickdrift.view.scene import Scene, scene_of
@@ -149,36 +147,3 @@ class View:
         with written_whole(target, PAGE, overwrite=overwrite) as part:
             part.write_text(page(self.scene), encoding="utf-8")
         return target
-
-
-MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'kickdrift[notebook]'"
-
-
-def view_of(
-    given: Any, frames: int | None = None, colour: str | None = None, size: float = 1.0, height: int | None = None
-) -> Any:
-    """View of a System, a Simulation or an open run: a widget in a notebook, else a `View`."""
-    height = HEIGHT if height is None else whole_number("view: height", height, 1)
-    scene = scene_of(given, frames, colour, size)
-    if not in_notebook():
-        return View(scene, height)
-    try:
-        from kickdrift.view.widget import Widget
-    except ImportError:
-        if isinstance(given, Simulation):
-            print(MISSING, file=sys.stderr)
-        return View(scene, height)
-    found = Widget(scene, height)
-    if isinstance(given, Simulation):
-        found.follow(given)
-    return found
-
-
-def in_notebook() -> bool:
-    """Whether the program runs in a notebook: IPython with a kernel, or marimo."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython else None
-    if shell is not None and getattr(shell, "kernel", None) is not None:
-        return True
-    marimo: Any = sys.modules.get("marimo")
-    return bool(marimo is not None and marimo.running_in_notebook())

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.fields.shipped import Springs
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from kickdrift.model.system import System
 
 SAMPLED = 2000  # particles whose nearest neighbour is sought
 HEAVY = 1e-6  # of the largest mass; where most bodies have less, the others are drawn larger

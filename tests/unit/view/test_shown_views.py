@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 import kickdrift as kd
-from kickdrift.view import page
+from kickdrift.view import page, views
 from kickdrift.view.packing import unpacked
 from tests.systems import liquid
 
@@ -61,7 +61,7 @@ def test_a_title_with_markup_stays_inside_its_attribute():
 
 def test_a_widget_follows_its_simulation(monkeypatch):
     pytest.importorskip("anywidget")
-    monkeypatch.setattr(page, "in_notebook", lambda: True)
+    monkeypatch.setattr(views, "in_notebook", lambda: True)
     sim = kd.Simulation(liquid(), dt=0.001)
     widget = sim.view(height=250)
     sent = []
@@ -81,7 +81,7 @@ def test_a_widget_follows_its_simulation(monkeypatch):
 
 
 def test_without_anywidget_one_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(page, "in_notebook", lambda: True)
+    monkeypatch.setattr(views, "in_notebook", lambda: True)
     monkeypatch.delitem(sys.modules, "kickdrift.view.widget", raising=False)
     before = builtins.__import__
 
@@ -104,4 +104,4 @@ def test_a_problem_has_no_view():
 
 
 def test_no_program_outside_of_a_notebook_gets_widgets():
-    assert not page.in_notebook()
+    assert not views.in_notebook()
