@@ -11,12 +11,14 @@ from typing import Annotated, Any
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
 from kickdrift.cli.options import OverwriteOption, QuietOption, argument, option, whole, with_options
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import integrator
 from kickdrift.model.problem import Problem
+from kickdrift.systemfile.files import is_shipped
 from kickdrift.text import counted
 
 
@@ -124,7 +126,6 @@ def print_stability(names: Sequence[str]) -> None:
 
 def _is_system(file: Path) -> bool:
     """Whether FILE names a system file rather than a run."""
-    from kickdrift.systemfile.files import is_shipped
 
     return file.suffix == ".toml" or is_shipped(str(file))
 
@@ -140,9 +141,8 @@ def _plot_methods(
 ) -> Path:
     """Run the Problem of a system file with each method, and draw them."""
     from kickdrift.plots.problems import plot_methods
-    from kickdrift.systemfile.reading import load
 
-    problem = load(str(file))
+    problem = kd.load(str(file))
     if not isinstance(problem, Problem):
         raise InputError(f"{file}: is a system of particles; run it with --output run.h5md and plot that file")
     with progress_bar(quiet) as bar:
@@ -187,7 +187,6 @@ def view(
 ) -> None:
     """Write one HTML page that shows a run in a browser, without a network: particles that turn, the box, orbits,
     curves and the report. A system file shows its start."""
-    from kickdrift.systemfile.files import is_shipped
     from kickdrift.view.page import write_with_scene
 
     shipped = is_shipped(file) and not os.path.lexists(file)
@@ -244,10 +243,9 @@ def movie(
 ) -> None:
     """Make a film of a run: spheres in their box, or planets with trails and names. MP4 and WebM need ffmpeg, which
     pip install 'kickdrift[movie]' brings; GIF needs nothing."""
-    from kickdrift.plots.movie import movie as filmed
 
     with progress_bar(quiet) as bar:
-        found = filmed(
+        found = kd.movie(
             file, output, azimuth=azimuth, elevation=elevation, turn=turn, zoom=zoom, colour=colour, fps=fps,
             duration=duration, every=every, size=size, dark=dark, overwrite=overwrite, progress=bar("drawing"),
         )  # fmt: skip

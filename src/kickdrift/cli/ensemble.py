@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import members_bar, print_lines, print_table, say
 from kickdrift.cli.options import QuietOption, SystemArgument, length, option, whole, with_options
 from kickdrift.cli.watching import Interrupted
@@ -61,13 +62,12 @@ def ensemble(
     quiet: QuietOption = False,
 ) -> None:
     """Run a system many times, with varied values and separate seeds, on all cores or on a Dask cluster."""
-    from kickdrift.ensemble import Ensemble
     from kickdrift.ensemble.running import workers as dask_workers
     from kickdrift.ensemble.table import journal_of
 
     if scheduler is not None and workers is not None:
         raise InputError("give --workers or --scheduler, not both: a cluster has its own workers")
-    planned = Ensemble(
+    planned = kd.Ensemble(
         system, _varied(vary or []), replicas=replicas, seed=seed, measure=_measure(measure), integrator=integrator,
         steps=steps, time=time, every=every, **options,
     )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_lines, print_table, progress_bar, say, verbatim
 from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption, argument, option
 from kickdrift.disk.files import shown_path
@@ -21,6 +22,7 @@ from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
+from kickdrift.systemfile.files import find, is_shipped, parsed
 from kickdrift.text import counted
 
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
@@ -42,10 +44,9 @@ def export(
     quiet: QuietOption = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses."""
-    from kickdrift.trajectory.export.export import export as write
 
     with progress_bar(quiet) as bar:
-        done = write(
+        done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
             progress=bar("exporting"),
         )  # fmt: skip
@@ -61,8 +62,6 @@ def info(
 ) -> None:
     """Describe a run's file or an ensemble's table, or check a system file without running it."""
     refuse_outputs({"json": json_file}, overwrite, [file])
-    from kickdrift.systemfile.files import is_shipped
-    from kickdrift.systemfile.reading import load
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
@@ -80,12 +79,11 @@ def info(
         raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
     if Path(file).suffix.lower() in TABLES:
         from kickdrift.cli.ensemble import print_ensemble
-        from kickdrift.ensemble import Ensemble
 
-        print_ensemble(Ensemble.read(file), Path(file))
+        print_ensemble(kd.Ensemble.read(file), Path(file))
         return
     if not of_run:
-        system = load(file)
+        system = kd.load(file)
         check_run(system)
         (key, name), *rest = lines_of(system)
         print_lines([(key, f"{name}: valid"), *rest])
@@ -118,13 +116,12 @@ def is_problem(file: Path) -> bool:
 
 def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: bool) -> None:
     """Describe the file of a Problem's run, or its table."""
-    from kickdrift.trajectory.opened import open as opened
     from kickdrift.trajectory.overview import overview_of_problem
     from kickdrift.trajectory.problems.info import describe_any
     from kickdrift.trajectory.problems.info import info as found
     from kickdrift.trajectory.problems.reader import ProblemRun
 
-    with opened(file) as run:
+    with kd.open(file) as run:
         table = not isinstance(run, ProblemRun)
         if table and json_file is not None:
             raise InputError(f"{file}: --json is for the file of a run, and FILE is a table")
@@ -160,7 +157,6 @@ def show(
 ) -> None:
     """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
     of a frame, in the box of that moment, at time 0."""
-    from kickdrift.systemfile.files import find, parsed
 
     if Path(system).suffix == ".h5md":
         verbatim(frame_text(system, frame))
@@ -172,9 +168,10 @@ def show(
 
 def frame_text(path: str, number: int | None) -> str:
     """Text of a system file of a frame of a run's file, at time 0."""
-    from kickdrift.trajectory.read.reader import open as opened
 
-    with opened(path) as run:
+    from kickdrift.trajectory.read import reader
+
+    with reader.open(path) as run:
         k = len(run) - 1 if number is None else number
         if not 0 <= k < len(run):
             raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
@@ -191,9 +188,8 @@ def list_(
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
     refuse_outputs({"json": json_file}, overwrite)
-    from kickdrift.run.listing import listing
 
-    found = listing(str(what), name)
+    found = kd.listing(str(what), name)
     print_lines(lines_of(found))
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows, whole=all_)
@@ -216,9 +212,8 @@ def new(
 ) -> None:
     """Write a commented system file to start from. No file is replaced."""
     from kickdrift.systemfile.json_schema import json_schema_text
-    from kickdrift.systemfile.templates import template
 
-    text = template(kind)
+    text = kd.template(kind)
     target = Path(f"{kind}.toml") if output is None else output
     if os.path.lexists(target):
         raise InputError(
@@ -250,17 +245,15 @@ def cite(
     name: Annotated[str, argument("FILE|NAME", "A run's file, a system, a method, a force or an engine.")],
 ) -> None:
     """Print BibTeX entries for what a run used, or for a system, a method, a force or an engine."""
-    from kickdrift.trajectory.citing import cite as cited
 
-    verbatim(cited(name) + "\n")
+    verbatim(kd.cite(name) + "\n")
 
 
 def doctor(json_file: JsonOption = None, overwrite: OverwriteOption = False) -> None:
     """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
     refuse_outputs({"json": json_file}, overwrite)
-    from kickdrift.analysis.compare.doctor import doctor as found_by
 
-    found = found_by()
+    found = kd.doctor()
     print_lines(lines_of(found))
     for title, columns, rows in tables_of(found):
         print_table(title, columns, rows)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found
 from kickdrift.cli.options import (
     JsonOption,
@@ -19,6 +20,7 @@ from kickdrift.cli.options import (
     in_units,
     length,
     option,
+    subject_of,
     with_options,
 )
 from kickdrift.cli.options import length as span
@@ -27,6 +29,7 @@ from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks.limits import whole_text
+from kickdrift.systemfile.files import is_shipped
 from kickdrift.text import shown
 
 
@@ -53,9 +56,8 @@ def compare(
     with a heat bath: the errors of mean energies and pressure over steps; -o dt=X sets the longest step."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis.compare.comparing import compared
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject = load_or_run(system, seed)
+    subject = subject_of(system, seed)
     time, length = in_units(time, subject, "--time"), in_units(length, subject, "--length")
     notice = "comparing: about a minute …"
     with progress_bar(quiet) as bar:
@@ -92,11 +94,8 @@ def chaos(
     """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations, or the
     Lyapunov spectrum."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.chaos.lyapunov import lyapunov_spectrum
-    from kickdrift.analysis.chaos.megno import megno
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject = load_or_run(system)
+    subject = subject_of(system)
     time = in_units(time, subject, "--time")
     if spectrum is not None and spectrum != "all" and not whole_text(spectrum):
         raise InputError(f"--spectrum: expected a number of exponents, or all, got {shown(spectrum)}")
@@ -104,10 +103,10 @@ def chaos(
         given: Any = {"seed": seed, "threads": threads, "progress": bar("running"), **options}
         found: Any
         if spectrum is None:
-            found = megno(subject, time, integrator, **given)
+            found = kd.megno(subject, time, integrator, **given)
         else:
             count = None if spectrum == "all" else int(spectrum)
-            found = lyapunov_spectrum(subject, time, integrator, count=count, **given)
+            found = kd.lyapunov_spectrum(subject, time, integrator, count=count, **given)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
@@ -137,12 +136,10 @@ def transits(
 ) -> None:
     """Find the times at which a planet passes in front of its star; --json has their derivatives by the start."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.derivatives.transits import transits as transits_of
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject: Any = load_or_run(system)
+    subject: Any = subject_of(system)
     with progress_bar(quiet) as bar:
-        found = transits_of(
+        found = kd.transits(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
             within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads,
             progress=bar("running"), **options,
@@ -217,10 +214,8 @@ def certify(
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
 
     if engine is not None:
-        from kickdrift.systemfile.python_file import load_or_run
-
         with progress_bar(quiet) as bar:
-            subject: Any = load_or_run(runs[0])
+            subject: Any = subject_of(runs[0])
             given = {"temperature": temperature, **options} if temperature else options
             found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given)
     else:
@@ -285,19 +280,16 @@ def _certify_forces(
 
 def _tested(name: str, calculator: str | None) -> Any:
     """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
-    from kickdrift.systemfile.files import is_shipped
-    from kickdrift.systemfile.python_file import load_or_run
 
     if calculator is not None:
-        from kickdrift.forces.external.calculator import CalculatorForce
         from kickdrift.forces.seam.named import found, load_module
 
         load_module(calculator.rpartition(".")[0] or calculator)
-        system: Any = load_or_run(name)
-        return system.remade(forces=[CalculatorForce(found("--calculator", calculator, callable))])
+        system: Any = subject_of(name)
+        return system.remade(forces=[kd.CalculatorForce(found("--calculator", calculator, callable))])
     if name in FORCES and not is_shipped(name) and not Path(name).exists():
         return FORCES[name]()
-    return load_or_run(name)
+    return subject_of(name)
 
 
 Frames = StrEnum("Frames", "jacobi heliocentric barycentric")  # origins of orbits

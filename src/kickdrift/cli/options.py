@@ -21,6 +21,7 @@ from kickdrift.integrators.options.option import DOUBLE, DT, MIXED, PRECISION, O
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import has_unit, time_in
+from kickdrift.systemfile.files import shipped
 from kickdrift.text import shown
 
 
@@ -76,6 +77,13 @@ def in_units(value: Any, subject: Any, flag: str) -> float | None:
     return found
 
 
+def subject_of(name: str, seed: int | None = None, overlaps: bool = False) -> Any:
+    """The System or Problem of a command's argument; a Python file is run."""
+    from kickdrift.systemfile.python_file import load_or_run
+
+    return load_or_run(name, seed, overlaps)
+
+
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
     """An option whose value ``metavar`` stands for in the help."""
     return typer.Option(*names, metavar=metavar, help=help, **more)
@@ -88,7 +96,6 @@ def argument(metavar: str, help: str, **more: Any) -> Any:
 
 def system_names(incomplete: str) -> list[str]:
     """Names of shipped systems that begin so, for completion in a shell; without any, the shell completes files."""
-    from kickdrift.systemfile.files import shipped
 
     return [name for name in shipped() if name.startswith(incomplete)]
 

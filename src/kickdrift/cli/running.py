@@ -6,10 +6,11 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.options import (
     FlushOption,
@@ -26,6 +27,7 @@ from kickdrift.cli.options import (
     method_names,
     option,
     row,
+    subject_of,
     whole,
     with_options,
 )
@@ -42,11 +44,6 @@ from kickdrift.model.doubles import doubtful_forces
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.run.report.report import Report
-    from kickdrift.run.simulation import Simulation
-    from kickdrift.trajectory.layout.options import FileOptions
 
 WHOLE = ("steps", "interval")
 
@@ -163,7 +160,6 @@ def run(
     quiet: QuietOption = False,
 ) -> None:
     """Run a system and report how well it conserved energy and momentum."""
-    from kickdrift.systemfile.python_file import load_or_run
 
     engine_named(engine)
     _refuse_both(steps=steps, time=time)
@@ -177,11 +173,10 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = with_keys(load_or_run(system, seed), equilibrate or [])
+    chosen = with_keys(subject_of(system, seed), equilibrate or [])
 
     from kickdrift.run.files.problem import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
-    from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of
 
     choices: dict[str, Any] = {"true": True, "false": False, SHORTEN: SHORTEN}
@@ -193,7 +188,7 @@ def run(
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
     check_watching(chosen, live, imd, imd_wait, quiet)
-    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
+    sim = kd.Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending, times)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
@@ -218,14 +213,12 @@ def _refuse_both(**given: Any) -> None:
         raise InputError(f"give --{one} or --{other}, not both")
 
 
-def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
+def file_options(output: Path | None, given: dict[str, Any]) -> kd.FileOptions | None:
     """Options of the output file; None without any."""
-    from kickdrift.trajectory.layout.options import FileOptions
-
     asked = {key: value for key, value in given.items() if value is not None}
     if asked and output is None:
         raise InputError(f"--{next(iter(asked))}: needs --output")
-    return FileOptions(**asked) if asked else None
+    return kd.FileOptions(**asked) if asked else None
 
 
 def resume(
@@ -255,15 +248,13 @@ def resume(
     _refuse_both(times=times, time=time)
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
-    from kickdrift.run.resuming import resume as taken_up
-    from kickdrift.trajectory.opened import open as opened
 
     with Interruption(file, resumed=True) as stopped:
         with busy(f"reading {file}", quiet):
-            sim = taken_up(file, threads=threads, hosts=hosts)
+            sim = kd.resume(file, threads=threads, hosts=hosts)
         check_watching(sim.system, live, imd, imd_wait, quiet)
         warn_of_version(sim, quiet)
-        with opened(file) as run:
+        with kd.open(file) as run:
             options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
         if sim.plan is None:
             raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
@@ -280,13 +271,13 @@ def resume(
     show(report, sim, file, json_file, quiet, overwrite)
 
 
-def warn_of_version(sim: Simulation, quiet: bool) -> None:
+def warn_of_version(sim: kd.Simulation, quiet: bool) -> None:
     """Warn of an untested version of an engine, and of a missing pressure, before the first step."""
     for warning in _before(sim):
         say(f"warning: {warning}", quiet)
 
 
-def _before(sim: Simulation) -> list[str]:
+def _before(sim: kd.Simulation) -> list[str]:
     """Warnings that are printed before the first step."""
     from kickdrift.run.report.warnings import pressure_warning, unused_warnings
 
@@ -298,7 +289,7 @@ def _before(sim: Simulation) -> list[str]:
 
 
 def show(
-    report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
+    report: kd.Report, sim: kd.Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
 ) -> None:
     """Print a run's report with its warnings, and write the report on request."""
     try:
@@ -339,9 +330,8 @@ def relax(
     refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.run.relax.minimization import minimum
-    from kickdrift.systemfile.python_file import load_or_run
 
-    start = load_or_run(system, seed, overlaps=True)
+    start = subject_of(system, seed, overlaps=True)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
     if output is not None:

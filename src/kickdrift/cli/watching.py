@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import Annotated, Self
 
 import typer
 
+import kickdrift as kd
 from kickdrift.cli.console import say
 from kickdrift.cli.options import option
 from kickdrift.display.pace import silent
@@ -20,9 +21,6 @@ from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.text import clean, counted
-
-if TYPE_CHECKING:
-    from kickdrift.run.simulation import Simulation
 
 ImdOption = Annotated[
     int | None, option("[PORT]", "Stream the run to MDAnalysis: imd://localhost:PORT (default 8888).")
@@ -50,7 +48,7 @@ def check_watching(subject: System | Problem, live: int | None, imd: int | None,
 
 
 @contextmanager
-def watched(sim: Simulation, live: int | None, imd: int | None, imd_wait: bool, quiet: bool) -> Iterator[None]:
+def watched(sim: kd.Simulation, live: int | None, imd: int | None, imd_wait: bool, quiet: bool) -> Iterator[None]:
     """Say where the Simulation streams, and serve its page during equilibration and run."""
     from kickdrift.run.followers import watched_live
 
@@ -89,18 +87,18 @@ class Interruption:
 
     Attributes
     ----------
-    sim : Simulation or None
+    sim : kd.Simulation or None
         Set when steps of the run begin; before that, nothing is kept.
     end_step, end_time : planned end of the run
     """
 
     def __init__(self, output: Path | None, particles: bool = True, resumed: bool = False) -> None:
         self.output, self.particles, self.resumed = output, particles, resumed
-        self.sim: Simulation | None = None
+        self.sim: kd.Simulation | None = None
         self.end_step, self.end_time, self._begin_time = NEVER, float("inf"), 0.0
         self._before = None if resumed else _identity(output)
 
-    def begins(self, sim: Simulation, steps: int | None = None, until: float | None = None) -> None:
+    def begins(self, sim: kd.Simulation, steps: int | None = None, until: float | None = None) -> None:
         """Note that the run begins, and its end."""
         self.sim, self._begin_time = sim, sim.time
         self.end_step = NEVER if steps is None else steps
@@ -131,10 +129,9 @@ class Interruption:
             return f"{nothing}; --output FILE{'.h5md' if self.particles else '.h5'} keeps a run"
         if not self.resumed and (self.sim is None or _identity(self.output) in (None, self._before)):
             return nothing
-        from kickdrift.trajectory.opened import open as opened
 
         try:
-            with opened(self.output) as run:
+            with kd.open(self.output) as run:
                 steps = getattr(run, "all_steps", getattr(run, "steps", None))  # of frames, of samples; none in a table
                 what = counted(len(run), "frame" if hasattr(run, "all_steps") else "sample", ",")
                 until = f" up to step {int(steps[-1]):,}" if steps is not None and len(steps) else ""

@@ -10,20 +10,16 @@ import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kickdrift.disk import kinds
 from kickdrift.disk.files import descriptor, opened, refuse_unfit
 from kickdrift.disk.outputs import checked_target, reason, written_whole
-from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY, Row
+from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY, DataFrame, Row
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import CELL, clean
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 
 SUFFIXES = kinds.TABLE.suffixes
 CHECKSUM = "checksum"  # its name in a file

@@ -25,6 +25,8 @@ from kickdrift.trajectory.read import reader
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+else:  # the first figure loads matplotlib
+    Axes = Figure = object
 
 MAX_POINTS = 4000  # most points of a line, about twice the dots across a panel; more only make the file large
 

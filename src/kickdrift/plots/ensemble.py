@@ -6,25 +6,20 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kickdrift.ensemble import summary
 from kickdrift.ensemble.ensemble import Ensemble
-from kickdrift.ensemble.rows import DONE
+from kickdrift.ensemble.rows import DONE, DataFrame
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.plots import drawing
-from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, Axes, Figure, checked_target, new_axes, new_figure, save_figure
 from kickdrift.systemfile.files import prefixed
 from kickdrift.text import counted, with_error
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 # MEGNO tends to 2 for regular motion (Cincotta & Simo 2000, doi:10.1051/aas:2000108); colours end at the second number.
 REGULAR, CHAOTIC = 2.0, 4.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -17,13 +17,9 @@ from kickdrift.analysis.observables.motion import (
 from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.drawing import COLOURS, GRID, INK, new_axes, new_figure, printed, title_of, with_unit
+from kickdrift.plots.drawing import COLOURS, GRID, INK, Axes, Figure, new_axes, new_figure, printed, title_of, with_unit
 from kickdrift.text import measured
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WORK = 2e8  # n^2 times the frames averaged for g(r) and S(k): a few seconds
 FEWEST_FRAMES = 10  # least number of frames, if the run has them

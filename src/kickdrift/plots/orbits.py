@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from kickdrift.plots.drawing import (
     COLOURS,
     GRID,
     INK,
+    Axes,
+    Figure,
     legend,
     new_axes,
     new_figure,
@@ -27,10 +29,6 @@ from kickdrift.plots.drawing import (
 )
 from kickdrift.plots.runs import _draw_error, energy_taken
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FRAMES = 4000  # most frames of a run
 FEW = 12  # most bodies with a line, a colour and a name each; more are drawn as points

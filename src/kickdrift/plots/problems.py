@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,16 +15,23 @@ from kickdrift.integrators.asked import Integrator, method_of, takers_text
 from kickdrift.integrators.options.option import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
-from kickdrift.plots.drawing import COLOURS, INK, checked_target, legend, new_axes, new_figure, save_figure, thin
+from kickdrift.plots.drawing import (
+    COLOURS,
+    INK,
+    Axes,
+    Figure,
+    checked_target,
+    legend,
+    new_axes,
+    new_figure,
+    save_figure,
+    thin,
+)
 from kickdrift.run.plan.lengths import steps_to
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import length_of
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import opened
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LOOKS = 2000  # of each run that is drawn
 MOST_LINES = 6  # of y against time

@@ -17,6 +17,8 @@ from kickdrift.plots.drawing import (
     COLOURS,
     INK,
     MAX_POINTS,
+    Axes,
+    Figure,
     checked_target,
     new_axes,
     new_figure,
@@ -28,9 +30,6 @@ from kickdrift.plots.orbits import BODY_COLOURS
 from kickdrift.text import measured
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from kickdrift.analysis.certify.force_certificate import ForceChecks
     from kickdrift.analysis.compare.comparison import Comparison
     from kickdrift.analysis.compare.sampling import SamplingComparison

@@ -20,6 +20,8 @@ from kickdrift.plots.drawing import (
     COLOURS,
     GRID,
     INK,
+    Axes,
+    Figure,
     checked_target,
     legend,
     new_axes,
@@ -37,9 +39,6 @@ from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.room import Room, room_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from kickdrift.run.report.report import Report
 
 RDF_FRAMES = 20  # most frames, spread evenly over the run

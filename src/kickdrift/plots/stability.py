@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,7 @@ from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.step_choice import stability
-from kickdrift.plots.drawing import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from kickdrift.plots.drawing import COLOURS, GRID, INK, Axes, Figure, checked_target, new_axes, new_figure, save_figure
 
 POINTS = 600  # grid points along each axis of the complex plane; a curve has a quarter of this
 STYLES = ("-", "--", ":", "-.")  # line styles; the next one starts after all colours
