@@ -13,19 +13,8 @@ import numpy as np
 
 from kickdrift.analysis.shadow import ShadowRun
 from kickdrift.errors import InputError
-from kickdrift.plots.drawing import (
-    COLOURS,
-    INK,
-    MAX_POINTS,
-    Axes,
-    Figure,
-    checked_target,
-    new_axes,
-    new_figure,
-    printed,
-    save_figure,
-    with_unit,
-)
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.plots.orbits import BODY_COLOURS
 from kickdrift.text import measured
 
@@ -46,8 +35,8 @@ def plot_comparison(
 
     Methods use all colours first and then all markers. Below the grey line the reference itself is not accurate.
     """
-    target = checked_target(output, overwrite)
-    return save_figure(comparison.plot(), target)
+    target = draw.checked_target(output, overwrite)
+    return draw.save_figure(comparison.plot(), target)
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
@@ -59,15 +48,15 @@ def comparison_figure(comparison: Comparison) -> Figure:
     }
     if not drawn:
         raise InputError("compare: every run failed; there is nothing to draw")
-    figure = new_figure(11.2, 5.6)
+    figure = draw.new_figure(11.2, 5.6)
     left = None
     for place, (key, label) in enumerate((("evaluations", "force evaluations"), ("seconds", "seconds")), start=1):
-        axes = new_axes(figure, (1, 2, place), sharey=left)
+        axes = draw.new_axes(figure, (1, 2, place), sharey=left)
         left = left or axes
         for index, (name, rows) in enumerate(drawn.items()):
-            colour = COLOURS[index % len(COLOURS)]
-            marker = MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
-            style = "-" if index < len(COLOURS) else "--"
+            colour = draw.COLOURS[index % len(draw.COLOURS)]
+            marker = MARKERS[(index + index // len(draw.COLOURS)) % len(MARKERS)]
+            style = "-" if index < len(draw.COLOURS) else "--"
             axes.plot(
                 [getattr(row, key) for row in rows], [row.error or 0.0 for row in rows], color=colour, marker=marker,
                 linestyle=style, markersize=4, linewidth=1.4, label=name,
@@ -86,9 +75,9 @@ def comparison_figure(comparison: Comparison) -> Figure:
         "relative energy error (RMS)" if comparison.measure == "energy" else "largest relative error of the positions"
     )
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
-    unit = measured("", printed(comparison.time_unit))
+    unit = measured("", draw.printed(comparison.time_unit))
     figure.suptitle(
-        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=INK
+        f"{comparison.system}  ·  {comparison.length:.4g}{unit}  ·  {comparison.reference}", fontsize=12, color=draw.INK
     )
     return figure
 
@@ -102,24 +91,24 @@ def sampling_figure(comparison: SamplingComparison) -> Figure:
     if not any(isfinite(row.pressure) for row in good):
         kinds.pop()
     units = {"pressure": comparison.pressure_unit}
-    figure = new_figure(4.2 * len(kinds) + 1.0, 4.6)
+    figure = draw.new_figure(4.2 * len(kinds) + 1.0, 4.6)
     for place, (key, label) in enumerate(kinds, start=1):
-        axes = new_axes(figure, (1, len(kinds), place))
+        axes = draw.new_axes(figure, (1, len(kinds), place))
         axes.axhline(0.0, color="#BBBBBB", linewidth=1.0)
         for index, name in enumerate(comparison.methods):
             rows = [row for row in good if row.method == name]
             axes.errorbar(
                 [row.dt for row in rows], [getattr(row, key) for row in rows],
-                [2.0 * getattr(row, f"{key}_error") for row in rows], color=COLOURS[index % len(COLOURS)],
+                [2.0 * getattr(row, f"{key}_error") for row in rows], color=draw.COLOURS[index % len(draw.COLOURS)],
                 marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2,
                 label=comparison.label(name),
             )  # fmt: skip
-        axes.set_xlabel(f"dt ({printed(comparison.time_unit)})" if comparison.time_unit else "dt")
+        axes.set_xlabel(f"dt ({draw.printed(comparison.time_unit)})" if comparison.time_unit else "dt")
         unit = units.get(key, comparison.energy_unit)
-        axes.set_title(f"Error of the mean of {label}{f' ({printed(unit)})' if unit else ''}")
+        axes.set_title(f"Error of the mean of {label}{f' ({draw.printed(unit)})' if unit else ''}")
     axes = figure.axes[0]
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)
-    figure.suptitle(f"{comparison.system}  ·  errors of means with two standard errors", fontsize=12, color=INK)
+    figure.suptitle(f"{comparison.system}  ·  errors of means with two standard errors", fontsize=12, color=draw.INK)
     return figure
 
 
@@ -137,22 +126,26 @@ def force_figure(checks: ForceChecks) -> Figure:
     drawn = [name for name in PANELS if name in checks.curves and checks.curves[name].size]
     if not drawn:
         raise InputError(f"{checks.system}: no test of its forces made a curve; there is nothing to draw")
-    figure = new_figure(11.2, 7.0 if len(drawn) > 2 else 4.0)
+    figure = draw.new_figure(11.2, 7.0 if len(drawn) > 2 else 4.0)
     rows = (len(drawn) + 1) // 2
     for place, name in enumerate(drawn, 1):
         x, y = checks.curves[name]
         across, up, logarithmic = PANELS[name]
-        axes = new_axes(figure, (rows, min(2, len(drawn)), place))
+        axes = draw.new_axes(figure, (rows, min(2, len(drawn)), place))
         marked = "o" if logarithmic else None
         axes.plot(
-            x, y - y.mean() if name == "energy of a run" else y, color=COLOURS[place - 1], linewidth=1.4, marker=marked
+            x,
+            y - y.mean() if name == "energy of a run" else y,
+            color=draw.COLOURS[place - 1],
+            linewidth=1.4,
+            marker=marked,
         )
         if logarithmic:
             axes.set(xscale="log", yscale="log")
         axes.set(xlabel=across, ylabel=up)
     failed = ", ".join(row.test for row in checks.failed)
     figure.suptitle(
-        f"{checks.system}  ·  {f'failed: {failed}' if failed else 'all tests passed'}", fontsize=12, color=INK
+        f"{checks.system}  ·  {f'failed: {failed}' if failed else 'all tests passed'}", fontsize=12, color=draw.INK
     )
     return figure
 
@@ -167,24 +160,24 @@ def orbit_report_figure(report: OrbitReport) -> Figure:
     """Draw pericentres and nodes in the complex plane, their spectra with the proper frequencies as dashed lines, and
     angles that librate against time."""
     angles = report.resonances[:ANGLES]
-    figure = new_figure(12.0, 12.4 if angles else 8.6)
+    figure = draw.new_figure(12.0, 12.4 if angles else 8.6)
     parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1.0)) if angles else (figure, None)
     upper, lower = parts
     for column, (series, kind, title, across, up) in enumerate(KINDS):
         values = getattr(report, series)[:, :FEW]
-        axes = new_axes(upper, (2, 2, column + 1))
-        thin = slice(None, None, -(-len(values) // MAX_POINTS))
+        axes = draw.new_axes(upper, (2, 2, column + 1))
+        thin = slice(None, None, -(-len(values) // draw.MAX_POINTS))
         for k, body in enumerate(report.bodies[:FEW]):
             path = values[thin, k]
             axes.plot(path.real, path.imag, color=_colour(k), linewidth=0.6, alpha=0.8, label=body.name)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set(title=title, xlabel=across, ylabel=up)
-        _draw_spectra(new_axes(upper, (2, 2, column + 3)), report, values, kind)
+        _draw_spectra(draw.new_axes(upper, (2, 2, column + 3)), report, values, kind)
     handles, labels = upper.axes[0].get_legend_handles_labels()
     upper.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 10), frameon=False, fontsize=9)
     if lower is not None:
-        axes = new_axes(lower, (1, 1, 1))
-        thin = slice(None, None, -(-len(report.times) // MAX_POINTS))
+        axes = draw.new_axes(lower, (1, 1, 1))
+        thin = slice(None, None, -(-len(report.times) // draw.MAX_POINTS))
         for k, (one, angle) in enumerate(zip(angles, report.angles[: len(angles)], strict=True)):
             shown = np.degrees(angle[thin] % (2.0 * math.pi))
             axes.plot(report.times[thin], shown, ".", markersize=2.0, color=_colour(k), label=one.angle)
@@ -193,10 +186,10 @@ def orbit_report_figure(report: OrbitReport) -> Figure:
             yticks=[0, 90, 180, 270, 360],
             title="Angles that librate",
             ylabel="degrees",
-            xlabel=with_unit("time", report.units.time),
+            xlabel=draw.with_unit("time", report.units.time),
         )
         axes.legend(loc="upper right", fontsize=8)
-    figure.suptitle(f"{report.path.stem}  ·  {len(report.bodies)} orbits", fontsize=12, color=INK)
+    figure.suptitle(f"{report.path.stem}  ·  {len(report.bodies)} orbits", fontsize=12, color=draw.INK)
     return figure
 
 
@@ -233,11 +226,11 @@ def plot_shadow(
     """Draw H and its modifications against time for one run, and their oscillations against the step for several runs.
 
     Return the figure's path."""
-    target = checked_target(output, overwrite)
+    target = draw.checked_target(output, overwrite)
     names = {0: "H", 2: "H + dt² H$_2$", 4: "H + dt² H$_2$ + dt⁴ H$_4$"}
-    figure = new_figure(11.2, 4.8)
-    left, right = new_axes(figure, (1, 2, 1)), new_axes(figure, (1, 2, 2))
-    for (order, name), colour in zip(names.items(), (COLOURS[1], COLOURS[5], COLOURS[0]), strict=True):
+    figure = draw.new_figure(11.2, 4.8)
+    left, right = draw.new_axes(figure, (1, 2, 1)), draw.new_axes(figure, (1, 2, 2))
+    for (order, name), colour in zip(names.items(), (draw.COLOURS[1], draw.COLOURS[5], draw.COLOURS[0]), strict=True):
         left.plot(run.times, run.values[order], color=colour, linewidth=1.4, label=name)
         steps = [each.dt for each in runs]
         right.plot(
@@ -248,4 +241,4 @@ def plot_shadow(
     right.set(xscale="log", yscale="log", xlabel="dt")
     right.xaxis.set_minor_formatter("")
     right.set(ylabel="oscillation", title="Slopes 2, 4 and 6")
-    return save_figure(figure, target)
+    return draw.save_figure(figure, target)

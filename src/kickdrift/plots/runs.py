@@ -16,23 +16,8 @@ from kickdrift.errors import InputError
 from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
-from kickdrift.plots.drawing import (
-    COLOURS,
-    GRID,
-    INK,
-    Axes,
-    Figure,
-    checked_target,
-    legend,
-    new_axes,
-    new_figure,
-    printed,
-    save_figure,
-    thin,
-    time_axis,
-    title_of,
-    with_unit,
-)
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import choices, measured, shown, suggestion
 from kickdrift.trajectory.read import reader
@@ -48,12 +33,12 @@ WINDOWS = 50  # parts of a benchmark's run for the RMS error
 
 
 def write_figure(
-    path: str | os.PathLike[str], output: str | os.PathLike[str], overwrite: bool, draw: Callable[[reader.Run], Figure]
+    path: str | os.PathLike[str], output: str | os.PathLike[str], overwrite: bool, made: Callable[[reader.Run], Figure]
 ) -> Path:
-    """Write the figure that ``draw`` makes of a run's file. Return the figure's path."""
-    target = checked_target(output, overwrite, path)
+    """Write the figure that ``made`` returns of a run's file. Return the figure's path."""
+    target = draw.checked_target(output, overwrite, path)
     with reader.open(path) as run:
-        return save_figure(draw(run), target)
+        return draw.save_figure(made(run), target)
 
 
 def run_figure(run: reader.Run) -> Figure:
@@ -71,7 +56,7 @@ def run_figure(run: reader.Run) -> Figure:
     if room := room_of(run):
         panels += [partial(_draw_room, room), partial(_draw_edges, room, run.box.periodic_axes)]
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
-    return panelled(panels, run.units, title_of(run))
+    return panelled(panels, run.units, draw.title_of(run))
 
 
 def report_figure(report: Report) -> Figure:
@@ -85,18 +70,18 @@ def report_figure(report: Report) -> Figure:
     panels = [partial(_draw_energies, energies), *panels] if units else panels
     panels += [partial(_draw_temperature, series.times, series.temperatures)] if series.temperatures is not None else []
     units = units or UNIT_SYSTEMS["nbody"]
-    step = [] if report.dt is None else [measured(f"dt = {report.dt:g}", printed(units.time))]
+    step = [] if report.dt is None else [measured(f"dt = {report.dt:g}", draw.printed(units.time))]
     return panelled(panels, units, "  ·  ".join([report.system, report.integrator, *step]))
 
 
 def panelled(panels: Sequence[Callable[[Axes, UnitSystem], None]], units: UnitSystem, title: str) -> Figure:
     """A figure of panels in two columns; the last one of an odd number is as wide as both."""
     rows = math.ceil(len(panels) / 2)
-    figure = new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
-    for index, draw in enumerate(panels):
+    figure = draw.new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
+    for index, panel in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
-        draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
-    figure.suptitle(title, fontsize=12, color=INK)
+        panel(draw.new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
+    figure.suptitle(title, fontsize=12, color=draw.INK)
     return figure
 
 
@@ -110,24 +95,24 @@ def plot_benchmark(
     A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
     Values that are not finite, as after a blow-up, are left out.
     """
-    target = checked_target(output, overwrite)
+    target = draw.checked_target(output, overwrite)
     if not rows:
         raise InputError("plot_benchmark: there is nothing to draw")
     tables = list(dict.fromkeys(str(row["table"]) for row in rows))
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    figure = new_figure(5.6 * len(tables), 5.2)
+    figure = draw.new_figure(5.6 * len(tables), 5.2)
     first: Axes | None = None
     for index, table in enumerate(tables):
-        axes = new_axes(figure, (1, len(tables), index + 1), sharey=first)
+        axes = draw.new_axes(figure, (1, len(tables), index + 1), sharey=first)
         first = first or axes
         for row in rows:
             if str(row["table"]) == table:
-                _draw_method(axes, row, COLOURS[methods.index(str(row["method"])) % len(COLOURS)])
+                _draw_method(axes, row, draw.COLOURS[methods.index(str(row["method"])) % len(draw.COLOURS)])
         axes.set(yscale="log", title=table[:1].upper() + table[1:], xlabel=f"time ({time_unit})")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
     if first is not None:
         first.set_ylabel("relative energy error |ΔE / E$_0$|")
-    return save_figure(figure, target)
+    return draw.save_figure(figure, target)
 
 
 # -- panels of a run
@@ -140,11 +125,11 @@ def energy_taken(run: reader.Run) -> Floats | float:
 
 def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
     names = ("kinetic", "potential", "total")
-    for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
-        axes.plot(*thin(energies.time, values), label=name, color=colour, linewidth=1.2)
-    axes.set(title="Energy", ylabel=with_unit("energy", units.energy))
-    time_axis(axes, units)
-    legend(axes)
+    for name, values, colour in zip(names, energies[1:], (draw.COLOURS[1], draw.COLOURS[0], draw.INK), strict=True):
+        axes.plot(*draw.thin(energies.time, values), label=name, color=colour, linewidth=1.2)
+    axes.set(title="Energy", ylabel=draw.with_unit("energy", units.energy))
+    draw.time_axis(axes, units)
+    draw.legend(axes)
 
 
 def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes, units: UnitSystem) -> None:
@@ -153,52 +138,52 @@ def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes
     by_total = found.relative_to == "initial energy"
     error = (total - total[0]) / found.scale(kinetic)
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
-    axes.axhline(0.0, color=GRID, linewidth=1.2)
-    axes.plot(*thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)
+    axes.axhline(0.0, color=draw.GRID, linewidth=1.2)
+    axes.plot(*draw.thin(energies.time, error / 10.0**power), color=draw.COLOURS[0], linewidth=0.9)
     rms = float(np.sqrt(np.mean(error**2)))
     axes.set_title(f"Relative energy error (RMS {rms:.2g})")
     ratio = "(E − E$_0$) / |E$_0$|" if by_total else "(E − E$_0$) / K$_0$"
     axes.set_ylabel(f"{ratio}   [$10^{{{power}}}$]" if power else ratio)
-    time_axis(axes, units)
+    draw.time_axis(axes, units)
 
 
 def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: UnitSystem) -> None:
-    axes.plot(*thin(times, temperature), color=COLOURS[1], linewidth=0.9)
+    axes.plot(*draw.thin(times, temperature), color=draw.COLOURS[1], linewidth=0.9)
     mean = float(np.mean(temperature))
-    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.axhline(mean, color=draw.INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.set(
-        title=f"Temperature (mean {measured(f'{mean:.4g}', printed(units.temperature))})",
-        ylabel=with_unit("temperature", units.temperature),
+        title=f"Temperature (mean {measured(f'{mean:.4g}', draw.printed(units.temperature))})",
+        ylabel=draw.with_unit("temperature", units.temperature),
     )
-    time_axis(axes, units)
+    draw.time_axis(axes, units)
 
 
 def _draw_room(room: Room, axes: Axes, units: UnitSystem) -> None:
-    axes.plot(*thin(room.times, room.density), color=COLOURS[3], linewidth=0.9)
+    axes.plot(*draw.thin(room.times, room.density), color=draw.COLOURS[3], linewidth=0.9)
     mean = float(np.mean(room.density))
-    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.axhline(mean, color=draw.INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.set(
         title=f"Density (mean {mean:.4g}, mean volume {float(np.mean(room.volume)):.5g})", ylabel="particles per volume"
     )
-    time_axis(axes, units)
+    draw.time_axis(axes, units)
 
 
 def _draw_edges(room: Room, periodic: tuple[bool, ...], axes: Axes, units: UnitSystem) -> None:
     alike = all(np.allclose(room.lengths[:, k], room.lengths[:, 0], rtol=1e-12) for k in range(3))
     for k in [0] if alike else np.flatnonzero(periodic):
         name = "x, y and z" if alike else "xyz"[k]
-        axes.plot(*thin(room.times, room.lengths[:, k]), label=name, color=COLOURS[int(k)], linewidth=0.9)
-    axes.set(title="Edges of the box", ylabel=with_unit("length", units.length))
-    legend(axes)
-    time_axis(axes, units)
+        axes.plot(*draw.thin(room.times, room.lengths[:, k]), label=name, color=draw.COLOURS[int(k)], linewidth=0.9)
+    axes.set(title="Edges of the box", ylabel=draw.with_unit("length", units.length))
+    draw.legend(axes)
+    draw.time_axis(axes, units)
 
 
 def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) -> None:
-    axes.axhline(1.0, color=GRID, linewidth=1.2)
-    axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
+    axes.axhline(1.0, color=draw.GRID, linewidth=1.2)
+    axes.plot(r, g, color=draw.COLOURS[2], linewidth=1.3)
     axes.set(
         title=f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})",
-        xlabel=with_unit("r", units.length),
+        xlabel=draw.with_unit("r", units.length),
         ylabel="g(r)",
         xlim=(0.0, r[-1]),
         ylim=(0.0, None),
@@ -211,7 +196,7 @@ def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
     label = f"{row['method']}, dt = {row['dt']:g}"
     if row.get("verdict"):
         label += f": {row['verdict']}"
-    axes.plot(*thin(times[drawn], errors[drawn]), color=colour, linewidth=0.6, alpha=0.25)
+    axes.plot(*draw.thin(times[drawn], errors[drawn]), color=colour, linewidth=0.6, alpha=0.25)
     parts = [part for part in np.array_split(np.flatnonzero(drawn), WINDOWS) if len(part)]
     strong = [(times[part].mean(), math.sqrt(np.mean(errors[part] ** 2))) for part in parts]
     axes.plot(*np.array(strong).reshape(-1, 2).T, color=colour, linewidth=1.8, zorder=3, label=label)
@@ -247,17 +232,22 @@ def column_figure(run: reader.Run, name: str) -> Figure:
         known = choices(observables, name) or "none, for it has no sample"
         raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
     times, values, unit = run.sample_times, observables[name], run.unit_of(name)
-    units, title = run.units, title_of(run)
-    figure = new_figure(7.2, 4.2)
-    axes = new_axes(figure, (1, 1, 1))
+    units, title = run.units, draw.title_of(run)
+    figure = draw.new_figure(7.2, 4.2)
+    axes = draw.new_axes(figure, (1, 1, 1))
     labels = parts(name, values.shape[1:])
     lines = values.reshape(len(values), len(labels)).T
     for k, (label, line) in enumerate(zip(labels[:MOST_LINES], lines, strict=False)):
         finite = np.isfinite(line)
-        axes.plot(*thin(times[finite], line[finite]), label=label, color=COLOURS[k % len(COLOURS)], linewidth=1.2)
-    axes.set(title=name.replace("_", " "), ylabel=with_unit(name.replace("_", " "), unit))
-    time_axis(axes, units)
+        axes.plot(
+            *draw.thin(times[finite], line[finite]),
+            label=label,
+            color=draw.COLOURS[k % len(draw.COLOURS)],
+            linewidth=1.2,
+        )
+    axes.set(title=name.replace("_", " "), ylabel=draw.with_unit(name.replace("_", " "), unit))
+    draw.time_axis(axes, units)
     if len(labels) > 1:
-        legend(axes)
-    figure.suptitle(title, fontsize=11, color=INK)
+        draw.legend(axes)
+    figure.suptitle(title, fontsize=11, color=draw.INK)
     return figure

@@ -18,9 +18,8 @@ from kickdrift.model.orbits.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.plots import figures
+from kickdrift.plots import drawing, figures
 from kickdrift.plots import orbits as plots_orbits
-from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.write.h5md import Writer
@@ -191,7 +190,7 @@ def test_bad_input(run, tmp_path):
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    return saved_by(monkeypatch, plots)
+    return saved_by(monkeypatch, drawing)
 
 
 def panels(figure):

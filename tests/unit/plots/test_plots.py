@@ -60,7 +60,7 @@ def rows() -> list[dict]:
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    return saved_by(monkeypatch, plots)
+    return saved_by(monkeypatch, drawing)
 
 
 def png_size(path: Path) -> tuple[int, int]:
@@ -199,7 +199,7 @@ def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch
     titles = []
     for draw in (plot_run, plot_orbits):
         monkeypatch.setattr(
-            plots, "save_figure",
+            drawing, "save_figure",
             lambda figure, target: titles.extend(
                 axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
             ),

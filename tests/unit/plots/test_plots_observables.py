@@ -13,8 +13,8 @@ from kickdrift.analysis import mean_squared_displacement, radial_distribution
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
+from kickdrift.plots import drawing
 from kickdrift.plots import observables as of
-from kickdrift.plots import runs
 from kickdrift.plots.figures import plot_file
 from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
@@ -41,7 +41,7 @@ def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
 @pytest.fixture
 def drawn(monkeypatch):
     """Figures that were saved."""
-    return saved_by(monkeypatch, runs)
+    return saved_by(monkeypatch, drawing)
 
 
 @pytest.mark.parametrize("kind", list(of.KINDS))
