@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.console import out, print_table, progress_bar, say
-from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption, ThreadsOption, argument, option, whole
+from kickdrift.cli.options import Json, Overwrite, Quiet, Threads, argument, option, whole
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
@@ -24,11 +24,11 @@ def bench_lj_energy(
         int | None, option("N", "Steps of 0.005 (default 2000; the full benchmark has 1000000).", parser=whole(1))
     ] = None,
     integrator: Annotated[list[str] | None, option("NAME", "Integrator; repeat for several.")] = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
+    threads: Threads = 1,
+    json_file: Json = None,
     plot: Annotated[Path | None, option("FILE.png", "Draw the energy errors against time.")] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """The Lennard-Jones energy benchmark: energy error and drift of integrators, at equal step and at equal cost."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite)
@@ -78,9 +78,9 @@ def bench_speed(
     turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
     seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 0.4,
     listing: Annotated[bool, typer.Option("--list", help="List the groups and run none.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Time kickdrift beside every other installed program, in turns on the same systems, with each energy error."""
     refuse_outputs({"json": json_file}, overwrite)
@@ -113,7 +113,7 @@ def validate(
         Path | None, option("FILE.md", "File of the report; its figures go into a folder beside it.")
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the scripts and run none.")] = False,
-    quiet: QuietOption = False,
+    quiet: Quiet = False,
 ) -> None:
     """Compare kickdrift with other people's programs and data and write a report; exit status 1 if a claim fails."""
     need_validation("validate")

@@ -14,7 +14,7 @@ import typer
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
-from kickdrift.cli.options import OverwriteOption, QuietOption, argument, option, whole, with_options
+from kickdrift.cli.options import Overwrite, Quiet, argument, option, whole, with_options
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import integrator
 from kickdrift.model.problem import Problem
@@ -57,8 +57,8 @@ def plot(
     ] = None,
     options: Any = None,
     time: Annotated[float | None, option("T", "Length of these runs (default: the system file's).")] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
     and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
@@ -182,8 +182,8 @@ def view(
     open_: Annotated[
         bool | None, typer.Option("--open/--no-open", help="Open the page in a browser (default: with a display).")
     ] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write one HTML page that shows a run in a browser, without a network: particles that turn, the box, orbits,
     curves and the report. A system file shows its start."""
@@ -238,8 +238,8 @@ def movie(
     dark: Annotated[
         bool | None, typer.Option("--dark/--light", help="Background (default: dark for planets, else light).")
     ] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Make a film of a run: spheres in their box, or planets with trails and names. MP4 and WebM need ffmpeg, which
     pip install 'kickdrift[movie]' brings; GIF needs nothing."""

@@ -12,7 +12,7 @@ import typer
 
 import kickdrift as kd
 from kickdrift.cli.console import members_bar, print_lines, print_table, say
-from kickdrift.cli.options import QuietOption, SystemArgument, length, option, whole, with_options
+from kickdrift.cli.options import Quiet, SystemFile, length, option, whole, with_options
 from kickdrift.cli.watching import Interrupted
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
@@ -26,7 +26,7 @@ MEASURE = "measure"  # module name of a file with a measure
 
 @with_options("dt")
 def ensemble(
-    system: SystemArgument,
+    system: SystemFile,
     vary: Annotated[
         list[str] | None,
         option(
@@ -59,7 +59,7 @@ def ensemble(
     trajectories: Annotated[
         Path | None, option("FOLDER", "Write a .h5md file for each member, .h5 for an ODE.")
     ] = None,
-    quiet: QuietOption = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a system many times, with varied values and separate seeds, on all cores or on a Dask cluster."""
     from kickdrift.ensemble.running import workers as dask_workers

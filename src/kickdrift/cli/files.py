@@ -12,7 +12,7 @@ import typer
 
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_lines, print_table, progress_bar, say, verbatim
-from kickdrift.cli.options import JsonOption, OverwriteOption, QuietOption, argument, option
+from kickdrift.cli.options import Json, Overwrite, Quiet, argument, option
 from kickdrift.disk.files import shown_path
 from kickdrift.disk.kinds import JSON, SYSTEM
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
@@ -40,8 +40,8 @@ def export(
     start: Annotated[int | None, option("A", "First frame, from 0; negative from the end.")] = None,
     stop: Annotated[int | None, option("B", "First frame after the chosen ones.")] = None,
     step: Annotated[int | None, option("C", "Only every C-th frame.", min=1)] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses."""
 
@@ -57,8 +57,8 @@ def export(
 def info(
     file: Annotated[str, argument("FILE", "A run's file, an ensemble's table, or a system file or name.")],
     all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Describe a run's file or an ensemble's table, or check a system file without running it."""
     refuse_outputs({"json": json_file}, overwrite, [file])
@@ -183,8 +183,8 @@ def list_(
     what: Annotated[Lists, argument("WHAT", f"{', '.join(Lists)}.")],
     name: Annotated[str | None, argument("[NAME]", "Explain this integrator.")] = None,
     all_: Annotated[bool, typer.Option("--all", help="Every column, whatever the terminal's width.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
     refuse_outputs({"json": json_file}, overwrite)
@@ -208,7 +208,7 @@ def new(
         bool,
         typer.Option("--schema", help="Write the schema beside the file, and name it in the first line for editors."),
     ] = False,
-    quiet: QuietOption = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a commented system file to start from. No file is replaced."""
     from kickdrift.systemfile.json_schema import json_schema_text
@@ -249,7 +249,7 @@ def cite(
     verbatim(kd.cite(name) + "\n")
 
 
-def doctor(json_file: JsonOption = None, overwrite: OverwriteOption = False) -> None:
+def doctor(json_file: Json = None, overwrite: Overwrite = False) -> None:
     """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
     refuse_outputs({"json": json_file}, overwrite)
 

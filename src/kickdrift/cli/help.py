@@ -40,8 +40,16 @@ COLUMN = 24  # where the help of an option begins
 ALONE = {"--imd": "8888", "--live": "0"}
 
 
-class Command(TyperCommand):
+class _Paged:
     """A command with a help page of kickdrift's own."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help page."""
+        formatter.write("\n".join(_page(self, ctx, _width())) + "\n")
+
+
+class Command(_Paged, TyperCommand):
+    """A command of kickdrift."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments; an option of ``ALONE`` takes the next word only if that is a number."""
@@ -53,17 +61,9 @@ class Command(TyperCommand):
         parsed: list[str] = super().parse_args(ctx, given)
         return parsed
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help page."""
-        formatter.write("\n".join(_page(self, ctx, _width())) + "\n")
 
-
-class Group(TyperGroup):
-    """Commands with a help page of kickdrift's own, which is shown without a command too."""
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help page."""
-        formatter.write("\n".join(_page(self, ctx, _width())) + "\n")
+class Group(_Paged, TyperGroup):
+    """Commands, whose help page is shown without a command too."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments; without any, show the help page and end with exit status 2."""

@@ -9,20 +9,9 @@ from typing import Annotated, Any
 import typer
 
 import kickdrift as kd
+from kickdrift.cli import options as opt
 from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found
-from kickdrift.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    SubjectArgument,
-    ThreadsOption,
-    argument,
-    in_units,
-    length,
-    option,
-    subject_of,
-    with_options,
-)
+from kickdrift.cli.options import argument, in_units, option, subject_of, with_options
 from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
@@ -35,7 +24,7 @@ from kickdrift.text import shown
 
 @with_options()
 def compare(
-    system: SubjectArgument,
+    system: opt.Subject,
     integrator: Annotated[
         list[str] | None, option("NAME", "Integrator; repeat for several (default: a suitable choice).")
     ] = None,
@@ -46,11 +35,11 @@ def compare(
     accuracy: Annotated[float | None, option("X", "Wanted relative error: recommend a method and a step.")] = None,
     length: Annotated[Any, option("T", "Length of the planned run (default: the file's).", parser=span)] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
     plot: Annotated[Path | None, option("FILE.png", "Draw error against evaluations and seconds.")] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances. For methods
     with a heat bath: the errors of mean energies and pressure over steps; -o dt=X sets the longest step."""
@@ -76,7 +65,7 @@ def compare(
 
 @with_options("dt", "rtol", "atol")
 def chaos(
-    system: SubjectArgument,
+    system: opt.Subject,
     time: Annotated[Any, option("T", "Length of the run, such as '5 yr' (default: the file's).", parser=span)] = None,
     integrator: Annotated[
         str | None, option("NAME", "Default: the file's if it can carry deviations, else dop853.")
@@ -86,10 +75,10 @@ def chaos(
         str | None, option("K", "Lyapunov spectrum instead: the K largest exponents, or all of them.")
     ] = None,
     seed: Annotated[int, option("S", "Seed of the first deviation.", min=0)] = 0,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations, or the
     Lyapunov spectrum."""
@@ -115,7 +104,7 @@ def chaos(
 
 @with_options("dt", "rtol", "atol")
 def transits(
-    system: SubjectArgument,
+    system: opt.Subject,
     planet: Annotated[str, argument("PLANET", "Name or number of the planet.")],
     until: Annotated[Any, option("T", "Last time, such as '40 day'.", parser=span)],
     star: Annotated[str | None, option("NAME", "Name or number of the star (default: the most massive body).")] = None,
@@ -129,10 +118,10 @@ def transits(
     ] = None,
     integrator: Annotated[str | None, option("NAME", "Default: the file's if it suits, else gauss-radau15.")] = None,
     options: Any = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Find the times at which a planet passes in front of its star; --json has their derivatives by the start."""
     refuse_outputs({"json": json_file}, overwrite, [system])
@@ -194,9 +183,9 @@ def certify(
     options: Any = None,
     steps: Annotated[int | None, option("N", "Steps of the engine's run.", min=1)] = None,
     every: Annotated[int | None, option("K", "Steps between its samples.", min=1)] = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
     For a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
@@ -303,11 +292,11 @@ def analyze(
         Planes, option("NAME", f"Plane of inclinations and nodes: {', '.join(Planes)}.")
     ] = Planes.invariable,
     order: Annotated[int, option("N", "Largest p - q of resonances p : q of mean motions.", min=1)] = 4,
-    until: Annotated[Any, option("T", "Last time to use, such as '20 Myr' (default: all).", parser=length)] = None,
+    until: Annotated[Any, option("T", "Last time to use, such as '20 Myr' (default: all).", parser=span)] = None,
     plot: Annotated[Path | None, option("FILE.png", "Draw the orbits' frequencies and librating angles.")] = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Find the proper frequencies of each orbit, their secular periods, and resonant angles that librate."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])

@@ -106,10 +106,10 @@ def method_names(incomplete: str) -> list[str]:
     return [name for name in INTEGRATORS if name.startswith(incomplete)]
 
 
-SystemArgument = Annotated[
+SystemFile = Annotated[
     str, argument("SYSTEM.toml", "A system file, or the name of a shipped system.", autocompletion=system_names)
 ]
-SubjectArgument = Annotated[
+Subject = Annotated[
     str,
     argument(
         "SYSTEM",
@@ -127,18 +127,18 @@ def _alone(path: Path | None) -> Path | None:
     return path
 
 
-HostsOption = Annotated[
+Hosts = Annotated[
     Path | None, option("FILE", "Machines for the processes: lines of NAME or NAME:COUNT, as mpiexec takes them.")
 ]
-JsonOption = Annotated[
+Json = Annotated[
     Path | None,
     option(
         "FILE", "Write the results as one JSON object; - is standard output, which then holds nothing else.", "--json",
         callback=_alone,
     ),
 ]  # fmt: skip
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
-ThreadsOption = Annotated[int, option("K", "Threads; they do not change the results.", min=1)]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
+Threads = Annotated[int, option("K", "Threads; they do not change the results.", min=1)]
 
 
 def _quietly(quiet: bool) -> bool:
@@ -148,8 +148,8 @@ def _quietly(quiet: bool) -> bool:
     return quiet
 
 
-QuietOption = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
-FlushOption = Annotated[
+Quiet = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
+Flush = Annotated[
     float | None, option("SECONDS", "Seconds between writes to disk; a kill loses at most this much (default 10).")
 ]
 

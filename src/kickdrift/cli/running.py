@@ -11,15 +11,9 @@ from typing import Annotated, Any
 import typer
 
 import kickdrift as kd
+from kickdrift.cli import options as opt
 from kickdrift.cli.console import busy, print_lines, progress_bar, say
 from kickdrift.cli.options import (
-    FlushOption,
-    HostsOption,
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    SubjectArgument,
-    ThreadsOption,
     amount,
     argument,
     in_units,
@@ -101,7 +95,7 @@ TimesOption = Annotated[
     "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
 )
 def run(
-    system: SubjectArgument,
+    system: opt.Subject,
     integrator: Annotated[
         str | None, option("NAME", "See: kickdrift list integrators.", autocompletion=method_names)
     ] = None,
@@ -131,8 +125,8 @@ def run(
     output: Annotated[
         Path | None, option("FILE", "Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
     ] = None,
-    overwrite: OverwriteOption = False,
-    flush: FlushOption = None,
+    overwrite: opt.Overwrite = False,
+    flush: opt.Flush = None,
     store: Annotated[str | None, option("NAME", "Type of stored frames: float64 (default), float32.")] = None,
     old_store: Annotated[str | None, typer.Option("--precision", hidden=True)] = None,
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
@@ -147,17 +141,17 @@ def run(
             "-e",
         ),
     ] = None,
-    threads: ThreadsOption = 1,
+    threads: opt.Threads = 1,
     engine: Annotated[str, option("NAME", "See: kickdrift list engines.")] = "native",
     processes: Annotated[
         int | None, option("N", "Number of processes, for an engine that can use several: lammps (default: 1).", min=1)
     ] = None,
-    hosts: HostsOption = None,
+    hosts: opt.Hosts = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
     live: LiveOption = None,
-    json_file: JsonOption = None,
-    quiet: QuietOption = False,
+    json_file: opt.Json = None,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Run a system and report how well it conserved energy and momentum."""
 
@@ -233,14 +227,14 @@ def resume(
     threads: Annotated[
         int | None, option("K", "Threads (default: as in the run); they do not change the results.", min=1)
     ] = None,
-    hosts: HostsOption = None,
-    flush: FlushOption = None,
+    hosts: opt.Hosts = None,
+    flush: opt.Flush = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
     live: LiveOption = None,
-    json_file: JsonOption = None,
+    json_file: opt.Json = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
-    quiet: QuietOption = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Finish an interrupted run or extend a finished one, with the same bits as an uninterrupted run."""
     _refuse_both(steps=steps, time=time)
@@ -299,7 +293,7 @@ def show(
 
 
 def relax(
-    system: SubjectArgument,
+    system: opt.Subject,
     output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
     force: Annotated[
         Any,
@@ -320,10 +314,10 @@ def relax(
         ),
     ] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
     keeps the velocities of the file."""

@@ -30,6 +30,7 @@ from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
 from kickdrift.systemfile.particles import as_given, box_of, cluster, edges_given, on_lattice, on_orbits, topology_of
+from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
 from kickdrift.text import choices, shown, suggestion
 
@@ -245,12 +246,12 @@ def _start(
             return on_lattice(particles, table, box, units)
         if isinstance(particles, schema.PositionsTable):
             return as_given(particles, units, gravity)
-        if isinstance(particles, schema.ElementsTable | schema.PlummerTable):
+        if isinstance(particles, ElementsTable | PlummerTable):
             if table.velocities is not None:
                 raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
                 on_orbits(particles, gravity, seed)
-                if isinstance(particles, schema.ElementsTable)
+                if isinstance(particles, ElementsTable)
                 else cluster(particles, units, seed)
             )
         if "\0" in particles.file:
