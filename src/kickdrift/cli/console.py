@@ -176,9 +176,12 @@ def stopped_at() -> str:
     return f"stopped at {_doing}; nothing is kept, and the same command begins again"
 
 
-def show_found(found: Any, json_file: Path | None, overwrite: bool) -> None:
+def show_found(found: Any, json_file: Path | None, overwrite: bool, whole: bool = False) -> None:
     """Print the tables and lines of a result, and write the result as JSON if a file is given."""
+    if found._lines_first:
+        print_lines(lines_of(found))
     for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    print_lines(lines_of(found))
+        print_table(title, columns, rows, whole)
+    if not found._lines_first:
+        print_lines(lines_of(found))
     write_json(json_file, found.as_json(), overwrite=overwrite)

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 import kickdrift as kd
-from kickdrift.cli.console import busy, out, print_lines, print_table, progress_bar, say, verbatim
+from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found, verbatim
 from kickdrift.cli.options import Json, Overwrite, Quiet, argument, option
 from kickdrift.disk.files import shown_path
 from kickdrift.disk.kinds import JSON, SYSTEM
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
-from kickdrift.display.showing import lines_of, tables_of
+from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
@@ -190,10 +190,7 @@ def list_(
     refuse_outputs({"json": json_file}, overwrite)
 
     found = kd.listing(str(what), name)
-    print_lines(lines_of(found))
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows, whole=all_)
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite, whole=all_)
     if what in HINTS and name is None and sys.stderr is not None and sys.stderr.isatty():
         say(HINTS[what])
 
@@ -254,9 +251,6 @@ def doctor(json_file: Json = None, overwrite: Overwrite = False) -> None:
     refuse_outputs({"json": json_file}, overwrite)
 
     found = kd.doctor()
-    print_lines(lines_of(found))
-    for title, columns, rows in tables_of(found):
-        print_table(title, columns, rows)
-    write_json(json_file, found.as_json(), overwrite=overwrite)
+    show_found(found, json_file, overwrite)
     if found.problems:
         raise typer.Exit(1)
