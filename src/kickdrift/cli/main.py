@@ -108,7 +108,6 @@ bench_app.command("speed", cls=Command)(telling(bench_speed))
 
 
 def _version(asked: bool) -> None:
-    """Print the version and exit, if that was asked."""
     if asked:
         from importlib.metadata import version
 

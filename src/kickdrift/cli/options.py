@@ -142,7 +142,6 @@ Threads = Annotated[int, option("K", "Threads; they do not change the results.",
 
 
 def _quietly(quiet: bool) -> bool:
-    """Tell the console."""
     if quiet:
         hush()
     return quiet

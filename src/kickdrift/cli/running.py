@@ -272,7 +272,6 @@ def warn_of_version(sim: kd.Simulation, quiet: bool) -> None:
 
 
 def _before(sim: kd.Simulation) -> list[str]:
-    """Warnings that are printed before the first step."""
     from kickdrift.run.report.warnings import pressure_warning, unused_warnings
 
     system = sim.system

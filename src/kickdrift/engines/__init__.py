@@ -59,7 +59,6 @@ class Engine:
 
     @property
     def foreign(self) -> bool:
-        """Tell whether the engine is another program."""
         return self.name != NATIVE
 
     @property
@@ -79,7 +78,6 @@ class Engine:
         return import_module(f"kickdrift.engines.{self.name}")
 
     def session(self, job: Job) -> Any:
-        """Start the program for a job."""
         return self.module.session(job)
 
     def method_name(self, name: str) -> str:

@@ -76,7 +76,6 @@ class OpenmmSession(Session):
         self._begun = False
 
     def _made(self) -> Any:
-        """OpenMM's System."""
         import openmm
 
         system = self.job.system

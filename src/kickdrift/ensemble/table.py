@@ -166,7 +166,6 @@ class Journal:
             raise RunError(f"{self.path}: cannot be written: {reason(error)}") from None
 
     def finish(self, table: DataFrame) -> None:
-        """Write the table and remove the journal."""
         write(table, self.output)
         self.path.unlink(missing_ok=True)
 

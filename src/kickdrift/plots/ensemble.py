@@ -129,7 +129,6 @@ def set_value_axis(axes: Axes, table: DataFrame, name: str) -> None:
 
 
 def set_random_axis(axes: Axes, which: str, table: DataFrame, key: str) -> None:
-    """Set the axis of a random key."""
     log = table.attrs[PROVENANCE]["draws"][key][0] == "log-uniform"
     axes.set(**{f"{which}label": key_label(table, key), f"{which}scale": "log" if log else "linear"})
 

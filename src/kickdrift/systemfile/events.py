@@ -37,7 +37,6 @@ class CloseApproachTable(Table):
     action: Literal["log", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         distance = quantity(self.distance, "dimensionless" if self.hill else "length", units, "distance")
         return CloseApproach(distance, self.bodies, self.hill, self.action)
 
@@ -59,7 +58,6 @@ class CollisionTable(Table):
     loss: bool = False
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set - {"type", "rule"}}
         if self.rule is not None:
             given["rule"] = found_function(f"{Collision.kind}: rule", self.rule)
@@ -73,7 +71,6 @@ class EscapeTable(Table):
     action: Literal["log", "remove", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         return Escape(self.distance, self.about, self.action)
 
 
@@ -85,7 +82,6 @@ class PassageTable(Table):
     about: str | int
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         return PASSAGES[self.type](self.body, self.about)
 
 

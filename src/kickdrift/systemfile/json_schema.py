@@ -117,7 +117,6 @@ def json_schema() -> Json:
 
 
 def json_schema_text() -> str:
-    """The JSON schema of system files as text."""
     return json.dumps(json_schema(), indent=1, ensure_ascii=False) + "\n"
 
 

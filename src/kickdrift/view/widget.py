@@ -76,5 +76,4 @@ class Widget(anywidget.AnyWidget):
 
 
 def as_text(scene: Scene) -> str:
-    """A scene as JSON."""
     return json.dumps(scene, allow_nan=False, separators=(",", ":"))
