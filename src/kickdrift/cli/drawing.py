@@ -126,7 +126,6 @@ def print_stability(names: Sequence[str]) -> None:
 
 def _is_system(file: Path) -> bool:
     """Whether FILE names a system file rather than a run."""
-
     return file.suffix == ".toml" or is_shipped(str(file))
 
 
@@ -243,7 +242,6 @@ def movie(
 ) -> None:
     """Make a film of a run: spheres in their box, or planets with trails and names. MP4 and WebM need ffmpeg, which
     pip install 'kickdrift[movie]' brings; GIF needs nothing."""
-
     with progress_bar(quiet) as bar:
         found = kd.movie(
             file, output, azimuth=azimuth, elevation=elevation, turn=turn, zoom=zoom, colour=colour, fps=fps,

@@ -26,6 +26,7 @@ from kickdrift.systemfile.files import find, is_shipped, parsed
 from kickdrift.text import counted
 
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
+SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
 def export(
@@ -44,7 +45,6 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses."""
-
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
@@ -136,7 +136,6 @@ def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: 
 
 def check_run(system: System | Problem) -> None:
     """Raise InputError if a system's [run] names no method, or options that the method does not take."""
-
     if system.run.integrator is not None:
         try:
             settled(integrator(system.run.integrator), {}, system.run, getattr(system, "units", None))
@@ -157,7 +156,6 @@ def show(
 ) -> None:
     """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
     of a frame, in the box of that moment, at time 0."""
-
     if Path(system).suffix == ".h5md":
         verbatim(frame_text(system, frame))
         return
@@ -188,14 +186,10 @@ def list_(
 ) -> None:
     """List integrators, forces, systems or engines, or explain an integrator and its options."""
     refuse_outputs({"json": json_file}, overwrite)
-
     found = kd.listing(str(what), name)
     show_found(found, json_file, overwrite, whole=all_)
     if what in HINTS and name is None and sys.stderr is not None and sys.stderr.isatty():
         say(HINTS[what])
-
-
-SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
 def new(
@@ -242,14 +236,12 @@ def cite(
     name: Annotated[str, argument("FILE|NAME", "A run's file, a system, a method, a force or an engine.")],
 ) -> None:
     """Print BibTeX entries for what a run used, or for a system, a method, a force or an engine."""
-
     verbatim(kd.cite(name) + "\n")
 
 
 def doctor(json_file: Json = None, overwrite: Overwrite = False) -> None:
     """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
     refuse_outputs({"json": json_file}, overwrite)
-
     found = kd.doctor()
     show_found(found, json_file, overwrite)
     if found.problems:

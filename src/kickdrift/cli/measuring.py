@@ -269,7 +269,6 @@ def _certify_forces(
 
 def _tested(name: str, calculator: str | None) -> Any:
     """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
-
     if calculator is not None:
         from kickdrift.forces.seam.named import found, load_module
 

@@ -96,13 +96,11 @@ def argument(metavar: str, help: str, **more: Any) -> Any:
 
 def system_names(incomplete: str) -> list[str]:
     """Names of shipped systems that begin so, for completion in a shell; without any, the shell completes files."""
-
     return [name for name in shipped() if name.startswith(incomplete)]
 
 
 def method_names(incomplete: str) -> list[str]:
     """Names of integrators that begin so, for completion in a shell."""
-
     return [name for name in INTEGRATORS if name.startswith(incomplete)]
 
 

@@ -154,7 +154,6 @@ def run(
     quiet: opt.Quiet = False,
 ) -> None:
     """Run a system and report how well it conserved energy and momentum."""
-
     engine_named(engine)
     _refuse_both(steps=steps, time=time)
     for key, value in {"steps": steps, "time": time, "every": every, "interval": interval, "exact": exact}.items():

@@ -35,7 +35,6 @@ LiveOption = Annotated[
 
 def check_watching(subject: System | Problem, live: int | None, imd: int | None, imd_wait: bool, quiet: bool) -> None:
     """Refuse options that make no sense, before anything runs."""
-
     if imd_wait and imd is None:
         raise InputError("--imd-wait: needs --imd")
     if live is not None and quiet:
