@@ -201,7 +201,7 @@ def test_ctrl_c_in_a_command_that_writes_at_its_end(kickdrift, monkeypatch):
         progress(420, 1000)
         pressed()
 
-    monkeypatch.setattr("kickdrift.analysis.chaos.megno.megno", chaos)
+    monkeypatch.setattr("kickdrift.megno", chaos)
     told = "kickdrift: stopped at 42 % of running; nothing is kept, and the same command begins again\n"
     assert kickdrift("chaos", "two-body") == (130, "", told)
 
