@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 
 PIXELS = 900  # of each side of the liquid's picture
 LIGHT = np.array([-0.45, 0.55, 0.70])  # direction of the light, from the scene

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 
 POINTS = 2000  # of a line
 # Starts of three equal masses at (-1, 0), (1, 0) and (0, 0), G = 1: velocity (p, q) of the first two, -2 (p, q) of the

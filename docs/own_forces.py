@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent))

@@ -303,13 +303,13 @@ def _loader(module: str, name: str) -> Callable[[], Any]:
 
 ABOVE.update(
     {
-        "comparison figure": _loader("plots.compare", "comparison_figure"),
-        "force figure": _loader("plots.forces", "force_figure"),
-        "sampling figure": _loader("plots.compare", "sampling_figure"),
+        "comparison figure": _loader("plots.results", "comparison_figure"),
+        "force figure": _loader("plots.results", "force_figure"),
+        "sampling figure": _loader("plots.results", "sampling_figure"),
         "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
         "methods figure": _loader("plots.problems", "methods_figure"),
         "live page": _loader("view.server", "live_page"),
-        "orbit report figure": _loader("plots.secular", "orbit_report_figure"),
+        "orbit report figure": _loader("plots.results", "orbit_report_figure"),
         "problem lines": _loader("trajectory.overview", "overview_of_problem"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),

@@ -456,14 +456,14 @@ def test_not_installed(engine, monkeypatch, capsys):
 
 
 def test_mpi_is_missing(monkeypatch):
-    from kickdrift.engines import lammps_library
+    from kickdrift.engines import lammps_world
 
-    monkeypatch.setattr(lammps_library, "_files", lambda package: [])
-    monkeypatch.setattr(lammps_library, "LIBRARY", "libno-such-mpi.so")
+    monkeypatch.setattr(lammps_world, "_files", lambda package: [])
+    monkeypatch.setattr(lammps_world, "LIBRARY", "libno-such-mpi.so")
     with pytest.raises(ImportError, match=r"MPI is missing \(libno-such-mpi.so\): pip install 'kickdrift\[lammps\]'"):
-        lammps_library.lammps_class()
+        lammps_world.lammps_class()
     with pytest.raises(ImportError, match="mpiexec is missing: pip install"):
-        lammps_library.mpiexec()
+        lammps_world.mpiexec()
     for processes in (1, 2):
         with pytest.raises(kd.InputError, match=r"engine 'lammps': MPI.* is missing"):
             kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=processes).run(1)

@@ -23,7 +23,7 @@ from kickdrift.integrators.step_choice.stability import (
     stability_interval,
 )
 from kickdrift.plots import stability as plots_stability
-from kickdrift.plots.runs import save_figure
+from kickdrift.plots.drawing import save_figure
 from tests.long import shortened
 from tests.oracle import integrators as oracle_integrators
 

@@ -24,7 +24,7 @@ import kickdrift as kd
 from kickdrift.integrators import Method, integrator
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.splitting.stormer import Stormer
-from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, new_axes, new_figure, save_figure
 from kickdrift_validation.claim import Claim, claim, main
 from kickdrift_validation.integrators import shipped
 from kickdrift_validation.measures import EXPLICIT, fixed, oscillators

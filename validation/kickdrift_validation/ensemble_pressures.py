@@ -100,7 +100,7 @@ def judged(mean: Mean) -> Claim:
 
 def draw(means: list[Mean], path: Path) -> None:
     """How far each replica, and their mean with its error, is from the equation."""
-    from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
+    from kickdrift.plots.drawing import COLOURS, INK, new_axes, new_figure, save_figure
 
     figure = new_figure(7.4, 4.8)
     axes = new_axes(figure, (1, 1, 1))

@@ -22,7 +22,7 @@ import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.odes import kepler
-from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, new_axes, new_figure, save_figure
 from kickdrift_validation.claim import Claim, claim, main
 
 SHORT, LONG, DT = 1000, 10_000, 0.01

@@ -110,7 +110,7 @@ def rate(size: np.ndarray, dt: float, begin: int) -> float:
 
 def draw(target: Path, own: list[np.ndarray], curves: dict[str, np.ndarray], dt: float, title: str) -> Path:
     """The distances over time: of kickdrift and itself one rounding away, and of others by name."""
-    from kickdrift.plots.runs import COLOURS, new_axes, new_figure, save_figure
+    from kickdrift.plots.drawing import COLOURS, new_axes, new_figure, save_figure
 
     figure = new_figure(8.0, 5.0)
     axes = new_axes(figure, (1, 1, 1))

@@ -20,7 +20,7 @@ import kickdrift as kd
 from kickdrift.analysis.shadow import Potential, modified_hamiltonian
 from kickdrift.model.state import Floats
 from kickdrift.odes import pendulum
-from kickdrift.plots.runs import COLOURS, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, checked_target, new_axes, new_figure, save_figure
 from kickdrift_validation.claim import Claim, claim, main
 
 STEPS = (0.4, 0.2, 0.1, 0.05, 0.025)

@@ -136,7 +136,7 @@ def compare(system: kd.System, name: str, years: float, figures: Path | None) ->
 
 def draw(target: Path, name: str, years: float, distance: np.ndarray, rounding: np.ndarray) -> Path:
     """Both over time, four planets."""
-    from kickdrift.plots.runs import COLOURS, new_axes, new_figure, save_figure
+    from kickdrift.plots.drawing import COLOURS, new_axes, new_figure, save_figure
 
     figure = new_figure(8.0, 5.0)
     axes, times = new_axes(figure, (1, 1, 1)), years * np.arange(1, LOOKS + 1) / LOOKS

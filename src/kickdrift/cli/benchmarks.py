@@ -2,53 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import whole
-from kickdrift.cli.console import print_table, progress_bar, say
-from kickdrift.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    ThreadsOption,
-)
-from kickdrift.cli.printing import (
-    duration,
-    print_benchmark,
-    print_claims,
-)
+from kickdrift.cli.console import out, print_table, progress_bar, say
+from kickdrift.cli.options import Json, Overwrite, Quiet, Threads, argument, option, whole
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator as method_named
+from kickdrift.looks.report_lines import drift_text
+from kickdrift.text import duration
 
 
 def bench_lj_energy(
-    particles: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Number of particles; a cube such as 1000.")
-    ] = 1000,
+    particles: Annotated[int, option("N", "Number of particles; a cube such as 1000.", min=1)] = 1000,
     steps: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", parser=whole(1), help="Steps of 0.005 (default 2000; the full benchmark has 1000000)."
-        ),
+        int | None, option("N", "Steps of 0.005 (default 2000; the full benchmark has 1000000).", parser=whole(1))
     ] = None,
-    integrator: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Integrator; repeat for several.")
-    ] = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the energy errors against time.")] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    integrator: Annotated[list[str] | None, option("NAME", "Integrator; repeat for several.")] = None,
+    threads: Threads = 1,
+    json_file: Json = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw the energy errors against time.")] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """The Lennard-Jones energy benchmark: energy error and drift of integrators, at equal step and at equal cost."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite)
     from kickdrift.analysis.compare import bench
     from kickdrift.forces.bound.forces import check_threads
-    from kickdrift.integrators import integrator as method_named
 
     methods = list(dict.fromkeys(method_named(name).name for name in integrator or bench.METHODS))
     check_threads(threads)
@@ -88,15 +73,14 @@ def bench_lj_energy(
 
 def bench_speed(
     only: Annotated[
-        list[str] | None,
-        typer.Option(metavar="GROUP", help="Group to run; repeat for several (default: the usual groups). See --list."),
+        list[str] | None, option("GROUP", "Group to run; repeat for several (default: the usual groups). See --list.")
     ] = None,
-    turns: Annotated[int, typer.Option(metavar="N", min=2, help="Turns per program; the median is reported.")] = 7,
-    seconds: Annotated[float, typer.Option(metavar="X", min=0.001, help="Seconds per turn.")] = 0.4,
+    turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
+    seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 0.4,
     listing: Annotated[bool, typer.Option("--list", help="List the groups and run none.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Time kickdrift beside every other installed program, in turns on the same systems, with each energy error."""
     refuse_outputs({"json": json_file}, overwrite)
@@ -121,16 +105,15 @@ def bench_speed(
 
 def validate(
     names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME", help="Scripts or groups of scripts (default: all). See --list."),
+        list[str] | None, argument("NAME", "Scripts or groups of scripts (default: all). See --list.")
     ] = None,
     long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,
-    jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts that run at once.")] = 2,
+    jobs: Annotated[int, option("K", "Scripts that run at once.", min=1)] = 2,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE.md", help="File of the report; its figures go into a folder beside it.")
+        Path | None, option("FILE.md", "File of the report; its figures go into a folder beside it.")
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the scripts and run none.")] = False,
-    quiet: QuietOption = False,
+    quiet: Quiet = False,
 ) -> None:
     """Compare kickdrift with other people's programs and data and write a report; exit status 1 if a claim fails."""
     need_validation("validate")
@@ -146,3 +129,43 @@ def need_validation(command: str) -> None:
     """Raise InputError if the package of the validation scripts is missing."""
     if find_spec("kickdrift_validation") is None:
         raise InputError(f"{command}: this copy of kickdrift lacks the package kickdrift_validation")
+
+
+def print_benchmark(rows: list[Any], particles: int, seconds: float) -> None:
+    """Print the benchmark's two tables on standard output."""
+    titles = {"same step": "Equal step", "same cost": "Equal cost: 1000 force evaluations per unit of time"}
+    columns = ["method", "dt", "RMS error", "largest", "drift per unit time", "steps/s", "verdict"]
+    for table, title in titles.items():
+        body = []
+        for row in rows:
+            if row.table == table and row.report:
+                e = row.report.energy
+                body.append(
+                    [
+                        row.method,
+                        f"{row.dt:g}",
+                        f"{100 * e.rms_relative_error:.2g} %",
+                        f"{100 * e.max_relative_error:.2g} %",
+                        drift_text(asdict(e)) or "–",
+                        f"{row.report.steps_per_second:,.0f}",
+                        e.verdict,
+                    ]
+                )
+            elif row.table == table:
+                body.append([row.method, f"{row.dt:g}", "–", "–", "–", "–", row.failure])
+        print_table(title, columns, body)
+    out(
+        f"{particles:,} particles, errors relative to |E(0)|; velocity-verlet is leapfrog in its kick-drift-kick form. "
+        f"Time: {duration(seconds)}."
+    )
+
+
+def print_claims(rows: list[Any], claimed: dict[str, str]) -> None:
+    """Print the literature's claims on the full benchmark beside the measured values, on standard output."""
+    body = []
+    for row in rows:
+        if row.method in claimed:
+            e = row.report.energy if row.report else None
+            measured = f"{100 * e.rms_relative_error:.2g} %, {e.verdict}" if e else str(row.failure)
+            body.append([row.method, f"{row.dt:g}", claimed[row.method], measured])
+    print_table("RMS energy error over 10^6 steps", ["method", "dt", "claimed in the literature", "measured"], body)

@@ -10,10 +10,12 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, TextIO
 
+from kickdrift.disk.outputs import write_json
 from kickdrift.display import layout, showing
-from kickdrift.display.showing import KEY
+from kickdrift.display.showing import KEY, lines_of, tables_of
 from kickdrift.display.showing import members_bar as members_bar
 from kickdrift.text import CELL, MESSAGE, clean, escaped
 
@@ -172,3 +174,14 @@ def stopped_at() -> str:
     if not _doing:
         return "interrupted; all written files are whole"
     return f"stopped at {_doing}; nothing is kept, and the same command begins again"
+
+
+def show_found(found: Any, json_file: Path | None, overwrite: bool, whole: bool = False) -> None:
+    """Print the tables and lines of a result, and write the result as JSON if a file is given."""
+    if found._lines_first:
+        print_lines(lines_of(found))
+    for title, columns, rows in tables_of(found):
+        print_table(title, columns, rows, whole)
+    if not found._lines_first:
+        print_lines(lines_of(found))
+    write_json(json_file, found.as_json(), overwrite=overwrite)

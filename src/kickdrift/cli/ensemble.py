@@ -1,79 +1,73 @@
-"""``kickdrift ensemble``: parse, run, print."""
+"""The command ``ensemble``."""
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import length, whole
-from kickdrift.cli.console import members_bar, say
-from kickdrift.cli.interruption import Interrupted
-from kickdrift.cli.options import QuietOption, SystemArgument, with_options
+import kickdrift as kd
+from kickdrift.cli.console import members_bar, print_lines, print_table, say
+from kickdrift.cli.options import Quiet, SystemFile, length, option, whole, with_options
+from kickdrift.cli.watching import Interrupted
 from kickdrift.disk.files import unfit
 from kickdrift.errors import InputError, RunError
-from kickdrift.text import counted
+from kickdrift.text import counted, with_error
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MEASURE = "measure"  # module name of a file with a measure
 
 
 @with_options("dt")
 def ensemble(
-    system: SystemArgument,
+    system: SystemFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUES",
-            help="A key of the file, or dt, integrator …, and its values: START:STOP:COUNT, log:START:STOP:COUNT, "
+        option(
+            "KEY=VALUES",
+            "A key of the file, or dt, integrator …, and its values: START:STOP:COUNT, log:START:STOP:COUNT, "
             "A,B,C, uniform:LOW:HIGH, normal:MEAN:DEVIATION or log-uniform:LOW:HIGH; one value holds for all members. "
             "Repeat for a grid of several keys.",
         ),
     ] = None,
-    replicas: Annotated[
-        int, typer.Option(metavar="N", min=1, help="Members per combination, each with its own seed.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Root of all seeds.")] = 0,
+    replicas: Annotated[int, option("N", "Members per combination, each with its own seed.", min=1)] = 1,
+    seed: Annotated[int, option("S", "Root of all seeds.", min=0)] = 0,
     measure: Annotated[
-        str, typer.Option(metavar="NAME", help="run (default), megno, or FILE.py:FUNCTION, called with the Simulation.")
+        str, option("NAME", "run (default), megno, or FILE.py:FUNCTION, called with the Simulation.")
     ] = "run",
-    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="See: kickdrift list integrators.")] = None,
+    integrator: Annotated[str | None, option("NAME", "See: kickdrift list integrators.")] = None,
     options: Any = None,
-    steps: Annotated[
-        int | None, typer.Option(metavar="N", parser=whole(1), help="Steps of each member, such as 1e6.")
-    ] = None,
-    time: Annotated[
-        Any, typer.Option(metavar="T", parser=length, help="Time of each member, such as '5 ps', instead of --steps.")
-    ] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples.")] = None,
+    steps: Annotated[int | None, option("N", "Steps of each member, such as 1e6.", parser=whole(1))] = None,
+    time: Annotated[Any, option("T", "Time of each member, such as '5 ps', instead of --steps.", parser=length)] = None,
+    every: Annotated[int | None, option("K", "Steps between samples.", parser=whole(1))] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="K", min=1, help="Processes on this machine (default: one for each core).")
+        int | None, option("K", "Processes on this machine (default: one for each core).", min=1)
     ] = None,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of workers here."),
+        str | None, option("ADDRESS", "Dask scheduler, such as tcp://host:8786, instead of workers here.")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The table, .parquet or .h5; the same command continues an interrupted one."),
+        Path | None, option("FILE", "The table, .parquet or .h5; the same command continues an interrupted one.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the table of another ensemble.")] = False,
     trajectories: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write a .h5md file for each member, .h5 for an ODE.")
+        Path | None, option("FOLDER", "Write a .h5md file for each member, .h5 for an ODE.")
     ] = None,
-    quiet: QuietOption = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a system many times, with varied values and separate seeds, on all cores or on a Dask cluster."""
-    from kickdrift.cli.printing_ensemble import print_ensemble
-    from kickdrift.ensemble import Ensemble
     from kickdrift.ensemble.running import workers as dask_workers
     from kickdrift.ensemble.table import journal_of
 
     if scheduler is not None and workers is not None:
         raise InputError("give --workers or --scheduler, not both: a cluster has its own workers")
-    planned = Ensemble(
+    planned = kd.Ensemble(
         system, _varied(vary or []), replicas=replicas, seed=seed, measure=_measure(measure), integrator=integrator,
         steps=steps, time=time, every=every, **options,
     )  # fmt: skip
@@ -151,3 +145,77 @@ def _measure(text: str) -> Any:
         if getattr(each, "__module__", None) == MEASURE:
             each.__module__ = "__main__"  # so that workers get it by value
     return function
+
+
+ROWS = 24  # largest grid whose points are listed one by one
+ERRORS = 3  # most failures that are printed one by one
+
+
+def print_ensemble(table: DataFrame, output: Path | None) -> None:
+    """Print a table's summary on standard output, and its failures on standard error."""
+    from kickdrift.ensemble import summary
+    from kickdrift.ensemble.rows import DONE, STOPPED_BY
+    from kickdrift.ensemble.table import PROVENANCE
+
+    came_from = table.attrs[PROVENANCE]
+    counts = table["status"].value_counts()
+    grids = {key: "" if len(values) > 1 else f" = {values[0]}" for key, values in came_from["grids"].items()}
+    varied = [*(f"{key}{one}" for key, one in grids.items()), *(f"{key} (random)" for key in summary.drawn(table))]
+    lines = [
+        ("ensemble", f"{came_from['system']}: {counted(len(table), 'member')}, root seed {came_from['seed']}"),
+        ("varied", ", ".join(varied) or "only seeds"),
+        ("members", ", ".join(f"{count:,} {status}" for status, count in counts.items())),
+    ]
+    done = table[table["status"] == DONE]
+    if "verdict" in table:
+        lines.append(
+            ("verdicts", ", ".join(f"{n:,} {verdict}" for verdict, n in done["verdict"].value_counts().items()))
+        )
+    if STOPPED_BY in table and (done[STOPPED_BY] != "").any():
+        ends = done[STOPPED_BY].replace("", "no event").value_counts()
+        lines.append(("ended by", ", ".join(f"{n:,} {kind}" for kind, n in ends.items())))
+    if output:
+        lines.append(("table", str(output)))
+    print_lines(lines)
+    if len(done):
+        _print_measured(table)
+    for row in table[table["status"] != DONE].head(ERRORS).to_dict("records"):
+        say(f"member {row['member']}: {row['error']}")
+    if warned := [row for row in done.to_dict("records") if row.get("warnings")]:
+        say(f"{counted(len(warned), 'member')} warned; member {warned[0]['member']}: {warned[0]['warnings']}")
+    if len(table) - len(done) > ERRORS:
+        say(f"and {len(table) - len(done) - ERRORS} more")
+
+
+def _print_measured(table: DataFrame) -> None:
+    """Print means with standard errors: of each quantity, or of the most informative one at each point of a small
+    grid."""
+    from kickdrift.ensemble import summary
+    from kickdrift.ensemble.rows import DONE
+
+    if not summary.measured(table):
+        return
+    done = table[table["status"] == DONE]
+    keys = summary.grids(table)
+    if keys:
+        column = summary.chosen(table)
+        points = summary.by_point(table, column)
+        if len(points) <= ROWS:
+            rows = [
+                [*(_text(point[key]) for key in keys), with_error(point["mean"], point["error"]), str(point["members"])]
+                for point in points.to_dict("records")
+            ]
+            print_table(f"{column}, mean ± standard error", [*keys, "mean", "members"], rows)
+            return
+    rows = []
+    for name in summary.measured(table):
+        found = summary.moments(done[name])
+        if found["members"]:
+            known = done[name][done[name].abs() < math.inf]
+            ends = known.min(), known.max()
+            rows.append([name, with_error(found["mean"], found["error"]), *(f"{end:.6g}" for end in ends)])
+    print_table(None, ["quantity", "mean ± standard error", "smallest", "largest"], rows)
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,208 +1,52 @@
-"""The commands ``plot``, ``export`` and ``info``, which read a run's file."""
+"""The commands ``export``, ``info``, ``show``, ``list``, ``new``, ``schema``, ``cite`` and ``doctor``."""
 
 from __future__ import annotations
 
 import os
+import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from kickdrift.cli.console import busy, out, print_lines, progress_bar, say
-from kickdrift.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    with_options,
-)
-from kickdrift.cli.printing import (
-    print_stability,
-    print_system,
-)
-from kickdrift.disk.outputs import refuse_outputs, write_json
+import kickdrift as kd
+from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found, verbatim
+from kickdrift.cli.options import Json, Overwrite, Quiet, argument, option
+from kickdrift.disk.files import shown_path
+from kickdrift.disk.kinds import JSON, SYSTEM
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
+from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.integrators import integrator
+from kickdrift.integrators.asked import settled
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
+from kickdrift.systemfile.files import find, is_shipped, parsed
 from kickdrift.text import counted
 
-if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-    from kickdrift.model.system import System
-
-
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
-
-
-class Figures(StrEnum):
-    """Figures of a run that ``kickdrift plot`` can draw."""
-
-    orbits = "orbits"
-    energies = "energies"
-    rdf = "rdf"
-    msd = "msd"
-    vacf = "vacf"
-    structure_factor = "structure-factor"
-
-
-@with_options("dt", "rtol", "atol")
-def plot(
-    file: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[FILE]",
-            help="A run's .h5md; a .h5, .csv or .parquet of an ODE or an ensemble; or an ODE's system file or name.",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Default: FILE.png beside the file, or stability.png.")
-    ] = None,
-    kind: Annotated[
-        Figures | None,
-        typer.Option(metavar="NAME", help=f"{', '.join(Figures)} (default: orbits under gravity, else energies)."),
-    ] = None,
-    stability: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Draw an integrator's stability region, without a run; repeat for several."),
-    ] = None,
-    column: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Column of a run, or of an ensemble's table (default: the most informative)."
-        ),
-    ] = None,
-    integrator: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Run an ODE's system file with this method and draw it; repeat for several."),
-    ] = None,
-    options: Any = None,
-    time: Annotated[
-        float | None, typer.Option(metavar="T", help="Length of these runs (default: the system file's).")
-    ] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
-) -> None:
-    """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
-    and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
-    gives y against time, the phase portrait and the energy error. The name of an ODE's system file gives these of
-    several methods side by side. An ensemble gives a map, a curve, points or a histogram."""
-    if stability and (file or kind or column):
-        raise InputError("give FILE or --stability, not both")
-    if file and _is_system(file):
-        if kind or column:
-            raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a system file")
-        out(str(_plot_methods(file, output, integrator, options, time, overwrite, quiet)))
-        return
-    if integrator or options or time is not None:
-        raise InputError("--integrator, --time and options of a method are for an ODE's system file or name")
-    if file and _is_problem(file):
-        from kickdrift.plots.problems import plot_problem
-
-        if kind:
-            raise InputError("--kind is for a run's .h5md, and FILE is the run of an ODE")
-        with busy(f"drawing {file}", quiet):
-            drawn = plot_problem(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
-        out(str(drawn))
-        return
-    of_ensemble = file is not None and file.suffix.lower() in TABLES
-    if of_ensemble and kind:
-        raise InputError("--kind is for a run's .h5md, and FILE is the table of an ensemble")
-    if kind and column:
-        raise InputError("give --kind or --column, not both")
-    if stability:
-        from kickdrift.plots.stability import plot_stability
-
-        with busy(f"drawing {stability}", quiet):
-            drawn = plot_stability(stability, output or Path("stability.png"), overwrite=overwrite)
-        out(str(drawn))
-        print_stability(stability)
-    elif file and of_ensemble:
-        from kickdrift.plots.ensemble import plot_ensemble
-
-        with busy(f"drawing {file}", quiet):
-            drawn = plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
-        out(str(drawn))
-    elif file:
-        from kickdrift.plots.figures import plot_file
-
-        target = output or file.with_suffix(".png")
-        with busy(f"drawing {file}", quiet):
-            drawn = plot_file(file, target, kind and str(kind), column, overwrite=overwrite)
-        out(str(drawn))
-        if not kind and not column:
-            name_columns(file)
-    else:
-        raise InputError("give FILE, or --stability NAME to draw an integrator")
-
-
-def _is_system(file: Path) -> bool:
-    """Whether FILE names a system file rather than a run."""
-    from kickdrift.systemfile.files import is_shipped
-
-    return file.suffix == ".toml" or is_shipped(str(file))
-
-
-def _is_problem(file: Path) -> bool:
-    """Whether FILE is the run of a Problem, or its table."""
-    from kickdrift.trajectory.opened import is_problem
-
-    return file.suffix.lower() in (*TABLES, ".csv") and is_problem(file)
-
-
-def _plot_methods(
-    file: Path,
-    output: Path | None,
-    integrators: list[str] | None,
-    options: dict[str, Any],
-    time: float | None,
-    overwrite: bool,
-    quiet: bool,
-) -> Path:
-    """Run the Problem of a system file with each method, and draw them."""
-    from kickdrift.model.problem import Problem
-    from kickdrift.plots.problems import plot_methods
-    from kickdrift.systemfile.reading import load
-
-    problem = load(str(file))
-    if not isinstance(problem, Problem):
-        raise InputError(f"{file}: is a system of particles; run it with --output run.h5md and plot that file")
-    with progress_bar(quiet) as bar:
-        return plot_methods(
-            problem, integrators or (), output or file.with_suffix(".png"), time=time, options=options,
-            overwrite=overwrite, progress=bar("running"),
-        )  # fmt: skip
-
-
-def name_columns(file: Path) -> None:
-    """Name a run's own columns, which no figure but ``--column`` draws."""
-    from kickdrift.trajectory.read import reader
-
-    with reader.open(file) as run:
-        if run.columns:
-            say(f"{file}: --column NAME draws a column of this run: {', '.join(run.columns)}")
+SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="FILE.h5md", help="A run's file.")],
+    file: Annotated[Path, argument("FILE.h5md", "A run's file.")],
     output: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT", help="The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin."
-        ),
+        Path, argument("OUT", "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin.")
     ],
     unwrapped: Annotated[
         bool,
         typer.Option("--unwrapped/--wrapped", help="Unwrapped positions as in the run, or positions inside the box."),
     ] = False,
-    start: Annotated[int | None, typer.Option(metavar="A", help="First frame, from 0; negative from the end.")] = None,
-    stop: Annotated[int | None, typer.Option(metavar="B", help="First frame after the chosen ones.")] = None,
-    step: Annotated[int | None, typer.Option(metavar="C", min=1, help="Only every C-th frame.")] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    start: Annotated[int | None, option("A", "First frame, from 0; negative from the end.")] = None,
+    stop: Annotated[int | None, option("B", "First frame after the chosen ones.")] = None,
+    step: Annotated[int | None, option("C", "Only every C-th frame.", min=1)] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses."""
-    from kickdrift.trajectory.export.export import export as write
-
     with progress_bar(quiet) as bar:
-        done = write(
+        done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
             progress=bar("exporting"),
         )  # fmt: skip
@@ -211,21 +55,17 @@ def export(
 
 
 def info(
-    file: Annotated[
-        str, typer.Argument(metavar="FILE", help="A run's file, an ensemble's table, or a system file or name.")
-    ],
+    file: Annotated[str, argument("FILE", "A run's file, an ensemble's table, or a system file or name.")],
     all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Describe a run's file or an ensemble's table, or check a system file without running it."""
     refuse_outputs({"json": json_file}, overwrite, [file])
-    from kickdrift.systemfile.files import is_shipped
-    from kickdrift.systemfile.reading import load
 
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
-    if _is_problem(Path(file)):
+    if is_problem(Path(file)):
         _info_of_problem(file, all_, json_file, overwrite)
         return
     archive = Path(file).suffix.lower() == ".bin"
@@ -238,15 +78,15 @@ def info(
     if (all_ or json_file is not None) and not of_run:
         raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
     if Path(file).suffix.lower() in TABLES:
-        from kickdrift.cli.printing_ensemble import print_ensemble
-        from kickdrift.ensemble import Ensemble
+        from kickdrift.cli.ensemble import print_ensemble
 
-        print_ensemble(Ensemble.read(file), Path(file))
+        print_ensemble(kd.Ensemble.read(file), Path(file))
         return
     if not of_run:
-        system = load(file)
+        system = kd.load(file)
         check_run(system)
-        print_system(system)
+        (key, name), *rest = lines_of(system)
+        print_lines([(key, f"{name}: valid"), *rest])
         return
     from kickdrift.trajectory.overview import overview
     from kickdrift.trajectory.read.info import WIDTH, described
@@ -267,14 +107,20 @@ def info(
         write_json(json_file, content, overwrite=overwrite)
 
 
+def is_problem(file: Path) -> bool:
+    """Whether FILE is the run of a Problem, or its table."""
+    from kickdrift.trajectory import opened
+
+    return file.suffix.lower() in (*TABLES, ".csv") and opened.is_problem(file)
+
+
 def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: bool) -> None:
     """Describe the file of a Problem's run, or its table."""
-    from kickdrift.trajectory.opened import open as opened
     from kickdrift.trajectory.overview import overview_of_problem
     from kickdrift.trajectory.problems.reader import ProblemRun, describe_any
     from kickdrift.trajectory.problems.reader import info as found
 
-    with opened(file) as run:
+    with kd.open(file) as run:
         table = not isinstance(run, ProblemRun)
         if table and json_file is not None:
             raise InputError(f"{file}: --json is for the file of a run, and FILE is a table")
@@ -289,11 +135,113 @@ def _info_of_problem(file: str, whole: bool, json_file: Path | None, overwrite: 
 
 def check_run(system: System | Problem) -> None:
     """Raise InputError if a system's [run] names no method, or options that the method does not take."""
-    from kickdrift.integrators import integrator
-    from kickdrift.integrators.asked import settled
-
     if system.run.integrator is not None:
         try:
             settled(integrator(system.run.integrator), {}, system.run, getattr(system, "units", None))
         except InputError as error:
             raise InputError(f"run: {error}") from None
+
+
+Lists = StrEnum("Lists", "integrators forces systems engines")
+HINTS = {
+    Lists.integrators: "kickdrift list integrators NAME explains a method; kickdrift compare SYSTEM measures methods",
+    Lists.systems: "kickdrift run NAME runs a system; kickdrift show NAME prints its file, to edit",
+}  # what to do next, on a terminal
+
+
+def show(
+    system: Annotated[str, argument("SYSTEM", "A shipped system's name, a system file, or a run's .h5md.")],
+    frame: Annotated[int | None, option("K", "Frame of a run's file, from 0 on (default: the last one).")] = None,
+) -> None:
+    """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
+    of a frame, in the box of that moment, at time 0."""
+    if Path(system).suffix == ".h5md":
+        verbatim(frame_text(system, frame))
+        return
+    if frame is not None:
+        raise InputError(f"{system}: --frame is for the file of a run")
+    verbatim(parsed(find(system))[0])
+
+
+def frame_text(path: str, number: int | None) -> str:
+    """Text of a system file of a frame of a run's file, at time 0."""
+
+    from kickdrift.trajectory.read import reader
+
+    with reader.open(path) as run:
+        k = len(run) - 1 if number is None else number
+        if not 0 <= k < len(run):
+            raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
+        found = run[k].system
+        return found.at(found.state.phase, 0.0).to_toml()
+
+
+def list_(
+    what: Annotated[Lists, argument("WHAT", f"{', '.join(Lists)}.")],
+    name: Annotated[str | None, argument("[NAME]", "Explain this integrator.")] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every column, whatever the terminal's width.")] = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """List integrators, forces, systems or engines, or explain an integrator and its options."""
+    refuse_outputs({"json": json_file}, overwrite)
+    found = kd.listing(str(what), name)
+    show_found(found, json_file, overwrite, whole=all_)
+    if what in HINTS and name is None and sys.stderr is not None and sys.stderr.isatty():
+        say(HINTS[what])
+
+
+def new(
+    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, planets or ode.")] = "liquid",
+    output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
+    schema: Annotated[
+        bool,
+        typer.Option("--schema", help="Write the schema beside the file, and name it in the first line for editors."),
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a commented system file to start from. No file is replaced."""
+    from kickdrift.systemfile.json_schema import json_schema_text
+
+    text = kd.template(kind)
+    target = Path(f"{kind}.toml") if output is None else output
+    if os.path.lexists(target):
+        raise InputError(
+            f"{shown_path(target)}: exists already, and new replaces no file; give another name by --output"
+        )
+    refuse_outputs({"output": target}, False, output=SYSTEM)
+    beside = target.with_name(SCHEMA)
+    if schema:
+        refuse_outputs({"output": None if os.path.lexists(beside) else beside}, False, output=JSON)
+        text = f"#:schema ./{SCHEMA}\n{text}"
+    write_system(target, text, overwrite=False)
+    if schema and os.path.lexists(beside):
+        say(f"{shown_path(beside)} was there already", quiet)
+    elif schema:
+        with written_whole(beside, JSON, overwrite=False) as part:
+            part.write_text(json_schema_text(), encoding="utf-8")
+    say(f"wrote {target}; run it with: kickdrift run {target}", quiet)
+
+
+def schema() -> None:
+    """Print the JSON schema of system files, by which editors complete keys and check values. A file names its schema
+    in the first line: #:schema ./system-file.schema.json is the file of that name in the same folder."""
+    from kickdrift.systemfile.json_schema import json_schema_text
+
+    verbatim(json_schema_text())
+
+
+def cite(
+    name: Annotated[str, argument("FILE|NAME", "A run's file, a system, a method, a force or an engine.")],
+) -> None:
+    """Print BibTeX entries for what a run used, or for a system, a method, a force or an engine."""
+    verbatim(kd.cite(name) + "\n")
+
+
+def doctor(json_file: Json = None, overwrite: Overwrite = False) -> None:
+    """Print versions, processor, lanes, threads, the state of compiled code, and what is missing."""
+    refuse_outputs({"json": json_file}, overwrite)
+    found = kd.doctor()
+    show_found(found, json_file, overwrite)
+    if found.problems:
+        raise typer.Exit(1)

@@ -4,33 +4,82 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.analyzing import analyze
 from kickdrift.cli.benchmarks import bench_lj_energy, bench_speed, validate
-from kickdrift.cli.compiling import telling
 from kickdrift.cli.console import open_streams, out, say, stopped_at
+from kickdrift.cli.drawing import movie, plot, view
 from kickdrift.cli.ensemble import ensemble
-from kickdrift.cli.files import export, info, plot
-from kickdrift.cli.filming import movie
+from kickdrift.cli.files import cite, doctor, export, info, list_, new, schema, show
 from kickdrift.cli.help import Command, Group
-from kickdrift.cli.interruption import INTERRUPTED, Interrupted
-from kickdrift.cli.listing import list_, show
-from kickdrift.cli.measuring import certify, chaos, compare, transits
-from kickdrift.cli.relaxing import relax
-from kickdrift.cli.running import resume, run
-from kickdrift.cli.starting import cite, doctor, new, schema
-from kickdrift.cli.usage import plain
-from kickdrift.cli.viewing import view
+from kickdrift.cli.measuring import analyze, certify, chaos, compare, transits
+from kickdrift.cli.options import option
+from kickdrift.cli.running import relax, resume, run
+from kickdrift.cli.watching import INTERRUPTED, Interrupted
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
+from kickdrift.jit.cache.notices import heard
 from kickdrift.model.checks.arguments import other_name
+
+_INVALID = re.compile(r"Invalid value for '(?P<name>[^']*)': (?:Value error, )?(?P<text>.*)")
+_WORDS = (
+    (r", unable to parse string as an? \w+", ""),
+    (r"Input should be a valid integer", "expected a whole number"),
+    (r"Input should be a valid number", "expected a number"),
+    (r"Input should be greater than or equal to (\S+)", r"expected \1 or more"),
+    (r"Input should be less than or equal to (\S+)", r"expected \1 or less"),
+    (r"Input should be", "expected"),
+    (r"(.*) is not one of (.*)", r"expected one of \2, got \1"),
+)
+
+
+def plain(text: str) -> str:
+    """Return a parser's message as "option: what it expects"."""
+    text = " ".join(text.split()).rstrip(".")
+    found = _INVALID.match(text)
+    if not found:
+        return text
+    words = found["text"]
+    for pattern, ours in _WORDS:
+        words = re.sub(pattern, ours, words)
+    return f"{found['name']}: {words}"
+
+
+@contextmanager
+def compilation_said(quiet: bool) -> Iterator[None]:
+    """Say on standard error what is compiled in this context, once for each purpose."""
+    said: set[str] = set()
+
+    def hear(purpose: str, kept: bool) -> None:
+        line = f"compiling{f' {purpose}' if purpose else ''}{' (once on this machine)' if kept else ''}"
+        if line not in said:
+            said.add(line)
+            say(line, quiet)
+
+    with heard(hear):
+        yield
+
+
+def telling(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator of a command: the command says what it compiles, unless it has ``--quiet``."""
+
+    @wraps(command)
+    def told(**given: Any) -> None:
+        with compilation_said(bool(given.get("quiet"))):
+            command(**given)
+
+    return told
+
 
 COMMANDS = (  # in the order of --help
     new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,
@@ -59,7 +108,6 @@ bench_app.command("speed", cls=Command)(telling(bench_speed))
 
 
 def _version(asked: bool) -> None:
-    """Print the version and exit, if that was asked."""
     if asked:
         from importlib.metadata import version
 
@@ -71,12 +119,12 @@ def _version(asked: bool) -> None:
 def options(
     load: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--load",
-            metavar="FILE.py",
-            envvar="KICKDRIFT_LOAD",
-            help="First load a Python file that registers methods or forces, or a module of calculators "
+        option(
+            "FILE.py",
+            "First load a Python file that registers methods or forces, or a module of calculators "
             "(ase.calculators.emt) that files may name.",
+            "--load",
+            envvar="KICKDRIFT_LOAD",
         ),
     ] = None,
     version: Annotated[

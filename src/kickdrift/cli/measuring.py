@@ -1,64 +1,52 @@
-"""The commands ``compare``, ``chaos``, ``transits`` and ``certify``."""
+"""The commands ``compare``, ``chaos``, ``transits``, ``certify`` and ``analyze``."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import in_units
-from kickdrift.cli.amounts import length as span
-from kickdrift.cli.console import busy, print_lines, progress_bar, say
-from kickdrift.cli.options import (
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    SubjectArgument,
-    ThreadsOption,
-    with_options,
-)
-from kickdrift.cli.printing import show_found
+import kickdrift as kd
+from kickdrift.cli import options as opt
+from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found
+from kickdrift.cli.options import argument, in_units, option, subject_of, with_options
+from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
+from kickdrift.forces import FORCES
 from kickdrift.model.checks.limits import whole_text
+from kickdrift.systemfile.files import is_shipped
 from kickdrift.text import shown
 
 
 @with_options()
 def compare(
-    system: SubjectArgument,
+    system: opt.Subject,
     integrator: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Integrator; repeat for several (default: a suitable choice)."),
+        list[str] | None, option("NAME", "Integrator; repeat for several (default: a suitable choice).")
     ] = None,
     options: Any = None,
     time: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the pilot runs (default: about a minute's worth).")
+        Any, option("T", "Length of the pilot runs (default: about a minute's worth).", parser=span)
     ] = None,
-    accuracy: Annotated[
-        float | None, typer.Option(metavar="X", help="Wanted relative error: recommend a method and a step.")
-    ] = None,
-    length: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the planned run (default: the file's).")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw error against evaluations and seconds.")
-    ] = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    accuracy: Annotated[float | None, option("X", "Wanted relative error: recommend a method and a step.")] = None,
+    length: Annotated[Any, option("T", "Length of the planned run (default: the file's).", parser=span)] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw error against evaluations and seconds.")] = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Measure work against precision: the error and the cost of each integrator over steps or tolerances. For methods
     with a heat bath: the errors of mean energies and pressure over steps; -o dt=X sets the longest step."""
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis.compare.comparing import compared
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject = load_or_run(system, seed)
+    subject = subject_of(system, seed)
     time, length = in_units(time, subject, "--time"), in_units(length, subject, "--length")
     notice = "comparing: about a minute …"
     with progress_bar(quiet) as bar:
@@ -67,7 +55,7 @@ def compare(
         )
     show_found(found, json_file, overwrite)
     if plot:
-        from kickdrift.plots.compare import plot_comparison
+        from kickdrift.plots.results import plot_comparison
 
         with busy(f"drawing {plot}", quiet):
             plot_comparison(found, plot, overwrite=overwrite)
@@ -77,32 +65,26 @@ def compare(
 
 @with_options("dt", "rtol", "atol")
 def chaos(
-    system: SubjectArgument,
-    time: Annotated[
-        Any, typer.Option(metavar="T", parser=span, help="Length of the run, such as '5 yr' (default: the file's).")
-    ] = None,
+    system: opt.Subject,
+    time: Annotated[Any, option("T", "Length of the run, such as '5 yr' (default: the file's).", parser=span)] = None,
     integrator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the file's if it can carry deviations, else dop853.")
+        str | None, option("NAME", "Default: the file's if it can carry deviations, else dop853.")
     ] = None,
     options: Any = None,
     spectrum: Annotated[
-        str | None,
-        typer.Option(metavar="K", help="Lyapunov spectrum instead: the K largest exponents, or all of them."),
+        str | None, option("K", "Lyapunov spectrum instead: the K largest exponents, or all of them.")
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="S", min=0, help="Seed of the first deviation.")] = 0,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    seed: Annotated[int, option("S", "Seed of the first deviation.", min=0)] = 0,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Tell regular from chaotic motion: MEGNO and the largest Lyapunov exponent from the variational equations, or the
     Lyapunov spectrum."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.chaos.lyapunov import lyapunov_spectrum
-    from kickdrift.analysis.chaos.megno import megno
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject = load_or_run(system)
+    subject = subject_of(system)
     time = in_units(time, subject, "--time")
     if spectrum is not None and spectrum != "all" and not whole_text(spectrum):
         raise InputError(f"--spectrum: expected a number of exponents, or all, got {shown(spectrum)}")
@@ -110,10 +92,10 @@ def chaos(
         given: Any = {"seed": seed, "threads": threads, "progress": bar("running"), **options}
         found: Any
         if spectrum is None:
-            found = megno(subject, time, integrator, **given)
+            found = kd.megno(subject, time, integrator, **given)
         else:
             count = None if spectrum == "all" else int(spectrum)
-            found = lyapunov_spectrum(subject, time, integrator, count=count, **given)
+            found = kd.lyapunov_spectrum(subject, time, integrator, count=count, **given)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
@@ -122,43 +104,31 @@ def chaos(
 
 @with_options("dt", "rtol", "atol")
 def transits(
-    system: SubjectArgument,
-    planet: Annotated[str, typer.Argument(metavar="PLANET", help="Name or number of the planet.")],
-    until: Annotated[Any, typer.Option(metavar="T", parser=span, help="Last time, such as '40 day'.")],
-    star: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name or number of the star (default: the most massive body).")
-    ] = None,
-    direction: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="Direction from the system towards the observer.")
-    ] = "0,0,1",
+    system: opt.Subject,
+    planet: Annotated[str, argument("PLANET", "Name or number of the planet.")],
+    until: Annotated[Any, option("T", "Last time, such as '40 day'.", parser=span)],
+    star: Annotated[str | None, option("NAME", "Name or number of the star (default: the most massive body).")] = None,
+    direction: Annotated[str, option("X,Y,Z", "Direction from the system towards the observer.")] = "0,0,1",
     within: Annotated[
-        str | None,
-        typer.Option(
-            metavar="D", help="Largest distance on the sky (default: the sum of both radii, if there are any)."
-        ),
+        str | None, option("D", "Largest distance on the sky (default: the sum of both radii, if there are any).")
     ] = None,
     masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
     elements: Annotated[
-        list[str] | None,
-        typer.Option(metavar="BODY.KEY", help="Orbital element to differentiate by, such as b.e; repeat for several."),
+        list[str] | None, option("BODY.KEY", "Orbital element to differentiate by, such as b.e; repeat for several.")
     ] = None,
-    integrator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Default: the file's if it suits, else gauss-radau15.")
-    ] = None,
+    integrator: Annotated[str | None, option("NAME", "Default: the file's if it suits, else gauss-radau15.")] = None,
     options: Any = None,
-    threads: ThreadsOption = 1,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Find the times at which a planet passes in front of its star; --json has their derivatives by the start."""
     refuse_outputs({"json": json_file}, overwrite, [system])
-    from kickdrift.analysis.derivatives.transits import transits as transits_of
-    from kickdrift.systemfile.python_file import load_or_run
 
-    subject: Any = load_or_run(system)
+    subject: Any = subject_of(system)
     with progress_bar(quiet) as bar:
-        found = transits_of(
+        found = kd.transits(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
             within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads,
             progress=bar("running"), **options,
@@ -191,41 +161,31 @@ def _amount(text: str | None) -> Any:
 def certify(
     runs: Annotated[
         list[str],
-        typer.Argument(
-            metavar="RUN|SYSTEM",
-            help="A run's .h5md, or two at neighbouring temperatures; or a system, for its forces.",
-        ),
+        argument("RUN|SYSTEM", "A run's .h5md, or two at neighbouring temperatures; or a system, for its forces."),
     ],
     temperature: Annotated[
-        list[float] | None,
-        typer.Option(metavar="T", help="Temperature (default: the heat bath's); repeat for two runs."),
+        list[float] | None, option("T", "Temperature (default: the heat bath's); repeat for two runs.")
     ] = None,
-    pressure: Annotated[
-        list[float] | None, typer.Option(metavar="P", help="Pressure of a barostat; repeat for two runs.")
-    ] = None,
-    constraints: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Rigid bonds and angles in runs of other programs.")
-    ] = 0,
+    pressure: Annotated[list[float] | None, option("P", "Pressure of a barostat; repeat for two runs.")] = None,
+    constraints: Annotated[int, option("N", "Rigid bonds and angles in runs of other programs.", min=0)] = 0,
     topology: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Topology of other programs' trajectories, which MDAnalysis then reads."),
+        Path | None, option("FILE", "Topology of other programs' trajectories, which MDAnalysis then reads.")
     ] = None,
     engine: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Run a system on this engine first; see: kickdrift list engines.")
+        str | None, option("NAME", "Run a system on this engine first; see: kickdrift list engines.")
     ] = None,
     forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
     calculator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="ASE calculator, such as ase.calculators.emt.EMT, for a structure file."),
+        str | None, option("NAME", "ASE calculator, such as ase.calculators.emt.EMT, for a structure file.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the tests of forces.")] = None,
-    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="Integrator of the engine's run.")] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw the tests of forces.")] = None,
+    integrator: Annotated[str | None, option("NAME", "Integrator of the engine's run.")] = None,
     options: Any = None,
-    steps: Annotated[int | None, typer.Option(metavar="N", min=1, help="Steps of the engine's run.")] = None,
-    every: Annotated[int | None, typer.Option(metavar="K", min=1, help="Steps between its samples.")] = None,
-    json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
+    steps: Annotated[int | None, option("N", "Steps of the engine's run.", min=1)] = None,
+    every: Annotated[int | None, option("K", "Steps between its samples.", min=1)] = None,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
     For a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
@@ -243,10 +203,8 @@ def certify(
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
 
     if engine is not None:
-        from kickdrift.systemfile.python_file import load_or_run
-
         with progress_bar(quiet) as bar:
-            subject: Any = load_or_run(runs[0])
+            subject: Any = subject_of(runs[0])
             given = {"temperature": temperature, **options} if temperature else options
             found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given)
     else:
@@ -301,8 +259,8 @@ def _certify_forces(
             progress=bar("testing"),
         )
     if plot is not None:
-        from kickdrift.plots.forces import force_figure
-        from kickdrift.plots.runs import checked_target, save_figure
+        from kickdrift.plots.drawing import checked_target, save_figure
+        from kickdrift.plots.results import force_figure
 
         with busy(f"drawing {plot}", quiet):
             save_figure(force_figure(found), checked_target(plot, overwrite))
@@ -311,17 +269,44 @@ def _certify_forces(
 
 def _tested(name: str, calculator: str | None) -> Any:
     """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
-    from kickdrift.forces import FORCES
-    from kickdrift.systemfile.files import is_shipped
-    from kickdrift.systemfile.python_file import load_or_run
-
     if calculator is not None:
-        from kickdrift.forces.external.calculator import CalculatorForce
         from kickdrift.forces.seam.named import found, load_module
 
         load_module(calculator.rpartition(".")[0] or calculator)
-        system: Any = load_or_run(name)
-        return system.remade(forces=[CalculatorForce(found("--calculator", calculator, callable))])
+        system: Any = subject_of(name)
+        return system.remade(forces=[kd.CalculatorForce(found("--calculator", calculator, callable))])
     if name in FORCES and not is_shipped(name) and not Path(name).exists():
         return FORCES[name]()
-    return load_or_run(name)
+    return subject_of(name)
+
+
+Frames = StrEnum("Frames", "jacobi heliocentric barycentric")  # origins of orbits
+Planes = StrEnum("Planes", "invariable file")  # reference planes of orbits
+
+
+def analyze(
+    run: Annotated[Path, argument("RUN.h5md", "A run's file, of bodies under gravity.")],
+    frame: Annotated[Frames, option("NAME", f"Origin of the orbits: {', '.join(Frames)}.")] = Frames.jacobi,
+    plane: Annotated[
+        Planes, option("NAME", f"Plane of inclinations and nodes: {', '.join(Planes)}.")
+    ] = Planes.invariable,
+    order: Annotated[int, option("N", "Largest p - q of resonances p : q of mean motions.", min=1)] = 4,
+    until: Annotated[Any, option("T", "Last time to use, such as '20 Myr' (default: all).", parser=span)] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw the orbits' frequencies and librating angles.")] = None,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Find the proper frequencies of each orbit, their secular periods, and resonant angles that librate."""
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite, [run])
+    from kickdrift.analysis.orbits.secular_run import orbit_report
+
+    with busy(f"analysing {run}", quiet):
+        found = orbit_report(run, str(frame), str(plane), order, until)
+    show_found(found, json_file, overwrite)
+    if plot is not None:
+        from kickdrift.plots.drawing import checked_target, save_figure
+
+        with busy(f"drawing {plot}", quiet):
+            drawn = save_figure(found.plot(), checked_target(plot, overwrite))
+        out(str(drawn))

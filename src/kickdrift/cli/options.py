@@ -1,47 +1,117 @@
-"""Arguments and options of several commands."""
+"""Arguments and options of several commands, and readers of their values: 1e6, or "5 ps"."""
 
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from kickdrift.cli.console import hush, results_on_stderr
 from kickdrift.disk.outputs import STDOUT
 from kickdrift.errors import InputError
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options, parsed, takers
 from kickdrift.integrators.options import DOUBLE, DT, MIXED, PRECISION, Option
+from kickdrift.model.checks.limits import whole_text
+from kickdrift.model.system import System
+from kickdrift.model.units.quantities import has_unit, time_in
+from kickdrift.systemfile.files import shipped
+from kickdrift.text import shown
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Return the reader of a whole number, ``least`` or more: 1000000, 1e6 or 1_000_000."""
+
+    def read(text: str) -> int:
+        found: float | None = whole_text(text)
+        if found is None:
+            try:
+                found = float(text)
+            except ValueError:
+                found = math.nan
+        if not (isinstance(found, int) or found.is_integer()) or found < least:
+            raise typer.BadParameter(f"{shown(text)} is not a whole number, {least} or more.")
+        return int(found)
+
+    return read
+
+
+def amount(expected: str) -> Callable[[str], Any]:
+    """Return the reader of a number in the system's unit, or of a text with a unit. ``expected`` gives examples."""
+
+    def read(text: str) -> Any:
+        try:
+            return float(text)
+        except ValueError:
+            if not has_unit(text):
+                raise typer.BadParameter(f"{shown(text)} is not {expected}.") from None
+            return text
+
+    return read
+
+
+def row(text: str) -> list[Any]:
+    """Read times with commas between them, or START:STOP:COUNT for evenly spaced times."""
+    start, *rest = text.split(":")
+    if not rest:
+        return [length(part.strip()) for part in text.split(",")]
+    try:
+        stop, count = rest
+        return [float(value) for value in np.linspace(float(start), float(stop), whole(1)(count))]
+    except (ValueError, OverflowError, MemoryError, typer.BadParameter):
+        raise typer.BadParameter(f"{shown(text)} is neither times such as 1,2.5,4 nor START:STOP:COUNT.") from None
+
+
+length = amount("a time such as 10, or '10 fs'")  # a text with a unit is for ``in_units``
+
+
+def in_units(value: Any, subject: Any, flag: str) -> float | None:
+    """A time in the units of a System, from a number or a text; an InputError names the flag."""
+    found: float | None = time_in(value, subject.units if isinstance(subject, System) else None, flag)
+    return found
+
+
+def subject_of(name: str, seed: int | None = None, overlaps: bool = False) -> Any:
+    """The System or Problem of a command's argument; a Python file is run."""
+    from kickdrift.systemfile.python_file import load_or_run
+
+    return load_or_run(name, seed, overlaps)
+
+
+def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
+    """An option whose value ``metavar`` stands for in the help."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def argument(metavar: str, help: str, **more: Any) -> Any:
+    """An argument that ``metavar`` stands for in the help."""
+    return typer.Argument(metavar=metavar, help=help, **more)
 
 
 def system_names(incomplete: str) -> list[str]:
     """Names of shipped systems that begin so, for completion in a shell; without any, the shell completes files."""
-    from kickdrift.systemfile.files import shipped
-
     return [name for name in shipped() if name.startswith(incomplete)]
 
 
 def method_names(incomplete: str) -> list[str]:
     """Names of integrators that begin so, for completion in a shell."""
-    from kickdrift.integrators import INTEGRATORS
-
     return [name for name in INTEGRATORS if name.startswith(incomplete)]
 
 
-SystemArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SYSTEM.toml", help="A system file, or the name of a shipped system.", autocompletion=system_names
-    ),
+SystemFile = Annotated[
+    str, argument("SYSTEM.toml", "A system file, or the name of a shipped system.", autocompletion=system_names)
 ]
-SubjectArgument = Annotated[
+Subject = Annotated[
     str,
-    typer.Argument(
-        metavar="SYSTEM",
-        help="A system file, the name of a shipped system, or a Python file, which is run: "
+    argument(
+        "SYSTEM",
+        "A system file, the name of a shipped system, or a Python file, which is run: "
         "it defines f and y0, or a System.",
         autocompletion=system_names,
     ),
@@ -55,45 +125,36 @@ def _alone(path: Path | None) -> Path | None:
     return path
 
 
-HostsOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Machines for the processes: lines of NAME or NAME:COUNT, as mpiexec takes them."
-    ),
+Hosts = Annotated[
+    Path | None, option("FILE", "Machines for the processes: lines of NAME or NAME:COUNT, as mpiexec takes them.")
 ]
-JsonOption = Annotated[
+Json = Annotated[
     Path | None,
-    typer.Option(
-        "--json", metavar="FILE", callback=_alone,
-        help="Write the results as one JSON object; - is standard output, which then holds nothing else.",
+    option(
+        "FILE", "Write the results as one JSON object; - is standard output, which then holds nothing else.", "--json",
+        callback=_alone,
     ),
 ]  # fmt: skip
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
-ThreadsOption = Annotated[int, typer.Option(metavar="K", min=1, help="Threads; they do not change the results.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
+Threads = Annotated[int, option("K", "Threads; they do not change the results.", min=1)]
 
 
 def _quietly(quiet: bool) -> bool:
-    """Tell the console."""
     if quiet:
         hush()
     return quiet
 
 
-QuietOption = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
-FlushOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="SECONDS", help="Seconds between writes to disk; a kill loses at most this much (default 10)."
-    ),
+Quiet = Annotated[bool, typer.Option("--quiet", callback=_quietly, help="Print only errors on standard error.")]
+Flush = Annotated[
+    float | None, option("SECONDS", "Seconds between writes to disk; a kill loses at most this much (default 10).")
 ]
 
 _METAVARS = {float: "X", int: "N", str: "NAME"}
 _FEW = 3  # most methods that a flag's help names
 _PAIRS: Any = Annotated[
     list[str] | None,
-    typer.Option(
-        "-o", metavar="KEY=VALUE", help="An option of the integrator; see: kickdrift list integrators NAME. Repeatable."
-    ),
+    option("KEY=VALUE", "An option of the integrator; see: kickdrift list integrators NAME. Repeatable.", "-o"),
 ]
 
 
@@ -127,27 +188,25 @@ def _parameter(name: str, annotation: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation)
 
 
-def _flag(option: Option) -> Any:
+def _flag(one: Option) -> Any:
     """Flag of an option. The flag of precision has two names, like a switch."""
-    if option.name == PRECISION.name:
+    if one.name == PRECISION.name:
         help_ = "Pairs in float32 and everything else in float64, or all in float64."
         return Annotated[bool | None, typer.Option(f"--{MIXED}/--{DOUBLE}", help=help_)]
-    methods = takers(option.name)
-    whose = f" ({', '.join(methods)})" if option is not DT and len(methods) <= _FEW else ""
-    help_ = f"{option.help[:-1]}{f': {option.known}' if option.choices else ''}{whose}."
-    if option.type is bool:
-        return Annotated[bool | None, typer.Option(f"--{option.name}", help=help_)]
-    several = "; X,X,… one for each unknown." if option.several else ""
-    return Annotated[
-        str | None, typer.Option(metavar=_METAVARS[option.type], help=help_[:-1] + several if several else help_)
-    ]
+    methods = takers(one.name)
+    whose = f" ({', '.join(methods)})" if one is not DT and len(methods) <= _FEW else ""
+    help_ = f"{one.help[:-1]}{f': {one.known}' if one.choices else ''}{whose}."
+    if one.type is bool:
+        return Annotated[bool | None, typer.Option(f"--{one.name}", help=help_)]
+    several = "; X,X,… one for each unknown." if one.several else ""
+    return Annotated[str | None, option(_METAVARS[one.type], help_[:-1] + several if several else help_)]
 
 
-def _value(option: Option, given: Any) -> Any:
+def _value(one: Option, given: Any) -> Any:
     """Value of a flag. Raises an InputError that names the flag."""
-    if option.name == PRECISION.name and given is not None:
+    if one.name == PRECISION.name and given is not None:
         return MIXED if given else DOUBLE
     try:
-        return option.parsed(given) if isinstance(given, str) else given
+        return one.parsed(given) if isinstance(given, str) else given
     except InputError as error:
-        raise InputError(f"--{str(error).replace('_', '-', option.name.count('_'))}") from None
+        raise InputError(f"--{str(error).replace('_', '-', one.name.count('_'))}") from None

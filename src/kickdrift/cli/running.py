@@ -1,48 +1,91 @@
-"""The commands ``run`` and ``resume``."""
+"""The commands ``run``, ``resume`` and ``relax``."""
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.amounts import in_units, length, row, whole
+import kickdrift as kd
+from kickdrift.cli import options as opt
 from kickdrift.cli.console import busy, print_lines, progress_bar, say
-from kickdrift.cli.equilibrating import with_keys
-from kickdrift.cli.interruption import Interruption
 from kickdrift.cli.options import (
-    FlushOption,
-    HostsOption,
-    JsonOption,
-    OverwriteOption,
-    QuietOption,
-    SubjectArgument,
-    ThreadsOption,
+    amount,
+    argument,
+    in_units,
+    length,
     method_names,
+    option,
+    row,
+    subject_of,
+    whole,
     with_options,
 )
-from kickdrift.cli.watching import ImdOption, ImdWaitOption, LiveOption, check_watching, watched
-from kickdrift.disk.outputs import refuse_outputs, write_json
+from kickdrift.cli.watching import ImdOption, ImdWaitOption, Interruption, LiveOption, check_watching, watched
+from kickdrift.disk import kinds
+from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
 from kickdrift.display.showing import lines_of
+from kickdrift.engines import ENGINES
+from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
+from kickdrift.integrators.asked import known_options
+from kickdrift.model.checks.limits import whole_text
+from kickdrift.model.problem import Problem
+from kickdrift.model.system import System
 from kickdrift.text import shown
 
-if TYPE_CHECKING:
-    from kickdrift.run.report.report import Report
-    from kickdrift.run.simulation import Simulation
-    from kickdrift.trajectory.layout.options import FileOptions
+WHOLE = ("steps", "interval")
+
+
+def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
+    """The system with keys of [equilibrate] from texts KEY=VALUE, over those of its file."""
+    from kickdrift.systemfile.schema_run import EquilibrateTable, equilibration_of
+
+    if not pairs:
+        return chosen
+    if not isinstance(chosen, System):
+        raise InputError("--equilibrate: a Problem has no temperature")
+    given: dict[str, Any] = {}
+    for text in pairs:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (equals and key and value):
+            raise InputError(f"--equilibrate: expected KEY=VALUE, such as temperature=1, got {shown(text)}")
+        if key in given:
+            raise InputError(f"--equilibrate {key}: is given twice")
+        known = None if key in EquilibrateTable.model_fields else known_options().get(key)
+        given[key] = known.parsed(value) if known else _number(key, value)
+    said = chosen.equilibration.said() if chosen.equilibration else {}
+    for one, other in (("steps", "time"), ("time", "steps")):
+        if one in given and other not in given:
+            said.pop(other, None)
+    made = copy(chosen)
+    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units))
+    return made
+
+
+def _number(key: str, text: str) -> int | float | str:
+    """The number that a text is, whole where it must be, or the text itself."""
+    whole = whole_text(text)
+    if whole is not None:
+        return whole
+    try:
+        found = float(text)
+    except ValueError:
+        return text
+    return int(found) if key in WHOLE and found.is_integer() else found
 
 
 TimesOption = Annotated[
     Any,
-    typer.Option(
-        metavar="T,…",
-        parser=row,
-        help="Samples and frames at exactly these times, which rise: 1,2.5,4 or START:STOP:COUNT. The run ends at the "
+    option(
+        "T,…",
+        "Samples and frames at exactly these times, which rise: 1,2.5,4 or START:STOP:COUNT. The run ends at the "
         "last one.",
+        parser=row,
     ),
 ]
 
@@ -51,82 +94,65 @@ TimesOption = Annotated[
     "dt", "rtol", "atol", "max_step", "compensated", "precision", "coordinates", "corrector", "order", "eta", "scheme"
 )
 def run(
-    system: SubjectArgument,
+    system: opt.Subject,
     integrator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="See: kickdrift list integrators.", autocompletion=method_names),
+        str | None, option("NAME", "See: kickdrift list integrators.", autocompletion=method_names)
     ] = None,
     options: Any = None,
-    steps: Annotated[
-        int | None, typer.Option(metavar="N", parser=whole(0), help="Number of steps, such as 1e6.")
-    ] = None,
+    steps: Annotated[int | None, option("N", "Number of steps, such as 1e6.", parser=whole(0))] = None,
     time: Annotated[
         Any,
-        typer.Option(
-            metavar="T",
+        option(
+            "T",
+            "Length of the run in time, such as '5 ps', instead of --steps; negative for a run back in time.",
             parser=length,
-            help="Length of the run in time, such as '5 ps', instead of --steps; negative for a run back in time.",
         ),
     ] = None,
     exact: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="With fixed steps, a --time between two steps: false runs to the nearest (default), true is an error, "
+        option(
+            "NAME",
+            "With fixed steps, a --time between two steps: false runs to the nearest (default), true is an error, "
             "shorten shortens the last step.",
         ),
     ] = None,
-    every: Annotated[
-        int | None, typer.Option(metavar="K", parser=whole(1), help="Steps between samples and frames.")
-    ] = None,
+    every: Annotated[int | None, option("K", "Steps between samples and frames.", parser=whole(1))] = None,
     interval: Annotated[
-        Any,
-        typer.Option(metavar="T", parser=length, help="Time between samples and frames, for adaptive methods."),
+        Any, option("T", "Time between samples and frames, for adaptive methods.", parser=length)
     ] = None,
     times: TimesOption = None,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
+        Path | None, option("FILE", "Write the trajectory: .h5md; of an ODE .h5, .csv or .parquet.")
     ] = None,
-    overwrite: OverwriteOption = False,
-    flush: FlushOption = None,
-    store: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Type of stored frames: float64 (default), float32.")
-    ] = None,
+    overwrite: opt.Overwrite = False,
+    flush: opt.Flush = None,
+    store: Annotated[str | None, option("NAME", "Type of stored frames: float64 (default), float32.")] = None,
     old_store: Annotated[str | None, typer.Option("--precision", hidden=True)] = None,
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
-    write: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="Further data in frames: forces, images, or forces,images.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="S", min=0, help="Seed of random velocities.")] = None,
+    write: Annotated[str | None, option("NAMES", "Further data in frames: forces, images, or forces,images.")] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     equilibrate: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "KEY=VALUE",
+            "A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
             "--equilibrate",
             "-e",
-            metavar="KEY=VALUE",
-            help="A key of the table [equilibrate]: temperature=2, to=1 and time=5 cool from 2 to 1. Repeatable.",
         ),
     ] = None,
-    threads: ThreadsOption = 1,
-    engine: Annotated[str, typer.Option(metavar="NAME", help="See: kickdrift list engines.")] = "native",
+    threads: opt.Threads = 1,
+    engine: Annotated[str, option("NAME", "See: kickdrift list engines.")] = "native",
     processes: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Number of processes, for an engine that can use several: lammps (default: 1)."
-        ),
+        int | None, option("N", "Number of processes, for an engine that can use several: lammps (default: 1).", min=1)
     ] = None,
-    hosts: HostsOption = None,
+    hosts: opt.Hosts = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
     live: LiveOption = None,
-    json_file: JsonOption = None,
-    quiet: QuietOption = False,
+    json_file: opt.Json = None,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Run a system and report how well it conserved energy and momentum."""
-    from kickdrift.engines import engine as engine_named
-    from kickdrift.model.system import System
-    from kickdrift.systemfile.python_file import load_or_run
-
     engine_named(engine)
     _refuse_both(steps=steps, time=time)
     for key, value in {"steps": steps, "time": time, "every": every, "interval": interval, "exact": exact}.items():
@@ -139,11 +165,10 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = with_keys(load_or_run(system, seed), equilibrate or [])
+    chosen = with_keys(subject_of(system, seed), equilibrate or [])
 
     from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
-    from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of
 
     choices: dict[str, Any] = {"true": True, "false": False, SHORTEN: SHORTEN}
@@ -155,7 +180,7 @@ def run(
     time, interval = in_units(time, chosen, "--time"), in_units(interval, chosen, "--interval")
 
     check_watching(chosen, live, imd, imd_wait, quiet)
-    sim = Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
+    sim = kd.Simulation(chosen, integrator, threads=threads, engine=engine, processes=processes, hosts=hosts, **options)
     wanted_length = partial(length_of, sim, system, steps, time, ending, times)
     wanted_length()  # or its error, before anything runs
     warn_of_version(sim, quiet)
@@ -180,41 +205,34 @@ def _refuse_both(**given: Any) -> None:
         raise InputError(f"give --{one} or --{other}, not both")
 
 
-def file_options(output: Path | None, given: dict[str, Any]) -> FileOptions | None:
+def file_options(output: Path | None, given: dict[str, Any]) -> kd.FileOptions | None:
     """Options of the output file; None without any."""
-    from kickdrift.trajectory.layout.options import FileOptions
-
     asked = {key: value for key, value in given.items() if value is not None}
     if asked and output is None:
         raise InputError(f"--{next(iter(asked))}: needs --output")
-    return FileOptions(**asked) if asked else None
+    return kd.FileOptions(**asked) if asked else None
 
 
 def resume(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A run's .h5md, or the .h5 of an ODE, finished or not.")],
+    file: Annotated[Path, argument("FILE", "A run's .h5md, or the .h5 of an ODE, finished or not.")],
     steps: Annotated[
-        int | None,
-        typer.Option(metavar="N", parser=whole(0), help="Continue to this step, counted from the run's start."),
+        int | None, option("N", "Continue to this step, counted from the run's start.", parser=whole(0))
     ] = None,
     time: Annotated[
-        Any,
-        typer.Option(
-            metavar="T", parser=length, help="Continue to this time since the run's start, instead of --steps."
-        ),
+        Any, option("T", "Continue to this time since the run's start, instead of --steps.", parser=length)
     ] = None,
     times: TimesOption = None,
     threads: Annotated[
-        int | None,
-        typer.Option(metavar="K", min=1, help="Threads (default: as in the run); they do not change the results."),
+        int | None, option("K", "Threads (default: as in the run); they do not change the results.", min=1)
     ] = None,
-    hosts: HostsOption = None,
-    flush: FlushOption = None,
+    hosts: opt.Hosts = None,
+    flush: opt.Flush = None,
     imd: ImdOption = None,
     imd_wait: ImdWaitOption = False,
     live: LiveOption = None,
-    json_file: JsonOption = None,
+    json_file: opt.Json = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the JSON file.")] = False,
-    quiet: QuietOption = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Finish an interrupted run or extend a finished one, with the same bits as an uninterrupted run."""
     _refuse_both(steps=steps, time=time)
@@ -222,15 +240,13 @@ def resume(
     _refuse_both(times=times, time=time)
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
-    from kickdrift.run.resuming import resume as taken_up
-    from kickdrift.trajectory.opened import open as opened
 
     with Interruption(file, resumed=True) as stopped:
         with busy(f"reading {file}", quiet):
-            sim = taken_up(file, threads=threads, hosts=hosts)
+            sim = kd.resume(file, threads=threads, hosts=hosts)
         check_watching(sim.system, live, imd, imd_wait, quiet)
         warn_of_version(sim, quiet)
-        with opened(file) as run:
+        with kd.open(file) as run:
             options, closed = None if flush is None else replace(run.options, flush=flush), run.closed
         if sim.plan is None:
             raise InputError(f"{file}: the length of the run is not known; give --steps or --time")
@@ -247,9 +263,8 @@ def resume(
     show(report, sim, file, json_file, quiet, overwrite)
 
 
-def warn_of_version(sim: Simulation, quiet: bool) -> None:
+def warn_of_version(sim: kd.Simulation, quiet: bool) -> None:
     """Warn of an untested version of an engine, and of what the system lacks, before the first step."""
-    from kickdrift.engines import ENGINES
     from kickdrift.run.report.warnings import begins_badly
 
     for warning in [*ENGINES[sim.engine].warnings, *begins_badly(sim.system)]:
@@ -257,10 +272,63 @@ def warn_of_version(sim: Simulation, quiet: bool) -> None:
 
 
 def show(
-    report: Report, sim: Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
+    report: kd.Report, sim: kd.Simulation, output: Path | None, json_file: Path | None, quiet: bool, overwrite: bool
 ) -> None:
     """Print a run's report with its warnings, and write the report on request."""
     try:
         write_json(json_file, report.as_json(), overwrite=overwrite)
     finally:  # a full disk does not lose the results
         print_lines(lines_of(report.written_to(output)))
+
+
+def relax(
+    system: opt.Subject,
+    output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
+    force: Annotated[
+        Any,
+        option(
+            "F",
+            "Tolerance of the largest force on a particle (default 1e-6).",
+            parser=amount("a force such as 1e-6, or '1e-6 eV/angstrom'"),
+        ),
+    ] = None,
+    steps: Annotated[int | None, option("N", "Most steps (default 10000).", parser=whole(0))] = None,
+    method: Annotated[str | None, option("NAME", "fire (default) or l-bfgs.")] = None,
+    max_displacement: Annotated[
+        Any,
+        option(
+            "X",
+            "Longest step of a particle (default: a tenth of the shortest sigma).",
+            parser=amount("a length such as 0.1, or '0.3 angstrom'"),
+        ),
+    ] = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    threads: opt.Threads = 1,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
+    keeps the velocities of the file."""
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
+    from kickdrift.forces.bound.forces import check_threads
+    from kickdrift.run.minimization import minimum
+
+    start = subject_of(system, seed, overlaps=True)
+    if not isinstance(start, System):
+        raise InputError(f"{system}: is an ODE; relax needs particles")
+    if output is not None:
+        start.at(start.state.phase, 0.0).to_toml()  # refuses a system that no file can hold, before any work
+    asked = {"force": force, "steps": steps, "method": method, "max_displacement": max_displacement}
+    given = {key: value for key, value in asked.items() if value is not None}
+    with progress_bar(quiet) as bar:
+        found = minimum(start, check_threads(threads), **given, progress=bar("minimizing"))
+    if not found.converged:
+        say(f"warning: not converged: {found.trouble}", quiet)
+    try:
+        write_system(output, found.system.to_toml() if output else "", overwrite=overwrite)
+        write_json(json_file, found.as_json(), overwrite=overwrite)
+    finally:
+        print_lines([*lines_of(found), *([("written", str(output))] if output else [])])
+    if not found.converged:
+        raise typer.Exit(1)

@@ -79,14 +79,12 @@ class _Input(FileIO):
         self._path = path
 
     def readinto(self, buffer: Any) -> int:
-        """Read some bytes."""
         try:
             return super().readinto(buffer)
         except OSError as error:
             raise InputError(f"{shown_path(self._path)}: cannot be read: {reason(error)}") from None
 
     def readall(self) -> bytes:
-        """Read all bytes that are left."""
         return b"".join(iter(lambda: self.read(BLOCK), b""))
 
 

@@ -1,11 +1,12 @@
 """Output files of commands: checked before any work starts, and written whole or not at all.
 
 An existing file is replaced only on request, and only if it is a regular file that kickdrift could have written. A
-device or a pipe is written to directly.
+device or a pipe is written to directly. A file that is being written lies in a private folder beside its place.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import math
@@ -15,6 +16,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,8 +24,8 @@ from typing import Any, BinaryIO
 
 from kickdrift.disk import kinds
 from kickdrift.disk.files import place, same_file, shown_path
+from kickdrift.disk.interrupt import tidy
 from kickdrift.disk.kinds import Kind, is_ours, wrong_ending
-from kickdrift.disk.parts import private_place
 from kickdrift.errors import InputError, RunError
 
 KINDS = {"json": kinds.JSON, "plot": kinds.FIGURE}  # by option
@@ -62,10 +64,7 @@ def refuse_outputs(
 
 
 def checked_target(
-    output: str | os.PathLike[str],
-    kind: Kind,
-    overwrite: bool,
-    inputs: Iterable[str | os.PathLike[str] | None] = (),
+    output: str | os.PathLike[str], kind: Kind, overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Path:
     """Checked path of a file to be written. Raises InputError for a wrong name, an existing file or a missing
     folder."""
@@ -273,3 +272,39 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+PREFIX, SUFFIX = ".kickdrift-", ".part"
+STALE = 3600.0  # seconds without changes after which a folder counts as left by a kill
+
+
+@contextmanager
+def private_place(path: Path) -> Iterator[Path]:
+    """Yield a path of the same name in a new private folder beside ``path``, with a name that cannot be guessed. The
+    folder and its content are removed at the end, also after SIGTERM. So are old folders left by a kill."""
+    _remove_stale(path.parent)
+    with tidy():
+        folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, path.parent))  # mode 0700
+        try:
+            yield folder / path.name
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_stale(folder: Path) -> None:
+    """Remove folders of this kind, of this user, that have not changed for a long time."""
+    with contextlib.suppress(OSError), os.scandir(folder) as found:
+        for entry in found:
+            if entry.name.startswith(PREFIX) and entry.name.endswith(SUFFIX):
+                with contextlib.suppress(OSError):
+                    _remove_if_stale(entry)
+
+
+def _remove_if_stale(entry: os.DirEntry[str]) -> None:
+    status = entry.stat(follow_symlinks=False)
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != getattr(os, "getuid", lambda: status.st_uid)():
+        return
+    with os.scandir(entry.path) as inside:
+        latest = max([status.st_mtime, *(each.stat(follow_symlinks=False).st_mtime for each in inside)])
+    if latest < time.time() - STALE:
+        shutil.rmtree(entry.path, ignore_errors=True)

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from html import escape
 from threading import Timer
 from time import monotonic
@@ -151,17 +152,8 @@ def _bars(quiet: bool) -> Iterator[Callable[[str], Bar]]:
     if not _has_terminal(quiet):
         yield LineBar if _has_lines(quiet) else lambda label: _nothing
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    layout = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[share]}"),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*layout, console=Console(stderr=True), transient=True) as progress:
+    shown = ("{task.description}", "BarColumn", "{task.fields[share]}", "{task.fields[rate]}", "TimeRemainingColumn")
+    with _rich(*shown) as progress:
 
         def bar(label: str) -> Bar:
             task, pace = progress.add_task(clean(label, CELL), total=None, rate="", share=""), Pace()
@@ -192,14 +184,8 @@ def members_bar(quiet: bool = False) -> Iterator[Callable[[int, int, int], None]
             else None
         )
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    rate = TextColumn("{task.fields[rate]}")
-    layout = TextColumn("members"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn()
-    with Progress(
-        *layout, TextColumn("{task.fields[failed]}"), console=Console(stderr=True), transient=True
-    ) as progress:
+    shown = ("members", "BarColumn", "MofNCompleteColumn", "{task.fields[rate]}", "TimeRemainingColumn")
+    with _rich(*shown, "{task.fields[failed]}") as progress:
         task = progress.add_task("members", total=None, rate="", failed="")
         begun: list[int] = []
 
@@ -247,13 +233,19 @@ def busy(label: str, quiet: bool = False) -> Iterator[None]:
             yield
 
 
+def _rich(*columns: str) -> Any:
+    """Progress on standard error that goes at its end: of rich's columns by their names, and of columns of text."""
+    from rich import progress
+    from rich.console import Console
+
+    text = partial(progress.TextColumn, markup=False)
+    made = [getattr(progress, each)() if each.endswith("Column") else text(each) for each in columns]
+    return progress.Progress(*made, console=Console(stderr=True), transient=True)
+
+
 def _spinner(label: str) -> Any:
     """Show a sign that turns on a terminal, until ``stop()``."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    layout = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    progress = Progress(*layout, console=Console(stderr=True), transient=True)
+    progress = _rich("SpinnerColumn", "{task.description}", "TimeElapsedColumn")
     progress.add_task(label, total=None)
     progress.start()
     return progress

@@ -13,8 +13,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from kickdrift.engines import heat_baths
-from kickdrift.engines.heat_baths import EngineBath
+from kickdrift.engines.job import ASE_BATHS, LAMMPS_BATHS, OPENMM_BATHS, EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.options import MIXED, PRESSURE
@@ -60,7 +59,6 @@ class Engine:
 
     @property
     def foreign(self) -> bool:
-        """Tell whether the engine is another program."""
         return self.name != NATIVE
 
     @property
@@ -80,7 +78,6 @@ class Engine:
         return import_module(f"kickdrift.engines.{self.name}")
 
     def session(self, job: Job) -> Any:
-        """Start the program for a job."""
         return self.module.session(job)
 
     def method_name(self, name: str) -> str:
@@ -156,7 +153,7 @@ ENGINES: dict[str, Engine] = {
         Engine(NATIVE, "everything, with kickdrift's own compiled kernels"),
         Engine(
             "ase", "shifted Lennard-Jones of one species, embedded atoms, Tersoff: VelocityVerlet and heat baths",
-            ("ase",), ("3",), {_VERLET: "VelocityVerlet"}, heat_baths.ASE,
+            ("ase",), ("3",), {_VERLET: "VelocityVerlet"}, ASE_BATHS,
             source="Larsen et al. 2017, J. Phys.: Condens. Matter 29, 273002, doi:10.1088/1361-648X/aa680e",
         ),
         Engine(
@@ -169,12 +166,12 @@ ENGINES: dict[str, Engine] = {
         ),
         Engine(
             "lammps", "Lennard-Jones, molecules, many-body forces: fix nve and heat baths, in one process or many",
-            ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, heat_baths.LAMMPS, processes=True,
+            ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, LAMMPS_BATHS, processes=True,
             source="Thompson et al. 2022, Comput. Phys. Commun. 271, 108171, doi:10.1016/j.cpc.2021.108171",
         ),
         Engine(
             "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
-            ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, heat_baths.OPENMM,
+            ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, OPENMM_BATHS,
             source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
         ),
     )

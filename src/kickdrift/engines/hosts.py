@@ -104,7 +104,6 @@ def _ends(name: str) -> tuple[str, str]:
 
 
 def listening(address: str, count: int) -> socket.socket:
-    """Listen on a free port of the address."""
     return socket.create_server((address, 0), backlog=count)
 
 

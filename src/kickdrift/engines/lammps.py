@@ -12,14 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.engines.bonded import split
+from kickdrift.engines.forces import many_body, only_lennard_jones, small_units, split, style_of, text_of
 from kickdrift.engines.job import Job
-from kickdrift.engines.lammps_baths import fixes
-from kickdrift.engines.lammps_bonded import bonded_of
-from kickdrift.engines.lammps_bonded import refusal as bonded_refusal
-from kickdrift.engines.lammps_world import Model, World
-from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.many_body import many_body, style_of, text_of
+from kickdrift.engines.lammps_world import Model, World, bonded_of, fixes
+from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
@@ -47,11 +43,6 @@ def refusal(job: Job) -> str | None:
     return None
 
 
-def session(job: Job) -> Session:
-    """See Engine."""
-    return LammpsSession(job)
-
-
 def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     """Species and mass of each kind of particles (kinds, 2), and the kind of each particle (n,)."""
     both = np.column_stack([job.system.species_index, job.system.coherent_masses])
@@ -66,35 +57,20 @@ def model_of(job: Job, seed: int) -> Model:
     force: Any = split(system)[0][0]
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
+    given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
-        return Model(
-            box=system.box,
-            types=(which + 1).astype(np.int32),
-            masses=tuple(kinds[:, 1].tolist()),
-            pairs=(),
-            cutoff=force.cutoff,
-            shifted=False,
-            tail=False,
-            dt=dt,
-            bonded=bonded_of(system),
-            many_body=(style_of(force), text_of(force), tuple(species)),
-        )
-    laws = [
-        (i + 1, j + 1, force.pair_law(species[i], species[j])) for i in range(len(kinds)) for j in range(i, len(kinds))
-    ]
+        given |= {"many_body": (style_of(force), text_of(force), tuple(species))}
+    else:
+        pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
+        laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
+        given |= {
+            "pairs": tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
+            "shifted": force.truncation == "shift", "tail": force.tail, "dimensions": system.dimensions,
+        }  # fmt: skip
     return Model(
-        box=system.box,
-        types=(which + 1).astype(np.int32),
-        masses=tuple(kinds[:, 1].tolist()),
-        pairs=tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
-        cutoff=float(force.cutoff),
-        shifted=force.truncation == "shift",
-        tail=force.tail,
-        dt=dt,
-        dimensions=system.dimensions,
-        fixes=fixes(job, seed),
-        bonded=bonded_of(system),
-    )
+        box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
+        cutoff=float(force.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system), **given,
+    )  # fmt: skip
 
 
 class LammpsSession(Session):
@@ -193,3 +169,6 @@ class LammpsSession(Session):
         if self._world is not None:
             self._world.close()
             self._world = None
+
+
+session = LammpsSession  # see Engine

@@ -20,6 +20,7 @@ import sys
 import tempfile
 import weakref
 from collections.abc import Mapping
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from time import monotonic
@@ -27,7 +28,7 @@ from typing import Any
 
 from kickdrift.engines import keeper
 from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening
-from kickdrift.engines.lammps_library import mpiexec
+from kickdrift.engines.lammps_world import mpiexec
 
 SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's address
 KEY = "KICKDRIFT_LAMMPS_KEY"  # name of the variable with the key, for connections over the network
@@ -36,6 +37,7 @@ START_SECONDS = 120.0  # limit for the start of all processes
 QUIET = ("=", "Warning:")  # beginnings of lines that say nothing: mpiexec's frame, and ssh's notes on known machines
 _MPIEXEC = re.compile(r"\[(mpiexec|proxy:\d+)@\S+\] \w+ \([^)]*\): ")  # beginning of a line of mpiexec's own
 POLL_SECONDS = 0.5
+ORDERS = ("reset", "run", "kinetic_energy", "heat", "images", "state", "measure")  # methods of World
 END_SECONDS = 5.0  # for orders to be done
 
 
@@ -143,35 +145,10 @@ class Processes:
     def _died(self, rank: int) -> RuntimeError:
         return RuntimeError(f"process {rank} of {self.count} died{self._last_words()}")
 
-    # --- World's methods ---
-
-    def reset(self, *arguments: Any) -> None:
-        """See World."""
-        self._all("reset", *arguments)
-
-    def run(self, steps: int) -> None:
-        """See World."""
-        self._all("run", steps)
-
-    def kinetic_energy(self) -> float:
-        """See World."""
-        return float(self._all("kinetic_energy"))
-
-    def heat(self) -> float:
-        """See World."""
-        return float(self._all("heat"))
-
-    def images(self) -> Any:
-        """See World."""
-        return self._all("images")
-
-    def state(self) -> Any:
-        """See World."""
-        return self._all("state")
-
-    def measure(self) -> Any:
-        """See World."""
-        return self._all("measure")
+    def __getattr__(self, name: str) -> Any:
+        if name not in ORDERS:
+            raise AttributeError(name)
+        return partial(self._all, name)
 
 
 def _machines(hosts: Mapping[str, int], folder: Path) -> tuple[list[str], str]:

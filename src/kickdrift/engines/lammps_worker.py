@@ -60,7 +60,6 @@ def _end_with(orders: int) -> None:
 
 
 def beside(path: str) -> Connection:
-    """Connect to a socket on this machine."""
     stream = socket.socket(socket.AF_UNIX)
     stream.connect(path)
     return Connection(stream.detach())

@@ -1,29 +1,34 @@
-"""OpenMM: a CustomNonbondedForce on the Reference platform; ``openmm_steps`` has the integrators.
+"""OpenMM: custom forces on the Reference platform, and words over flows as a CustomIntegrator.
 
 The Reference platform computes in float64; the others round forces to float32 and are not used. OpenMM's units (nm, ps,
 u, kJ/mol) are coherent, and the formulas here have only the system's own constants. So the system's numbers stand
-unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol.
+unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol. OpenMM's nearest images are those of kickdrift.
 
 OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s
-= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula.
+= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula. Bonds change with the size of a system,
+angles and dihedrals do not, so that only the energies of pairs and bonds depend on s.
+
+LangevinMiddleIntegrator is the word BAOA. NoseHooverIntegrator has its chain in the middle of the drift, BANA (Zhang et
+al. 2019, doi:10.1021/acs.jpca.9b02771). AndersenThermostat acts where its System is updated, which is here the end of a
+step. The other words take OpenMM's normal numbers.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from kickdrift.engines.bonded import split, strange
+from kickdrift.engines.forces import LAWS, only_lennard_jones, small_units, split, strange
 from kickdrift.engines.job import Job
-from kickdrift.engines.lennard_jones import only_lennard_jones, small_units
-from kickdrift.engines.openmm_bonded import added_forces, exclude
-from kickdrift.engines.openmm_steps import integrator
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -57,11 +62,6 @@ def refusal(job: Job) -> str | None:
     return None
 
 
-def session(job: Job) -> Session:
-    """See Engine."""
-    return OpenmmSession(job)
-
-
 class OpenmmSession(Session):
     """OpenMM Context."""
 
@@ -76,7 +76,6 @@ class OpenmmSession(Session):
         self._begun = False
 
     def _made(self) -> Any:
-        """OpenMM's System."""
         import openmm
 
         system = self.job.system
@@ -122,6 +121,9 @@ class OpenmmSession(Session):
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
 
+session = OpenmmSession  # see Engine
+
+
 def _context(made: Any, steps: Any, phase: Floats) -> Any:
     import openmm
 
@@ -132,7 +134,7 @@ def _context(made: Any, steps: Any, phase: Floats) -> Any:
 
 
 def _plain(quantity: Any) -> Any:
-    """Number in OpenMM's internal units."""
+    """Numbers in the units that OpenMM gives."""
     return quantity.value_in_unit(quantity.unit)
 
 
@@ -173,3 +175,145 @@ def _scaled(force: Any) -> Any:
     force.addGlobalParameter("s", 1.0)
     force.addEnergyParameterDerivative("s")
     return force
+
+
+SCALED_PAIR = "scale*step(cutoff-r)*(4*e*((l/(s*r))^12 - (l/(s*r))^6)"
+
+
+def exclude(force: Any, system: System) -> None:
+    """Leave all special pairs out of a CustomNonbondedForce."""
+    if system.topology is not None:
+        for i, j in system.topology.scaled.pairs.tolist():
+            force.addExclusion(i, j)
+
+
+def added_forces(system: System, pair_force: Any) -> list[Any]:
+    """Bonded forces, and the scaled pairs of the pair force."""
+    made = [_bonded(system, force) for force in split(system)[1]]
+    if system.topology is not None and (system.topology.scaled.factors > 0).any():
+        made.append(_scaled_pairs(system, pair_force))
+    return made
+
+
+def _bonded(system: System, force: Any) -> Any:
+    import openmm
+
+    terms, kind = LAWS[type(force)], force.kind
+    items, laws, which = force.items(system)
+    parameters = [terms.keys(law) for law in laws]
+    energy, add = terms.energy, {"bonds": "addBond", "angles": "addAngle"}.get(kind, "addTorsion")
+    if kind == "bonds":
+        made = openmm.CustomBondForce(energy.replace("exp(", "EXP(").replace("r", "(s*r)").replace("EXP(", "exp("))
+        _scaled(made)
+    else:
+        made = openmm.CustomAngleForce(energy) if kind == "angles" else openmm.CustomTorsionForce(energy)
+    for key in parameters[0]:
+        getattr(made, f"addPer{add[3:]}Parameter")(key)
+    for item, law in zip(items.tolist(), which.tolist(), strict=True):
+        getattr(made, add)(*item, list(parameters[law].values()))
+    made.setUsesPeriodicBoundaryConditions(system.box.periodic)
+    return made
+
+
+def _scaled_pairs(system: System, force: Any) -> Any:
+    import openmm
+
+    assert system.topology is not None
+    shift = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6))" if force.truncation == "shift" else ")"
+    made = openmm.CustomBondForce(SCALED_PAIR + shift)
+    _scaled(made)
+    made.addGlobalParameter("cutoff", float(force.cutoff))
+    for key in ("scale", "e", "l"):
+        made.addPerBondParameter(key)
+    kinds = system.species_index
+    for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
+        if factor > 0:
+            law = force.pair_law(system.species[kinds[i]], system.species[kinds[j]])
+            made.addBond(i, j, [factor, float(law.epsilon), float(law.sigma)])
+    made.setUsesPeriodicBoundaryConditions(system.box.periodic)
+    return made
+
+
+HEAT = "heat"  # a variable of words with a bath
+
+
+def integrator(job: Job, made: Any, seed: int) -> tuple[Any, Callable[[], float] | None]:
+    """Integrator for a job, and a function that returns the heat, or None if OpenMM does not tell it.
+
+    ``made`` is OpenMM's System. Some baths add a force to it."""
+    import openmm
+
+    options, dt = job.options, job.options.dt
+    assert dt is not None
+    if job.method.name == "nose-hoover":
+        made.addForce(openmm.CMMotionRemover(1))  # OpenMM counts 3 N - 3 degrees of freedom where it sees this force
+        chain = openmm.NoseHooverIntegrator(
+            _kelvin(job), 1.0 / options.tau, dt, options.chain, 1, 3  # parts of a step, and of Suzuki and Yoshida's
+        )  # fmt: skip
+        return chain, lambda: -_in_md_units(chain.computeHeatBathEnergy())
+    if job.method.name == "baoa":
+        middle = openmm.LangevinMiddleIntegrator(_kelvin(job), options.friction, dt)
+        middle.setRandomNumberSeed(seed)
+        return middle, None
+    if job.method.name == "andersen":
+        collisions = openmm.AndersenThermostat(_kelvin(job), options.collision_rate)
+        collisions.setRandomNumberSeed(seed)
+        made.addForce(collisions)
+    assert isinstance(job.method, Splitting)
+    word = openmm.CustomIntegrator(dt)
+    word.setRandomNumberSeed(seed)
+    if job.method.bath:
+        for name in (HEAT, "before", "after"):
+            word.addGlobalVariable(name, 0.0)
+    for letter, weight in zip(job.method.word, job.method.weights, strict=True):
+        _FLOWS[letter](word, job, weight * dt)
+    return word, (lambda: float(word.getGlobalVariableByName(HEAT))) if job.method.bath else None
+
+
+def _kelvin(job: Job) -> float:
+    """The temperature at which OpenMM's k_B T is that of the job."""
+    import openmm.unit
+
+    return _thermal(job) / _in_md_units(openmm.unit.MOLAR_GAS_CONSTANT_R)
+
+
+def _thermal(job: Job) -> float:
+    return float(job.system.units.boltzmann * job.options.temperature)
+
+
+def _kick(word: Any, job: Job, span: float) -> None:
+    word.addComputePerDof("v", f"v + {span!r}*f/m")
+
+
+def _drift(word: Any, job: Job, span: float) -> None:
+    word.addComputePerDof("x", f"x + {span!r}*v")
+
+
+def _ornstein_uhlenbeck(word: Any, job: Job, span: float) -> None:
+    rate = job.options.friction
+    kept, spread = math.exp(-rate * span), math.sqrt(-math.expm1(-2.0 * rate * span) * _thermal(job))
+    _counted(word, lambda: word.addComputePerDof("v", f"{kept!r}*v + {spread!r}*gaussian/sqrt(m)"))
+
+
+def _collisions(word: Any, job: Job, span: float) -> None:
+    _counted(word, word.addUpdateContextState)
+
+
+def _counted(word: Any, act: Callable[[], Any]) -> None:
+    """Let a bath act, and add the change of the kinetic energy to the heat."""
+    word.addComputeSum("before", "0.5*m*v*v")
+    act()
+    word.addComputeSum("after", "0.5*m*v*v")
+    word.addComputeGlobal(HEAT, f"{HEAT} + after - before")
+
+
+_FLOWS: dict[str, Callable[[Any, Job, float], None]] = {
+    "A": _drift, "B": _kick, "O": _ornstein_uhlenbeck, "D": _collisions,
+}  # fmt: skip
+
+
+def _in_md_units(quantity: Any) -> float:
+    """Number in nm, ps, u and kJ/mol."""
+    import openmm.unit
+
+    return float(quantity.value_in_unit_system(openmm.unit.md_unit_system))

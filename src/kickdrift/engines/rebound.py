@@ -55,11 +55,6 @@ def refusal(job: Job) -> str | None:
     return None
 
 
-def session(job: Job) -> Session:
-    """See Engine."""
-    return ReboundSession(job)
-
-
 class ReboundSession(Session):
     """A running rebound.Simulation, and one for samples."""
 
@@ -145,6 +140,9 @@ class ReboundSession(Session):
         if not np.isfinite(accelerations).all() or not np.isfinite(potential):
             return None
         return Measured(np.ascontiguousarray(accelerations), potential, np.nan, None)
+
+
+session = ReboundSession  # see Engine
 
 
 def _asked(system: System, run: RunDefaults) -> System:

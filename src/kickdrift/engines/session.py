@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from kickdrift.engines.heat_baths import EngineBath
-from kickdrift.engines.job import Job
+from kickdrift.engines.job import EngineBath, Job
 from kickdrift.errors import InputError, KickdriftError, RunError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.seam.kernel import OK
@@ -29,9 +28,7 @@ from kickdrift.looks.observers import Looks, take_sample
 from kickdrift.model.freedom import DRIFT, whole_motion
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from kickdrift.model.system import System
 
 SEEDS = 899_999_999  # largest seed; LAMMPS takes no larger one
 

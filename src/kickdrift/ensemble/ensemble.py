@@ -8,17 +8,16 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import nullcontext
 from datetime import UTC, datetime
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kickdrift.display.showing import above, members_bar
 from kickdrift.ensemble import running
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.keys import path_of
-from kickdrift.ensemble.members import Members, members_of
+from kickdrift.ensemble.members import Members, members_of, path_of
 from kickdrift.ensemble.recipe import INTEGRATOR, MEGNO, RUN, VERSION, Measure, Recipe, SystemMaker, SystemText, seeded
-from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, Row
+from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, DataFrame, Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
@@ -34,9 +33,6 @@ from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.text import choices, suggestion
 from kickdrift.trajectory.layout.names import versions
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 Progress = Callable[[int, int, int], Any]
 

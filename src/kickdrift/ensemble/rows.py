@@ -10,8 +10,12 @@ from kickdrift.model.problem import Problem, ProblemState
 from kickdrift.model.system import System
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from kickdrift.analysis.chaos.report import ChaosReport
     from kickdrift.run.report.report import Report
+else:
+    DataFrame = object  # pandas is loaded by the first table
 
 Row = dict[str, Any]
 DONE, FAILED, LOST = "done", "failed", "lost"

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from kickdrift.ensemble.rows import DONE, LAST, MEMBER
+from kickdrift.ensemble.rows import DONE, LAST, MEMBER, DataFrame
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
 from kickdrift.text import choices, shown, suggestion
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 _NOT_MEASURED = (MEMBER, "replica", "seed", "dt", "steps", "time", "force_evaluations", *LAST)
 LAST_OF_RUN = "warnings"  # the columns of a user's function follow this one

@@ -6,20 +6,16 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.plots import observables
-from kickdrift.plots.columns import column_figure
+from kickdrift.plots.drawing import Figure
 from kickdrift.plots.orbits import orbits_figure, orbits_in
-from kickdrift.plots.runs import run_figure, write_figure
+from kickdrift.plots.runs import column_figure, run_figure, write_figure
 from kickdrift.plots.stability import stability_figure
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 KINDS: dict[str, Callable[[reader.Run], Figure]] = {
     "orbits": orbits_figure,

@@ -16,10 +16,9 @@ from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import symbol_of
-from kickdrift.plots.camera import Camera
+from kickdrift.plots.drawing import COLOURS, own_matplotlib_folder
 from kickdrift.plots.orbits import BODY_COLOURS
-from kickdrift.plots.runs import COLOURS, own_matplotlib_folder
-from kickdrift.plots.scene import Scene
+from kickdrift.plots.scene import Camera, Scene
 from kickdrift.text import clean, measured, shown, suggestion
 from kickdrift.trajectory.read import reader
 

@@ -1,8 +1,11 @@
-"""Films of runs: a liquid as spheres in its box, planets with trails and names."""
+"""Films of runs: a liquid as spheres in its box, planets with trails and names. Pictures are written one by one."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,12 +15,11 @@ import numpy as np
 from kickdrift.disk.kinds import FILM
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
-from kickdrift.plots.camera import Camera
-from kickdrift.plots.film_files import CODECS, program, write
 from kickdrift.plots.filmed import Bodies, Particles, has_trails
+from kickdrift.plots.scene import Camera
 from kickdrift.text import shown
 from kickdrift.trajectory.opened import is_problem
 from kickdrift.trajectory.read import reader
@@ -149,3 +151,77 @@ def _rows(run: reader.Run, fps: float, duration: float | None, every: int | None
     times = np.asarray(run.all_times)
     wanted = np.linspace(times[0], times[-1], max(round(duration * fps), 1))
     return [int(np.argmin(np.abs(times - each))) for each in wanted]
+
+
+MARK = "kickdrift"  # comment in every film
+CODECS = {
+    ".mp4": ("mp4", "-c:v", "libx264", "-preset", "veryfast", "-crf", "20", "-movflags", "+faststart"),
+    ".webm": ("webm", "-c:v", "libvpx-vp9", "-crf", "30", "-b:v", "0", "-cpu-used", "5"),
+}  # fmt: skip
+GIF = ".gif"
+MISSING = "films in .mp4 and .webm need ffmpeg: pip install 'kickdrift[movie]' brings ffmpeg, and .gif needs nothing"
+
+
+def program() -> str:
+    """Path of ffmpeg: that of the package imageio-ffmpeg, else one on the path. Raises InputError without any."""
+    try:
+        import imageio_ffmpeg
+
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        found = shutil.which("ffmpeg")
+    if found is None:
+        raise InputError(MISSING)
+    return found
+
+
+def write(path: Path, pictures: Iterator[Floats], size: tuple[int, int], fps: float) -> None:
+    """Write pictures (height, width, 4) of bytes as a film; the suffix names the format."""
+    if path.suffix.lower() == GIF:
+        _write_gif(path, pictures, fps)
+    else:
+        _write_by_ffmpeg(path, pictures, size, fps)
+
+
+def _write_gif(path: Path, pictures: Iterator[Floats], fps: float) -> None:
+    """A GIF that repeats for ever. Its frames last whole hundredths of a second."""
+    from PIL import Image
+
+    def images() -> Iterator[Image.Image]:
+        for each in pictures:
+            yield Image.fromarray(np.ascontiguousarray(each[..., :3])).quantize(128, Image.Quantize.FASTOCTREE)
+
+    found = images()
+    first = next(found)
+    with path.open("wb") as file:  # Pillow would leave the file open where a signal ends the program
+        first.save(
+            file, format="GIF", save_all=True, append_images=found, duration=max(round(100 / fps), 2) * 10, loop=0,
+            comment=MARK.encode(),
+        )  # fmt: skip
+
+
+def _write_by_ffmpeg(path: Path, pictures: Iterator[Floats], size: tuple[int, int], fps: float) -> None:
+    form, *codec = CODECS[path.suffix.lower()]
+    command = [
+        program(), "-hide_banner", "-loglevel", "error", "-nostdin", "-y", "-f", "rawvideo", "-pix_fmt", "rgba",
+        "-s", f"{size[0]}x{size[1]}", "-r", f"{fps:g}", "-i", "pipe:0", *codec,
+        "-pix_fmt", "yuv420p", "-metadata", f"comment={MARK}", "-f", form, str(path),
+    ]  # fmt: skip
+    with tempfile.TemporaryFile() as errors:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)
+        assert process.stdin is not None
+        try:
+            for each in pictures:
+                process.stdin.write(np.ascontiguousarray(each).data)
+            process.stdin.close()
+        except BrokenPipeError:  # ffmpeg has ended, and says why
+            pass
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            process.wait()
+        if process.returncode:
+            errors.seek(0)
+            said = errors.read().decode(errors="replace").strip().splitlines()
+            raise RunError(f"{path.name}: ffmpeg failed: {said[-1] if said else process.returncode}")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from functools import partial
 from itertools import combinations_with_replacement
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -20,23 +17,10 @@ from kickdrift.analysis.observables.motion import (
 from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import (
-    COLOURS,
-    GRID,
-    INK,
-    _title,
-    new_axes,
-    new_figure,
-    printed,
-    with_unit,
-    write_figure,
-)
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.text import measured
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WORK = 2e8  # n^2 times the frames averaged for g(r) and S(k): a few seconds
 FEWEST_FRAMES = 10  # least number of frames, if the run has them
@@ -55,34 +39,27 @@ class Curve(NamedTuple):
     error: Floats
 
 
-def plot_observable(
-    path: str | os.PathLike[str], kind: str, output: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
-    """Draw "rdf", "msd", "vacf" or "structure-factor" of a run. Return the figure's path.
+def observable_figure(run: reader.Run, kind: str) -> Figure:
+    """ "rdf", "msd", "vacf" or "structure-factor" of an open file.
 
     If there are few species, each species or pair has its own line. Bands and bars are standard errors by block
     averages, and a panel below shows the errors alone. A run that is too short has no errors. g(r) and S(k) are
     averages over frames spread evenly over the run without the first, as many as take a few seconds.
     """
-    return write_figure(path, output, overwrite, partial(observable_figure, kind=kind))
-
-
-def observable_figure(run: reader.Run, kind: str) -> Figure:
-    """The figure of ``plot_observable``, of an open file."""
-    measure, draw = KINDS[kind]
+    measure, paint = KINDS[kind]
     if not len(run):
         raise InputError(f"{run.path}: no frame to draw")
     curves = measure(run)
-    figure = new_figure(7.2, 6.0)
-    axes = new_axes(figure, (4, 1, (1, 3)))
-    draw(axes, curves, run)
+    figure = draw.new_figure(7.2, 6.0)
+    axes = draw.new_axes(figure, (4, 1, (1, 3)))
+    paint(axes, curves, run)
     _draw_errors(figure, axes, curves)
     if kind in ("msd", "vacf") and len(curves[0].x) < FEWEST_POINTS:
         points = f"{len(curves[0].x)} point" + "s" * (len(curves[0].x) != 1)
         warn(f"{kind}: the curve has {points}; write frames more often, or run longer", stacklevel=3)
     if any(curve.label for curve in curves):
-        axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=GRID)
-    figure.suptitle(_title(run), fontsize=11, color=INK)
+        axes.legend(loc="best", fontsize=9, frameon=True, framealpha=0.9, edgecolor=draw.GRID)
+    figure.suptitle(draw.title_of(run), fontsize=11, color=draw.INK)
     return figure
 
 
@@ -117,7 +94,7 @@ def _with_diffusion(name: str | None, found: MeanSquaredDisplacement, run: reade
     if len(found.times) < 3:
         return name or ""
     d = found.diffusion()
-    unit = measured("", printed(f"{run.units.length}^2/{run.units.time}"))
+    unit = measured("", draw.printed(f"{run.units.length}^2/{run.units.time}"))
     error = f" ± {d.error:.1g}" if np.isfinite(d.error) else ", error unknown"
     window = f"slope from {d.window[0]:.3g} to {d.window[1]:.3g}"
     return f"{name + ': ' if name else ''}D = {d.value:.3g}{error}{unit} ({window})"
@@ -146,42 +123,39 @@ def _spread(run: reader.Run) -> slice:
 
 
 def _draw_rdf(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
-    axes.axhline(1.0, color=GRID, linewidth=1.2)
+    axes.axhline(1.0, color=draw.GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Radial distribution function", with_unit("r", run.units.length), "g(r)")
-    axes.set_xlim(0.0, None)
-    axes.set_ylim(bottom=0.0)
+    _name(axes, "Radial distribution function", draw.with_unit("r", run.units.length), "g(r)")
+    axes.set(xlim=(0.0, None), ylim=(0.0, None))
 
 
 def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
-    axes.axhline(1.0, color=GRID, linewidth=1.2)
-    for curve, colour in zip(curves, COLOURS, strict=False):
+    axes.axhline(1.0, color=draw.GRID, linewidth=1.2)
+    for curve, colour in zip(curves, draw.COLOURS, strict=False):
         axes.plot(curve.x, curve.y, color=colour, linewidth=0.8, alpha=0.5)
         bars = np.where(np.isfinite(curve.error), curve.error, 0.0)
         axes.errorbar(curve.x, curve.y, bars, fmt="o", markersize=3.5, color=colour, elinewidth=1.0, capsize=2.0)
-    _name(axes, "Static structure factor", with_unit("k", f"1/{run.units.length}"), "S(k)")
-    axes.set_xlim(0.0, None)
-    axes.set_ylim(bottom=0.0)
+    _name(axes, "Static structure factor", draw.with_unit("k", f"1/{run.units.length}"), "S(k)")
+    axes.set(xlim=(0.0, None), ylim=(0.0, None))
 
 
 def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     _lines(axes, curves)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    squared = with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
-    _name(axes, "Mean squared displacement", with_unit("time", run.units.time), squared)
+    axes.set(xscale="log", yscale="log")
+    squared = draw.with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
+    _name(axes, "Mean squared displacement", draw.with_unit("time", run.units.time), squared)
 
 
 def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
-    axes.axhline(0.0, color=GRID, linewidth=1.2)
+    axes.axhline(0.0, color=draw.GRID, linewidth=1.2)
     _lines(axes, curves)
-    _name(axes, "Velocity autocorrelation", with_unit("time", run.units.time), "⟨v(t) · v(0)⟩ / ⟨v²⟩")
+    _name(axes, "Velocity autocorrelation", draw.with_unit("time", run.units.time), "⟨v(t) · v(0)⟩ / ⟨v²⟩")
     axes.set_xlim(0.0, None)
 
 
 def _lines(axes: Axes, curves: list[Curve]) -> None:
     """Draw lines, each with a band of one standard error to both sides where it is known."""
-    for curve, colour in zip(curves, COLOURS, strict=False):
+    for curve, colour in zip(curves, draw.COLOURS, strict=False):
         known = np.isfinite(curve.error)
         band = np.where(known, curve.error, 0.0)
         axes.fill_between(curve.x, curve.y - band, curve.y + band, where=known.tolist(), color=colour, alpha=0.3, lw=0)
@@ -191,22 +165,19 @@ def _lines(axes: Axes, curves: list[Curve]) -> None:
 
 def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
     """Draw the errors alone, which are thinner than a line for a long run."""
-    axes = new_axes(figure, (4, 1, 4))
-    axes.set_xscale(above.get_xscale())
-    axes.set_yscale("log")
-    for curve, colour in zip(curves, COLOURS, strict=False):
+    axes = draw.new_axes(figure, (4, 1, 4))
+    axes.set(xscale=above.get_xscale(), yscale="log")
+    for curve, colour in zip(curves, draw.COLOURS, strict=False):
         drawn = np.isfinite(curve.error) & (curve.error > 0)
         axes.plot(curve.x[drawn], curve.error[drawn], ".", color=colour, markersize=3.0)
     axes.set_xlim(above.get_xlim())
-    axes.set_xlabel(above.get_xlabel())
-    axes.set_ylabel("standard error")
+    axes.set(xlabel=above.get_xlabel(), ylabel="standard error")
     above.set_xlabel("")
 
 
 def _name(axes: Axes, title: str, x: str, y: str) -> None:
     axes.set_title(f"{title} (± one standard error)", fontsize=11)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+    axes.set(xlabel=x, ylabel=y)
 
 
 Measure = Callable[[reader.Run], list[Curve]]

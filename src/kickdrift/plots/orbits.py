@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,25 +12,10 @@ from kickdrift.model.orbits import Orbits, Paths, invariable_axes, orbits_of
 from kickdrift.model.starts.elements import TAU, Elements, states
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.plots.runs import (
-    COLOURS,
-    GRID,
-    INK,
-    _draw_error,
-    _thin,
-    _time_axis,
-    _title,
-    energy_taken,
-    new_axes,
-    new_figure,
-    with_unit,
-    write_figure,
-)
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
+from kickdrift.plots.runs import _draw_error, energy_taken
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FRAMES = 4000  # most frames of a run
 FEW = 12  # most bodies with a line, a colour and a name each; more are drawn as points
@@ -42,13 +25,7 @@ INNER = 8.0  # ratio of distances across the widest gap from which the inner bod
 CROWD = 0.97  # share of many bodies inside the panel
 CLOSE = 0.8  # share of a few bodies' places, without a dominant one, inside the close-up
 # Seven colours of Okabe & Ito and five muted ones of Paul Tol, distinguishable for colour-blind readers.
-BODY_COLOURS = (*COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
-
-
-def has_orbits(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a run's file has bodies under gravity and frames to draw."""
-    with reader.open(path) as run:
-        return orbits_in(run)
+BODY_COLOURS = (*draw.COLOURS, "#882255", "#44AA99", "#999933", "#332288", "#AA4499")
 
 
 def orbits_in(run: reader.Run) -> bool:
@@ -56,24 +33,19 @@ def orbits_in(run: reader.Run) -> bool:
     return gravity_of(run) is not None and len(run) > 0 and len(run.ids) > 1
 
 
-def plot_orbits(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw the orbits of a run's bodies. Return the figure's path.
+def orbits_figure(run: reader.Run) -> Figure:
+    """Orbits of the bodies of an open file.
 
     The plane is perpendicular to the total angular momentum, seen from the side where the bodies turn counterclockwise.
     It is x-y if they do not turn. Positions are relative to the barycentre. A body whose frames are too far apart for a
     path is drawn by its ellipses, faint, with the last one strong. A body that was absorbed or removed is drawn up to
     its end.
     """
-    return write_figure(path, output, overwrite, orbits_figure)
-
-
-def orbits_figure(run: reader.Run) -> Figure:
-    """The figure of ``plot_orbits``, of an open file."""
     found = paths(run, FRAMES)
     if len(run.ids) < 2:
         raise InputError(f"{run.path}: one body; orbits need two or more")
     energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
-    units, title = run.units, _title(run, "bodies")
+    units, title = run.units, draw.title_of(run, "bodies")
     axes = invariable_axes(found)
     flat = np.allclose(axes, np.eye(3), rtol=0, atol=1e-12)
     found = found._replace(positions=found.positions @ axes.T, velocities=found.velocities @ axes.T)
@@ -82,13 +54,15 @@ def orbits_figure(run: reader.Run) -> Figure:
     views = _views(found, lines)
     few = len(found.masses) <= FEW
     rows = 2 if orbits is not None or energies is not None else 1
-    figure = new_figure(15.0 if len(views) == 2 or (orbits is not None and few) else 12.0, 9.6 if rows == 2 else 5.8)
+    figure = draw.new_figure(
+        15.0 if len(views) == 2 or (orbits is not None and few) else 12.0, 9.6 if rows == 2 else 5.8
+    )
     parts: Any = figure.subfigures(2, 1, height_ratios=(1.55, 1.0)) if rows == 2 else (figure, None)
     upper, lower = parts
     views[0] = (f"In the {'x-y' if flat else 'invariable'} plane", *views[0][1:])
     columns = len(views) + 1
     for column, view in enumerate(views):
-        _draw_plane(new_axes(upper, (1, columns, column + 1)), found, lines, units, view)
+        _draw_plane(draw.new_axes(upper, (1, columns, column + 1)), found, lines, units, view)
     _draw_space(upper, (1, columns, columns), found, lines, units, views[0])
     if few:
         handles, labels = upper.axes[0].get_legend_handles_labels()
@@ -99,8 +73,8 @@ def orbits_figure(run: reader.Run) -> Figure:
         if orbits is not None:
             _draw_elements(lower, many, orbits, units)
         if energies is not None:
-            _draw_error(energies, taken, new_axes(lower, (1, many, many)), units)
-    figure.suptitle(title, fontsize=12, color=INK)
+            _draw_error(energies, taken, draw.new_axes(lower, (1, many, many)), units)
+    figure.suptitle(title, fontsize=12, color=draw.INK)
     return figure
 
 
@@ -187,15 +161,17 @@ def _draw_plane(
         marker, size = ("*", 9.0) if i == found.central else ("o", 5.0)
         axes.plot(x[i, 0], x[i, 1], marker, color=colour, markersize=size, label=found.names[i], zorder=4)
     if not lines:
-        axes.plot(x[:, 0], x[:, 1], ".", color=COLOURS[0], markersize=2.2, alpha=0.7)
+        axes.plot(x[:, 0], x[:, 1], ".", color=draw.COLOURS[0], markersize=2.2, alpha=0.7)
         if found.central is not None:
-            axes.plot(*x[found.central, :2], "*", color=COLOURS[5], markersize=10)
-    axes.set_xlim(centre[0] - reach, centre[0] + reach)
-    axes.set_ylim(centre[1] - reach, centre[1] + reach)
-    axes.set_aspect("equal")
-    axes.set_title(title if lines else f"{title}, at the end")
-    axes.set_xlabel(with_unit("x", units.length))
-    axes.set_ylabel(with_unit("y", units.length))
+            axes.plot(*x[found.central, :2], "*", color=draw.COLOURS[5], markersize=10)
+    axes.set(
+        xlim=(centre[0] - reach, centre[0] + reach),
+        ylim=(centre[1] - reach, centre[1] + reach),
+        aspect="equal",
+        title=title if lines else f"{title}, at the end",
+        xlabel=draw.with_unit("x", units.length),
+        ylabel=draw.with_unit("y", units.length),
+    )
 
 
 def _draw_space(figure: Any, place: tuple[int, int, int], found: Paths, lines: list[list[Floats]],
@@ -210,7 +186,7 @@ def _draw_space(figure: Any, place: tuple[int, int, int], found: Paths, lines: l
         axes.plot(*x[i, :, None], marker, color=_colour(found, i), markersize=size)
     if not lines:
         shown = x[np.all(np.abs(x - centre) <= reach, axis=1)]
-        axes.plot(*shown.T, ".", color=COLOURS[0], markersize=1.8, alpha=0.6)
+        axes.plot(*shown.T, ".", color=draw.COLOURS[0], markersize=1.8, alpha=0.6)
     seen = np.concatenate([line for body in lines for line in body]) if lines else shown
     height = min(reach, max(1.1 * float(np.nanmax(np.abs(seen[:, 2] - centre[2]))), 0.3 * reach))
     axes.set(
@@ -221,12 +197,12 @@ def _draw_space(figure: Any, place: tuple[int, int, int], found: Paths, lines: l
     axes.set_box_aspect((1, 1, height / reach), zoom=0.92)
     axes.view_init(elev=28, azim=-60)
     axes.set_title("In space")
-    axes.tick_params(colors=INK, labelsize=7)
+    axes.tick_params(colors=draw.INK, labelsize=7)
     for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_pane_color("white")
         axis.set_major_locator(_few_ticks(5 if name != "z" or height > 0.6 * reach else 3))
-        axis._axinfo["grid"]["color"] = GRID
-        axis.set_label_text(with_unit(name, units.length), fontsize=8)
+        axis._axinfo["grid"]["color"] = draw.GRID
+        axis.set_label_text(draw.with_unit(name, units.length), fontsize=8)
 
 
 def _few_ticks(count: int) -> Any:
@@ -241,28 +217,27 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
     inc = np.degrees(found.inc)
     if len(orbits.names) >= FEW:
         for column, (values, label) in enumerate(((found.e, "eccentricity"), (inc, "inclination (degrees)"))):
-            axes = new_axes(figure, (1, columns, column + 1))
+            axes = draw.new_axes(figure, (1, columns, column + 1))
             bound = found.a[-1] > 0
-            for frame, colour, when in ((0, COLOURS[6], "start"), (-1, COLOURS[0], "end")):
+            for frame, colour, when in ((0, draw.COLOURS[6], "start"), (-1, draw.COLOURS[0], "end")):
                 axes.plot(found.a[frame][bound], values[frame][bound], ".", color=colour, markersize=2.5, alpha=0.6,
                           label=when)  # fmt: skip
-            axes.set_xlabel(with_unit("semi-major axis", units.length))
-            axes.set_ylabel(label)
-            axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+            axes.set(xlabel=draw.with_unit("semi-major axis", units.length), ylabel=label)
+            draw.legend(axes)
         return
     panels = (
-        (found.a, with_unit("semi-major axis", units.length)),
+        (found.a, draw.with_unit("semi-major axis", units.length)),
         (found.e, "eccentricity"),
         (inc, "inclination (degrees)"),
     )
     for column, (values, label) in enumerate(panels):
-        axes = new_axes(figure, (1, columns, column + 1))
+        axes = draw.new_axes(figure, (1, columns, column + 1))
         for k in range(len(orbits.names)):
             fine = np.isfinite(values[:, k])
-            axes.plot(*_thin(orbits.times[fine], values[fine, k]), color=BODY_COLOURS[k % len(BODY_COLOURS)],
+            axes.plot(*draw.thin(orbits.times[fine], values[fine, k]), color=BODY_COLOURS[k % len(BODY_COLOURS)],
                       linewidth=0.9)  # fmt: skip
         axes.set_title(label[:1].upper() + label[1:])
-        _time_axis(axes, units)
+        draw.time_axis(axes, units)
         known = values[np.isfinite(values)]
         if column == 0 and np.all(known > 0) and np.ptp(known) > (INNER - 1.0) * known.min():
             axes.set_yscale("log")
@@ -271,6 +246,6 @@ def _draw_elements(figure: Figure | Any, columns: int, orbits: Orbits, units: Un
 def _colour(found: Paths, i: int) -> str:
     """Colour of a body: the central one has its own, the others share the colours of their elements' lines."""
     if i == found.central:
-        return INK
+        return draw.INK
     k = i if found.central is None or i < found.central else i - 1
     return BODY_COLOURS[k % len(BODY_COLOURS)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,16 +15,13 @@ from kickdrift.integrators.asked import Integrator, method_of, takers_text
 from kickdrift.integrators.options import DT
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
-from kickdrift.plots.runs import COLOURS, GRID, INK, _thin, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.run.plan.lengths import steps_to
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import length_of
 from kickdrift.text import shown, suggestion
 from kickdrift.trajectory import opened
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LOOKS = 2000  # of each run that is drawn
 MOST_LINES = 6  # of y against time
@@ -49,9 +46,9 @@ def plot_problem(
     path: str | os.PathLike[str], output: str | os.PathLike[str], column: str | None = None, *, overwrite: bool = False
 ) -> Path:
     """Draw a Problem's run from its file or table; with ``column`` that column alone. Return the figure's path."""
-    target = checked_target(output, overwrite, path)
+    target = draw.checked_target(output, overwrite, path)
     with opened.open(path) as run:
-        return save_figure(problem_figure(run, column), target)
+        return draw.save_figure(problem_figure(run, column), target)
 
 
 def problem_figure(run: Any, column: str | None = None) -> Figure:
@@ -79,8 +76,8 @@ def plot_methods(
     progress: Callable[[int, int], Any] | None = None,
 ) -> Path:
     """Draw a Problem's runs with several methods as ``methods_figure`` does. Return the figure's path."""
-    target = checked_target(output, overwrite)
-    return save_figure(methods_figure(problem, integrators, time=time, options=options, progress=progress), target)
+    target = draw.checked_target(output, overwrite)
+    return draw.save_figure(methods_figure(problem, integrators, time=time, options=options, progress=progress), target)
 
 
 def methods_figure(
@@ -161,19 +158,19 @@ def _label(method: Mapping[str, Any]) -> str:
 def _figure(found: Sequence[Solution], panels: Sequence[Panel], title: str, *, beside: bool) -> Figure:
     """Panels of one run ``beside`` one another; or a column for each run, with a row for each kind of panel."""
     rows, columns = (1, len(panels)) if beside else (len(panels), len(found))
-    figure = new_figure(max(5.0, WIDTH * columns), HEIGHT * rows + 0.6)
-    for row, draw in enumerate(panels):
+    figure = draw.new_figure(max(5.0, WIDTH * columns), HEIGHT * rows + 0.6)
+    for row, panel in enumerate(panels):
         first: Axes | None = None
         for place, solution in enumerate(found):
             index = row + 1 if beside else row * columns + place + 1
-            shared = first if draw is _draw_error else None
-            axes = new_axes(figure, (rows, columns, index), sharey=shared)
+            shared = first if panel is _draw_error else None
+            axes = draw.new_axes(figure, (rows, columns, index), sharey=shared)
             first = first or axes
-            draw(axes, solution)
+            panel(axes, solution)
             if row == 0 and not beside:
                 axes.set_title(solution.label, fontsize=10)
     labels = [title, found[0].label] if beside and found[0].label else [title]
-    figure.suptitle("  ·  ".join(labels), fontsize=12, color=INK)
+    figure.suptitle("  ·  ".join(labels), fontsize=12, color=draw.INK)
     return figure
 
 
@@ -195,20 +192,18 @@ def _draw_series(axes: Axes, solution: Solution) -> None:
     shown = min(n // 2 if solution.separable else n, MOST_LINES)
     for k in range(shown):
         times, values = _finite(solution.times, solution.y[:, k])
-        axes.plot(*_thin(times, values), label=f"y{k}", color=COLOURS[k % len(COLOURS)], linewidth=1.1)
-    axes.set_xlabel("time")
-    axes.set_ylabel("y0" if shown == 1 else "y")
+        axes.plot(*draw.thin(times, values), label=f"y{k}", color=draw.COLOURS[k % len(draw.COLOURS)], linewidth=1.1)
+    axes.set(xlabel="time", ylabel="y0" if shown == 1 else "y")
     if shown > 1:
-        axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+        draw.legend(axes)
 
 
 def _draw_portrait(axes: Axes, solution: Solution) -> None:
     """The first position and its velocity; of a Problem that is not separable, the first two numbers of y."""
     other = solution.y.shape[1] // 2 if solution.separable else 1
-    axes.plot(*_finite(solution.y[:, 0], solution.y[:, other]), color=COLOURS[0], linewidth=0.7)
-    axes.plot(*solution.y[:1, [0, other]].T, marker="o", color=INK, markersize=4)
-    axes.set_xlabel("y0")
-    axes.set_ylabel(f"y{other}")
+    axes.plot(*_finite(solution.y[:, 0], solution.y[:, other]), color=draw.COLOURS[0], linewidth=0.7)
+    axes.plot(*solution.y[:1, [0, other]].T, marker="o", color=draw.INK, markersize=4)
+    axes.set(xlabel="y0", ylabel=f"y{other}")
 
 
 def _draw_error(axes: Axes, solution: Solution) -> None:
@@ -217,24 +212,21 @@ def _draw_error(axes: Axes, solution: Solution) -> None:
     first = float(solution.energies[0])
     times, error = _finite(solution.times, np.abs(solution.energies - first) / (abs(first) or 1.0))
     drawn = error > 0  # zero, as at the start, cannot be drawn on a logarithmic axis
-    axes.plot(*_thin(times[drawn], error[drawn]), color=COLOURS[1], linewidth=0.9)
-    axes.set_yscale("log")
-    axes.set_xlabel("time")
-    axes.set_ylabel("|E − E$_0$| / |E$_0$|" if first else "|E − E$_0$|")
+    axes.plot(*draw.thin(times[drawn], error[drawn]), color=draw.COLOURS[1], linewidth=0.9)
+    axes.set(yscale="log", xlabel="time", ylabel="|E − E$_0$| / |E$_0$|" if first else "|E − E$_0$|")
     if len(times) and not drawn.any():
         axes.set_ylim(1e-17, 1e-15)
-        axes.text(0.5, 0.5, "no error", transform=axes.transAxes, ha="center", color=INK)
+        axes.text(0.5, 0.5, "no error", transform=axes.transAxes, ha="center", color=draw.INK)
 
 
 def _column(name: str, values: Floats) -> Panel:
     """One column of the table against time."""
 
-    def draw(axes: Axes, solution: Solution) -> None:
-        axes.plot(*_thin(*_finite(solution.times, values)), color=COLOURS[0], linewidth=1.1)
-        axes.set_xlabel("time")
-        axes.set_ylabel(name)
+    def panel(axes: Axes, solution: Solution) -> None:
+        axes.plot(*draw.thin(*_finite(solution.times, values)), color=draw.COLOURS[0], linewidth=1.1)
+        axes.set(xlabel="time", ylabel=name)
 
-    return draw
+    return panel
 
 
 def _finite(x: Floats, y: Floats) -> tuple[Floats, Floats]:

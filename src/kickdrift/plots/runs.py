@@ -1,71 +1,52 @@
-"""Figures of a run and of a benchmark, drawn without pyplot, so that nothing outside the figure changes."""
+"""Figures of a run, of one of its columns, and of a benchmark."""
 
 from __future__ import annotations
 
 import math
 import os
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.analysis.observables.structure import radial_distribution
-from kickdrift.disk import outputs
-from kickdrift.disk.kinds import FIGURE
 from kickdrift.errors import InputError
-from kickdrift.jit.cache import folders
+from kickdrift.looks.columns import parts
 from kickdrift.model.state import Floats
-from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, symbol_of
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
+from kickdrift.plots import drawing as draw
+from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.statistics.drift import energy_error
-from kickdrift.text import measured
+from kickdrift.text import choices, measured, shown, suggestion
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.info import Room, room_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from kickdrift.run.report.report import Report
 
 RDF_FRAMES = 20  # most frames, spread evenly over the run
 RDF_NEIGHBOURS = 400  # g(r) reaches to this many neighbours, or to half the box
 RDF_PARTICLES = 20_000  # particles over all frames, about a second of work; more particles use fewer frames
 WINDOWS = 50  # parts of a benchmark's run for the RMS error
-MAX_POINTS = 4000  # most points of a line, about twice the dots across a panel; more only make the file large
-
-# Okabe & Ito's colours for colour-blind readers, without yellow, which is hardly visible on white.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
-INK, GRID = "#333333", "#E4E4E4"
 
 
-def plot_run(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw a run's energies, energy error, temperature and radial distribution function. Return the figure's path.
+def write_figure(
+    path: str | os.PathLike[str], output: str | os.PathLike[str], overwrite: bool, made: Callable[[reader.Run], Figure]
+) -> Path:
+    """Write the figure that ``made`` returns of a run's file. Return the figure's path."""
+    target = draw.checked_target(output, overwrite, path)
+    with reader.open(path) as run:
+        return draw.save_figure(made(run), target)
+
+
+def run_figure(run: reader.Run) -> Figure:
+    """Energies, energy error, temperature and radial distribution function of an open file.
 
     The error is (E(t) - E(0)) / |E(0)|, or relative to the kinetic energy at the start if |E(0)| is under a tenth of
     it. As in the report, E(t) includes the energy that collisions and removed bodies took out.
     """
-    return write_figure(path, output, overwrite, run_figure)
-
-
-def write_figure(
-    path: str | os.PathLike[str],
-    output: str | os.PathLike[str],
-    overwrite: bool,
-    draw: Callable[[reader.Run], Figure],
-) -> Path:
-    """Write the figure that ``draw`` makes of a run's file. Return the figure's path."""
-    target = checked_target(output, overwrite, path)
-    with reader.open(path) as run:
-        return save_figure(draw(run), target)
-
-
-def run_figure(run: reader.Run) -> Figure:
-    """The figure of ``plot_run``, of an open file."""
     if not len(run.sample_times):
         raise InputError(f"{run.path}: no sample to draw")
     energies, temperature = run.energies, run.observables.get("temperature")
@@ -75,7 +56,7 @@ def run_figure(run: reader.Run) -> Figure:
     if room := room_of(run):
         panels += [partial(_draw_room, room), partial(_draw_edges, room, run.box.periodic_axes)]
     panels += [partial(_draw_rdf, *rdf)] if rdf is not None else []
-    return panelled(panels, run.units, _title(run))
+    return panelled(panels, run.units, draw.title_of(run))
 
 
 def report_figure(report: Report) -> Figure:
@@ -89,18 +70,18 @@ def report_figure(report: Report) -> Figure:
     panels = [partial(_draw_energies, energies), *panels] if units else panels
     panels += [partial(_draw_temperature, series.times, series.temperatures)] if series.temperatures is not None else []
     units = units or UNIT_SYSTEMS["nbody"]
-    step = [] if report.dt is None else [measured(f"dt = {report.dt:g}", printed(units.time))]
+    step = [] if report.dt is None else [measured(f"dt = {report.dt:g}", draw.printed(units.time))]
     return panelled(panels, units, "  ·  ".join([report.system, report.integrator, *step]))
 
 
 def panelled(panels: Sequence[Callable[[Axes, UnitSystem], None]], units: UnitSystem, title: str) -> Figure:
     """A figure of panels in two columns; the last one of an odd number is as wide as both."""
     rows = math.ceil(len(panels) / 2)
-    figure = new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
-    for index, draw in enumerate(panels):
+    figure = draw.new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
+    for index, panel in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
-        draw(new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
-    figure.suptitle(title, fontsize=12, color=INK)
+        panel(draw.new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
+    figure.suptitle(title, fontsize=12, color=draw.INK)
     return figure
 
 
@@ -114,26 +95,24 @@ def plot_benchmark(
     A row has ``method``, ``dt``, ``table``, ``times`` (k,), ``relative_error`` (k,) and, optionally, ``verdict``.
     Values that are not finite, as after a blow-up, are left out.
     """
-    target = checked_target(output, overwrite)
+    target = draw.checked_target(output, overwrite)
     if not rows:
         raise InputError("plot_benchmark: there is nothing to draw")
     tables = list(dict.fromkeys(str(row["table"]) for row in rows))
     methods = list(dict.fromkeys(str(row["method"]) for row in rows))
-    figure = new_figure(5.6 * len(tables), 5.2)
+    figure = draw.new_figure(5.6 * len(tables), 5.2)
     first: Axes | None = None
     for index, table in enumerate(tables):
-        axes = new_axes(figure, (1, len(tables), index + 1), sharey=first)
+        axes = draw.new_axes(figure, (1, len(tables), index + 1), sharey=first)
         first = first or axes
         for row in rows:
             if str(row["table"]) == table:
-                _draw_method(axes, row, COLOURS[methods.index(str(row["method"])) % len(COLOURS)])
-        axes.set_yscale("log")
-        axes.set_title(table[:1].upper() + table[1:])
-        axes.set_xlabel(f"time ({time_unit})")
+                _draw_method(axes, row, draw.COLOURS[methods.index(str(row["method"])) % len(draw.COLOURS)])
+        axes.set(yscale="log", title=table[:1].upper() + table[1:], xlabel=f"time ({time_unit})")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8, frameon=False)
     if first is not None:
         first.set_ylabel("relative energy error |ΔE / E$_0$|")
-    return save_figure(figure, target)
+    return draw.save_figure(figure, target)
 
 
 # -- panels of a run
@@ -146,67 +125,69 @@ def energy_taken(run: reader.Run) -> Floats | float:
 
 def _draw_energies(energies: reader.EnergySeries, axes: Axes, units: UnitSystem) -> None:
     names = ("kinetic", "potential", "total")
-    for name, values, colour in zip(names, energies[1:], (COLOURS[1], COLOURS[0], INK), strict=True):
-        axes.plot(*_thin(energies.time, values), label=name, color=colour, linewidth=1.2)
-    axes.set_title("Energy")
-    axes.set_ylabel(with_unit("energy", units.energy))
-    _time_axis(axes, units)
-    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
+    for name, values, colour in zip(names, energies[1:], (draw.COLOURS[1], draw.COLOURS[0], draw.INK), strict=True):
+        axes.plot(*draw.thin(energies.time, values), label=name, color=colour, linewidth=1.2)
+    axes.set(title="Energy", ylabel=draw.with_unit("energy", units.energy))
+    draw.time_axis(axes, units)
+    draw.legend(axes)
 
 
 def _draw_error(energies: reader.EnergySeries, taken: Floats | float, axes: Axes, units: UnitSystem) -> None:
     total, kinetic = energies.total + taken, float(energies.kinetic[0])
     found = energy_error(total, kinetic)
     by_total = found.relative_to == "initial energy"
-    scale = {"initial energy": abs(found.initial), "kinetic energy": kinetic}.get(found.relative_to, 1.0)
-    error = (total - total[0]) / scale
+    error = (total - total[0]) / found.scale(kinetic)
     power = math.floor(math.log10(np.max(np.abs(error)))) if np.any(error) else 0
-    axes.axhline(0.0, color=GRID, linewidth=1.2)
-    axes.plot(*_thin(energies.time, error / 10.0**power), color=COLOURS[0], linewidth=0.9)
+    axes.axhline(0.0, color=draw.GRID, linewidth=1.2)
+    axes.plot(*draw.thin(energies.time, error / 10.0**power), color=draw.COLOURS[0], linewidth=0.9)
     rms = float(np.sqrt(np.mean(error**2)))
     axes.set_title(f"Relative energy error (RMS {rms:.2g})")
     ratio = "(E − E$_0$) / |E$_0$|" if by_total else "(E − E$_0$) / K$_0$"
     axes.set_ylabel(f"{ratio}   [$10^{{{power}}}$]" if power else ratio)
-    _time_axis(axes, units)
+    draw.time_axis(axes, units)
 
 
 def _draw_temperature(times: Floats, temperature: Floats, axes: Axes, units: UnitSystem) -> None:
-    axes.plot(*_thin(times, temperature), color=COLOURS[1], linewidth=0.9)
+    axes.plot(*draw.thin(times, temperature), color=draw.COLOURS[1], linewidth=0.9)
     mean = float(np.mean(temperature))
-    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-    axes.set_title(f"Temperature (mean {measured(f'{mean:.4g}', printed(units.temperature))})")
-    axes.set_ylabel(with_unit("temperature", units.temperature))
-    _time_axis(axes, units)
+    axes.axhline(mean, color=draw.INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.set(
+        title=f"Temperature (mean {measured(f'{mean:.4g}', draw.printed(units.temperature))})",
+        ylabel=draw.with_unit("temperature", units.temperature),
+    )
+    draw.time_axis(axes, units)
 
 
 def _draw_room(room: Room, axes: Axes, units: UnitSystem) -> None:
-    axes.plot(*_thin(room.times, room.density), color=COLOURS[3], linewidth=0.9)
+    axes.plot(*draw.thin(room.times, room.density), color=draw.COLOURS[3], linewidth=0.9)
     mean = float(np.mean(room.density))
-    axes.axhline(mean, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-    axes.set_title(f"Density (mean {mean:.4g}, mean volume {float(np.mean(room.volume)):.5g})")
-    axes.set_ylabel("particles per volume")
-    _time_axis(axes, units)
+    axes.axhline(mean, color=draw.INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.set(
+        title=f"Density (mean {mean:.4g}, mean volume {float(np.mean(room.volume)):.5g})", ylabel="particles per volume"
+    )
+    draw.time_axis(axes, units)
 
 
 def _draw_edges(room: Room, periodic: tuple[bool, ...], axes: Axes, units: UnitSystem) -> None:
     alike = all(np.allclose(room.lengths[:, k], room.lengths[:, 0], rtol=1e-12) for k in range(3))
     for k in [0] if alike else np.flatnonzero(periodic):
         name = "x, y and z" if alike else "xyz"[k]
-        axes.plot(*_thin(room.times, room.lengths[:, k]), label=name, color=COLOURS[int(k)], linewidth=0.9)
-    axes.set_title("Edges of the box")
-    axes.set_ylabel(with_unit("length", units.length))
-    axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor=GRID)
-    _time_axis(axes, units)
+        axes.plot(*draw.thin(room.times, room.lengths[:, k]), label=name, color=draw.COLOURS[int(k)], linewidth=0.9)
+    axes.set(title="Edges of the box", ylabel=draw.with_unit("length", units.length))
+    draw.legend(axes)
+    draw.time_axis(axes, units)
 
 
 def _draw_rdf(r: Floats, g: Floats, frames: int, axes: Axes, units: UnitSystem) -> None:
-    axes.axhline(1.0, color=GRID, linewidth=1.2)
-    axes.plot(r, g, color=COLOURS[2], linewidth=1.3)
-    axes.set_title(f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})")
-    axes.set_xlabel(with_unit("r", units.length))
-    axes.set_ylabel("g(r)")
-    axes.set_xlim(0.0, r[-1])
-    axes.set_ylim(bottom=0.0)
+    axes.axhline(1.0, color=draw.GRID, linewidth=1.2)
+    axes.plot(r, g, color=draw.COLOURS[2], linewidth=1.3)
+    axes.set(
+        title=f"Radial distribution function ({frames} frame{'s' if frames > 1 else ''})",
+        xlabel=draw.with_unit("r", units.length),
+        ylabel="g(r)",
+        xlim=(0.0, r[-1]),
+        ylim=(0.0, None),
+    )
 
 
 def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
@@ -215,7 +196,7 @@ def _draw_method(axes: Axes, row: Mapping[str, Any], colour: str) -> None:
     label = f"{row['method']}, dt = {row['dt']:g}"
     if row.get("verdict"):
         label += f": {row['verdict']}"
-    axes.plot(*_thin(times[drawn], errors[drawn]), color=colour, linewidth=0.6, alpha=0.25)
+    axes.plot(*draw.thin(times[drawn], errors[drawn]), color=colour, linewidth=0.6, alpha=0.25)
     parts = [part for part in np.array_split(np.flatnonzero(drawn), WINDOWS) if len(part)]
     strong = [(times[part].mean(), math.sqrt(np.mean(errors[part] ** 2))) for part in parts]
     axes.plot(*np.array(strong).reshape(-1, 2).T, color=colour, linewidth=1.8, zorder=3, label=label)
@@ -239,91 +220,34 @@ def _rdf(run: reader.Run) -> tuple[Floats, Floats, int] | None:
     return found.r, found.g, len(chosen)
 
 
-# -- shared by all figures
+MOST_LINES = 9  # a tensor's
 
 
-def _title(run: reader.Run, what: str = "particles") -> str:
-    parts = [str(run.system_record.get("name") or run.path.stem), f"{len(run.ids):,} {what}"]
-    if run.method.get("integrator"):
-        parts.append(str(run.method["integrator"]))
-    if isinstance(run.method.get("dt"), (int, float)):
-        parts.append(measured(f"dt = {run.method['dt']:g}", printed(run.units.time)))
-    return "  ·  ".join(parts)
+def column_figure(run: reader.Run, name: str) -> Figure:
+    """A column of a run's samples, kickdrift's own or a user's, against time.
 
-
-def printed(unit: str) -> str:
-    """Name of a unit in a figure; "" for a unit without a name, such as those of nbody."""
-    return symbol_of(unit).replace("angstrom", "Å").replace("k_B", "k$_B$").replace("^2", "²").replace("^3", "³")
-
-
-def with_unit(name: str, unit: str) -> str:
-    """Label with its unit, if the unit has a name."""
-    return f"{name} ({text})" if (text := printed(unit)) else name
-
-
-def _time_axis(axes: Axes, units: UnitSystem) -> None:
-    axes.set_xlabel(with_unit("time", units.time))
-
-
-def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Line with at most MAX_POINTS points that keeps the smallest and largest y of every stretch."""
-    if len(x) <= MAX_POINTS:
-        return x, y
-    starts = np.linspace(0, len(x), MAX_POINTS // 2 + 1).astype(int)
-    kept = [
-        start + index
-        for start, stop in pairwise(starts)
-        for index in sorted({int(np.argmin(y[start:stop])), int(np.argmax(y[start:stop]))})
-    ]
-    return x[kept], y[kept]
-
-
-def checked_target(output: str | os.PathLike[str], overwrite: bool, *inputs: str | os.PathLike[str]) -> Path:
-    """Checked path of a figure, which must not be one of the ``inputs``."""
-    return outputs.checked_target(output, FIGURE, overwrite, inputs)
-
-
-@contextmanager
-def own_matplotlib_folder() -> Iterator[None]:
-    """Let matplotlib, if first loaded here, keep its font list in kickdrift's cache, not in the user's home."""
-    own = folders.folder()
-    if "matplotlib" in sys.modules or "MPLCONFIGDIR" in os.environ or own is None:
-        yield
-        return
-    place = own / "matplotlib"
-    folders.make_private(place)
-    os.environ["MPLCONFIGDIR"] = str(place)
-    try:
-        yield
-    finally:
-        os.environ.pop("MPLCONFIGDIR", None)  # matplotlib has read it by now, and child processes should not inherit it
-
-
-def new_figure(width: float, height: float) -> Figure:
-    with own_matplotlib_folder():
-        import matplotlib.font_manager  # noqa: F401 (reads or builds its list on import)
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        from kickdrift.plots.notebook import NotebookFigure
-    figure = NotebookFigure(figsize=(width, height), dpi=120, facecolor="white", layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)  # type: ignore[union-attr, call-arg]
-    FigureCanvasAgg(figure)
+    Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
+    observables = run.observables
+    if name not in observables:
+        known = choices(observables, name) or "none, for it has no sample"
+        raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
+    times, values, unit = run.sample_times, observables[name], run.unit_of(name)
+    units, title = run.units, draw.title_of(run)
+    figure = draw.new_figure(7.2, 4.2)
+    axes = draw.new_axes(figure, (1, 1, 1))
+    labels = parts(name, values.shape[1:])
+    lines = values.reshape(len(values), len(labels)).T
+    for k, (label, line) in enumerate(zip(labels[:MOST_LINES], lines, strict=False)):
+        finite = np.isfinite(line)
+        axes.plot(
+            *draw.thin(times[finite], line[finite]),
+            label=label,
+            color=draw.COLOURS[k % len(draw.COLOURS)],
+            linewidth=1.2,
+        )
+    axes.set(title=name.replace("_", " "), ylabel=draw.with_unit(name.replace("_", " "), unit))
+    draw.time_axis(axes, units)
+    if len(labels) > 1:
+        draw.legend(axes)
+    figure.suptitle(title, fontsize=11, color=draw.INK)
     return figure
-
-
-def new_axes(figure: Figure, place: tuple[int, int, int | tuple[int, int]], sharey: Axes | None = None) -> Axes:
-    axes = figure.add_subplot(*place, sharey=sharey)
-    axes.set_facecolor("white")
-    axes.grid(True, color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    return axes
-
-
-def save_figure(figure: Figure, target: Path) -> Path:
-    """Write a figure, whole or not at all, and return its path."""
-    with outputs.written_whole(target, FIGURE, overwrite=True) as part:
-        figure.savefig(part)
-    return target

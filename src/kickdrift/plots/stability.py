@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +14,7 @@ from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.step_choice import stability
-from kickdrift.plots.runs import COLOURS, GRID, INK, checked_target, new_axes, new_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from kickdrift.plots.drawing import COLOURS, GRID, INK, Axes, Figure, checked_target, new_axes, new_figure, save_figure
 
 POINTS = 600  # grid points along each axis of the complex plane; a curve has a quarter of this
 STYLES = ("-", "--", ":", "-.")  # line styles; the next one starts after all colours
@@ -83,10 +78,7 @@ def _draw_regions(axes: Axes, regions: Sequence[Method], functions: Sequence[sta
         along = number(stability.real_interval(r)), number(stability.imaginary_interval(r))
         label = f"{method.name}: real {along[0]}, imaginary {along[1]}"
         axes.plot([], [], color=colour, linestyle=style, linewidth=1.5, label=label)
-    axes.set_aspect("equal")
-    axes.set_title("Regions of stability: |R(z)| ≤ 1")
-    axes.set_xlabel("Re λ dt")
-    axes.set_ylabel("Im λ dt")
+    axes.set(aspect="equal", title="Regions of stability: |R(z)| ≤ 1", xlabel="Re λ dt", ylabel="Im λ dt")
 
 
 def _extent(functions: Sequence[stability.StabilityFunction]) -> tuple[float, float, float]:
@@ -118,8 +110,10 @@ def _draw_half_traces(axes: Axes, curves: Sequence[Splitting]) -> None:
         axes.plot(step, drawn, color=colour, linestyle=style, linewidth=1.5, label=label)
         axes.axvline(interval, color=colour, linewidth=0.8, linestyle=":")
     axes.plot(step, np.cos(step), color=GRID, linewidth=3.5, zorder=0.5, label="exact: cos ω dt")
-    axes.set_xlim(0.0, float(step[-1]))
-    axes.set_ylim(-TRACE, TRACE)
-    axes.set_title("Oscillator: |trace| ≤ 2")
-    axes.set_xlabel("ω dt")
-    axes.set_ylabel("trace of the propagation matrix / 2")
+    axes.set(
+        xlim=(0.0, float(step[-1])),
+        ylim=(-TRACE, TRACE),
+        title="Oscillator: |trace| ≤ 2",
+        xlabel="ω dt",
+        ylabel="trace of the propagation matrix / 2",
+    )

@@ -63,6 +63,10 @@ class EnergyError:
     max_relative_error: float
     relative_to: Literal["initial energy", "kinetic energy", "absolute"]
 
+    def scale(self, kinetic: float) -> float:
+        """D, from the kinetic energy at the start."""
+        return {"initial energy": abs(self.initial), "kinetic energy": kinetic}.get(self.relative_to, 1.0)
+
 
 @dataclass(frozen=True)
 class Drift:

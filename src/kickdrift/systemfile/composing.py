@@ -17,11 +17,10 @@ from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system
-from kickdrift.systemfile.bodies import on_orbits, orbit_of
-from kickdrift.systemfile.files import prefixed
-from kickdrift.systemfile.plain import plain
+from kickdrift.systemfile.files import plain, prefixed
+from kickdrift.systemfile.particles import on_orbits, orbit_of
 from kickdrift.systemfile.schema import checked
-from kickdrift.systemfile.schema_bodies import AddedTable, BodiesTable, BodyTable, CentralTable
+from kickdrift.systemfile.schema_base import AddedTable, BodiesTable, BodyTable, CentralTable
 from kickdrift.text import choices
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -11,14 +11,12 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.named import found_function
 from kickdrift.model.events.collision import C_STAR, MU_BAR, NEW_BODIES
 from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event, checked_events
+from kickdrift.model.system import System
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import Edge, In, Table
 from kickdrift.text import shown, suggestion
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
 
 
 def radii_given(value: Any, info: Any) -> Any:
@@ -38,7 +36,6 @@ class CloseApproachTable(Table):
     action: Literal["log", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         distance = quantity(self.distance, "dimensionless" if self.hill else "length", units, "distance")
         return CloseApproach(distance, self.bodies, self.hill, self.action)
 
@@ -60,7 +57,6 @@ class CollisionTable(Table):
     loss: bool = False
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set - {"type", "rule"}}
         if self.rule is not None:
             given["rule"] = found_function(f"{Collision.kind}: rule", self.rule)
@@ -74,7 +70,6 @@ class EscapeTable(Table):
     action: Literal["log", "remove", "stop"] = "log"
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         return Escape(self.distance, self.about, self.action)
 
 
@@ -86,7 +81,6 @@ class PassageTable(Table):
     about: str | int
 
     def event(self, units: UnitSystem) -> Event:
-        """Make the event of this table."""
         return PASSAGES[self.type](self.body, self.about)
 
 

@@ -1,22 +1,23 @@
-"""System files on disk: find, list and parse them."""
+"""System files on disk: find, list and parse them; and Python values that stand in for their tables."""
 
 from __future__ import annotations
 
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from kickdrift.disk.files import SYSTEM_FILE_BYTES, content, unfit
 from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import path_text
-from kickdrift.systemfile.plain import DEEPEST
 from kickdrift.text import shown, suggestion
 
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""  # of a key; many values look like one
@@ -137,3 +138,20 @@ def _refuse_long_keys(text: str) -> None:
         if token["key"] and token[0].count(".") > DEEPEST and len(re.findall(_PART, token[0])) > DEEPEST:
             line = text.count("\n", 0, token.start()) + 1
             raise InputError(f"not valid TOML for kickdrift: line {line}: a key has more than {DEEPEST} parts")
+
+
+DEEPEST = 32  # tables and lists within one another, and parts of a key
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Convert mappings to dicts, tuples and arrays to lists, NumPy's numbers to Python's; keep everything else. Raises
+    InputError for a value that is nested too deeply, as one that holds itself is."""
+    if depth > DEEPEST:
+        raise InputError(f"nested more than {DEEPEST} deep")
+    if isinstance(value, Mapping):
+        return {key: plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist(), depth)
+    if isinstance(value, (list, tuple)):
+        return [plain(item, depth + 1) for item in value]
+    return value.item() if isinstance(value, np.generic) else value

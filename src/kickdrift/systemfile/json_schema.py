@@ -20,11 +20,11 @@ from kickdrift.forces.around import mass_change, radiation, relativity, tides
 from kickdrift.forces.pairs import law as pair_law
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options
+from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.units.quantities import EXAMPLES
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, powers
-from kickdrift.systemfile import events, schema, schema_run, topology
-from kickdrift.systemfile.schema_base import In
-from kickdrift.systemfile.schema_bodies import Spread
+from kickdrift.systemfile import events, schema, schema_base, schema_run
+from kickdrift.systemfile.schema_base import In, Spread
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that taplo and Even Better TOML know well
 NAME = "system-file.schema.json"  # file beside the shipped systems
@@ -38,7 +38,6 @@ NUMBER: Json = {"type": "number"}
 WHOLE: Json = {"type": "integer"}
 TEXT: Json = {"type": "string"}
 NAMES: Json = {"type": "array", "items": TEXT}
-NUMBERS: Json = {"type": "array", "items": NUMBER}
 GROUPS: Json = {"type": "array", "items": {"type": "array", "items": WHOLE}}  # particles of bonds, angles, …
 _NAME_OR_NUMBER: Json = {"type": ["string", "integer"]}
 
@@ -60,7 +59,7 @@ _VALUES: dict[tuple[str, str], Json] = {
     ("collision", "restitution"): {"type": ["number", "string"]},
     **{("topology", key): GROUPS for key in ("bonds", "impropers", "exclusions")},
     **{("topology", key): {"anyOf": [GROUPS, {"type": "boolean"}]} for key in ("angles", "dihedrals")},
-    **{("topology", f"{key[:-1]}_types"): {"anyOf": [TEXT, NAMES]} for key in topology.SIZES},
+    **{("topology", f"{key[:-1]}_types"): {"anyOf": [TEXT, NAMES]} for key in SIZES},
 }
 _HELP: dict[tuple[str, str], str] = {
     ("system", "units"): "Unit system of plain numbers.",
@@ -93,7 +92,7 @@ def json_schema() -> Json:
         "event": {"oneOf": [_by_type(model, name) for name, model in events.TABLES.items()]},
         "run": run,
         "equilibrate": _table(schema_run.equilibrate_table(), "equilibrate", integrator=method),
-        "topology": _table(topology.TopologyTable, "topology"),
+        "topology": _table(schema_base.TopologyTable, "topology"),
         "ode": {"oneOf": [_by_type(schema.ode_table(make), name, make, "problem") for name, make in _odes()]},
         "ode-run": ode_run,
     }
@@ -118,7 +117,6 @@ def json_schema() -> Json:
 
 
 def json_schema_text() -> str:
-    """The JSON schema of system files as text."""
     return json.dumps(json_schema(), indent=1, ensure_ascii=False) + "\n"
 
 

@@ -77,7 +77,6 @@ def problem_of(f: Callable[..., Any], y0: ArrayLike | None, t_span: Any = None, 
 
 
 def _span(t_span: Any) -> tuple[float, float]:
-    """Begin and end of the times."""
     found = numbers("t_span", t_span)
     if found.shape != (2,) or not np.isfinite(found).all() or not found[1] > found[0]:
         raise InputError(f"t_span: expected two times, the second one later, got {shown(t_span)}")

@@ -21,38 +21,21 @@ from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
-from kickdrift.model.starts.builders import (
-    Structure,
-    check_overlaps,
-    maxwell_boltzmann,
-    read_structure,
-)
+from kickdrift.model.starts.builders import Structure, check_overlaps, maxwell_boltzmann, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
-from kickdrift.systemfile.bodies import cluster, on_orbits
+from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import find, parsed, prefixed, toml_table
-from kickdrift.systemfile.places import as_given, box_of, edges_given, on_lattice
-from kickdrift.systemfile.plain import plain
-from kickdrift.systemfile.schema import (
-    ElementsTable,
-    LatticeTable,
-    OdeFileTable,
-    PlummerTable,
-    PositionsTable,
-    SystemTable,
-    checked,
-    force_parameters,
-    ode_table,
-)
+from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.particles import as_given, box_of, cluster, edges_given, on_lattice, on_orbits, topology_of
+from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
-from kickdrift.systemfile.topology import topology_of
 from kickdrift.text import choices, shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
-_BESIDE_ODE = tuple(key for key in OdeFileTable.model_fields if key != "ode")
+_BESIDE_ODE = tuple(key for key in schema.OdeFileTable.model_fields if key != "ode")
 
 
 def load(
@@ -146,9 +129,9 @@ def _subject(data: dict[str, Any], path: Path, text: str, seed: int | None, over
 
 def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> Problem:
     for key in data:
-        if key in SystemTable.model_fields and key not in OdeFileTable.model_fields:
+        if key in schema.SystemTable.model_fields and key not in schema.OdeFileTable.model_fields:
             raise InputError(f"{key}: not allowed in an ODE file; allowed beside ode: {', '.join(_BESIDE_ODE)}")
-    table: OdeFileTable = checked(OdeFileTable, data, None)
+    table: schema.OdeFileTable = schema.checked(schema.OdeFileTable, data, None)
     if seed is not None:
         _note_unused_seed()
     from kickdrift.odes import ODES
@@ -160,7 +143,7 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
         raise InputError(
             f"ode.problem: expected one of {choices(ODES, name)}, got {shown(name)}{suggestion(name, ODES)}"
         )
-    given = checked(ode_table(ODES[name]), table.ode, None, "ode")
+    given = schema.checked(schema.ode_table(ODES[name]), table.ode, None, "ode")
     parameters = {key: value for key, value in given if key != "problem"}
     with prefixed("ode."):
         made = ODES[name](**parameters)
@@ -177,11 +160,11 @@ def _problem(data: dict[str, Any], path: Path, text: str, seed: int | None) -> P
 
 def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overlaps: bool = False) -> System:
     if "units" not in data:
-        if key := SystemTable.unknown(data):
-            raise InputError(f"{key}: {SystemTable.unknown_text(key)}")
+        if key := schema.SystemTable.unknown(data):
+            raise InputError(f"{key}: {schema.SystemTable.unknown_text(key)}")
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
-    table: SystemTable = checked(SystemTable, data, units)
+    table: schema.SystemTable = schema.checked(schema.SystemTable, data, units)
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
     start = _start(table, units, path.parent, G_given(forces, units), seed)
@@ -247,19 +230,21 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) ->
         )
         raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
-    parameters = force_parameters(cls, given, units, path)
+    parameters = schema.force_parameters(cls, given, units, path)
     if isinstance(parameters.get("file"), str):
         parameters["file"] = str(folder / parameters["file"])
     with prefixed(f"{path}: "):
         return cls(**parameters)
 
 
-def _start(table: SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None) -> Structure:
+def _start(
+    table: schema.SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None
+) -> Structure:
     particles, box = table.particles, edges_given(table)
     with prefixed("particles."):
-        if isinstance(particles, LatticeTable):
+        if isinstance(particles, schema.LatticeTable):
             return on_lattice(particles, table, box, units)
-        if isinstance(particles, PositionsTable):
+        if isinstance(particles, schema.PositionsTable):
             return as_given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):
             if table.velocities is not None:

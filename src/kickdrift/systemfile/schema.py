@@ -32,20 +32,8 @@ from kickdrift.integrators.asked import known_options
 from kickdrift.model.checks import values as checks
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.systemfile.schema_base import (
-    Edge,
-    GravitationalParameter,
-    In,
-    Length,
-    Mass,
-    Radius,
-    Table,
-    Temperature,
-    Vector,
-    Velocity,
-)
-from kickdrift.systemfile.schema_bodies import ElementsTable, PlummerTable
-from kickdrift.systemfile.topology import TopologyTable
+from kickdrift.systemfile import schema_base as base
+from kickdrift.systemfile.schema_base import In, Table
 from kickdrift.text import VALUE, clean, shown
 
 
@@ -89,14 +77,14 @@ class LatticeTable(Table):
 
 
 class PositionsTable(Table):
-    positions: Annotated[list[Vector], Field(min_length=1)]
+    positions: Annotated[list[base.Vector], Field(min_length=1)]
     mass: Masses = None
-    masses: list[Mass] | None = None
-    GM: list[GravitationalParameter] | None = None
+    masses: list[base.Mass] | None = None
+    GM: list[base.GravitationalParameter] | None = None
     barycentric: bool = False
     species: Species = {"A": 1.0}
     names: list[str] = []
-    radii: list[Radius] | None = None
+    radii: list[base.Radius] | None = None
 
 
 class FileTable(Table):
@@ -114,17 +102,17 @@ def _kind(data: Any) -> str | None:
 ParticlesTable = Annotated[
     Annotated[LatticeTable, Tag("<lattice>")]
     | Annotated[PositionsTable, Tag("<positions>")]
-    | Annotated[ElementsTable, Tag("<elements>")]
-    | Annotated[PlummerTable, Tag("<plummer>")]
+    | Annotated[base.ElementsTable, Tag("<elements>")]
+    | Annotated[base.PlummerTable, Tag("<plummer>")]
     | Annotated[FileTable, Tag("<file>")],
     Discriminator(_kind, "particles", f"expected a table with exactly one of {', '.join(PARTICLES)}"),
 ]
 
 
 class VelocitiesTable(Table):
-    temperature: Temperature | None = None
+    temperature: base.Temperature | None = None
     seed: NonNegativeInt | None = None
-    values: list[Annotated[list[Velocity], Field(min_length=3, max_length=3)]] | None = None
+    values: list[Annotated[list[base.Velocity], Field(min_length=3, max_length=3)]] | None = None
 
     @model_validator(mode="after")
     def _drawn_or_given(self) -> VelocitiesTable:
@@ -143,8 +131,8 @@ Axes = Annotated[
 
 class BoxTable(Table):
     periodic: Axes | None = None
-    lengths: list[Edge] | None = None
-    matrix: list[list[Length]] | None = None
+    lengths: list[base.Edge] | None = None
+    matrix: list[list[base.Length]] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> BoxTable:
@@ -164,7 +152,7 @@ class SystemTable(Table):
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
-    topology: TopologyTable | None = None
+    topology: base.TopologyTable | None = None
     force: list[dict[str, Any]]  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
@@ -176,7 +164,7 @@ class SystemTable(Table):
         """Suggest a key; for a key of one of the tables, also name its table."""
         run = [*RunDefaults().__dict__, *known_options()]
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
-        within["topology"] = TopologyTable.model_fields
+        within["topology"] = base.TopologyTable.model_fields
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
         return f"; did you mean {found[0]}?" if found else super().hint(key)
 

@@ -21,7 +21,7 @@ from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import energy_error
 from kickdrift.text import duration
-from kickdrift.view.curves import curve
+from kickdrift.view.packing import curve, energy_curve
 from kickdrift.view.scene import Scene, phase_of, scene_of, whole_of
 from kickdrift.view.stage import Stage
 
@@ -177,11 +177,9 @@ class Feed:
         total: Floats = rows[:, TOTAL] + np.nan_to_num(rows[:, ENERGY_TAKEN])
         found = []
         if np.isfinite(total).all():
-            error = energy_error(total[:1], rows[0, KINETIC])
-            scale = {"initial energy": abs(error.initial), "kinetic energy": float(rows[0, KINETIC])}
-            unit = f"of {error.relative_to}" if error.relative_to in scale else symbol_of(units.energy)
-            values = (total[first:] - total[0]) / scale.get(error.relative_to, 1.0)
-            found.append(curve("energy error", "energy error", unit, times, values))
+            kinetic = float(rows[0, KINETIC])
+            error = energy_error(total[:1], kinetic)
+            found.append(energy_curve(times, total[first:] - total[0], error, kinetic, units))
         if np.isfinite(new[:, TEMPERATURE]).all():
             unit = symbol_of(units.temperature)
             found.append(curve("temperature", "temperature", unit, times, new[:, TEMPERATURE]))

@@ -1,4 +1,4 @@
-"""Arrays as short text: whole numbers of few bits, changes from frame to frame, deflate and base64.
+"""Arrays and curves as short text: whole numbers of few bits, changes from frame to frame, deflate and base64.
 
 The browser unpacks the text with ``DecompressionStream`` (`src/viewer/packed.js`).
 """
@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
+from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
+from kickdrift.statistics.drift import EnergyError, energy_error
 
 KINDS = {"u1": 8, "u2": 16, "u4": 32}  # whole numbers, and their bits
 LEVEL = 6  # of zlib: 9 takes five times as long for 1 % less
@@ -75,3 +79,59 @@ def scaled(values: ArrayLike, low: float, high: float) -> Floats:
     wide = high - low
     found = (np.asarray(values, "f8") - low) / wide if wide > 0 else np.asarray(values, "f8") * 0.0
     return np.clip(found, 0.0, 1.0)
+
+
+MOST_POINTS = 2000  # of a curve; more points keep the smallest and the largest value of each stretch
+MOST_CURVES = 6
+
+
+def curve(name: str, label: str, unit: str, times: Floats, values: Floats) -> dict[str, Any]:
+    """A curve as a plain description, with its times and values packed."""
+    kept = thinned(values)
+    return {
+        "name": name,
+        "label": label,
+        "unit": unit,
+        "times": packed(np.asarray(times, "f8")[kept]),
+        "values": packed(np.asarray(values, "f8")[kept]),
+    }
+
+
+def energy_curve(times: Floats, away: Floats, error: EnergyError, kinetic: float, units: UnitSystem) -> dict[str, Any]:
+    """Curve of the energy error; ``away`` is the distance of the energies from the first one."""
+    unit = symbol_of(units.energy) if error.relative_to == "absolute" else f"of {error.relative_to}"
+    return curve("energy error", "energy error", unit, times, away / error.scale(kinetic))
+
+
+def curves_of(
+    times: Floats, observables: Mapping[str, Floats], units: UnitSystem, own: Mapping[str, str] | None = None
+) -> list[dict[str, Any]]:
+    """Curves of samples at ``times`` (s,): energy error, temperature, and the plain numbers ``own`` by name and
+    unit."""
+    found = []
+    if len(times) and "total_energy" in observables:
+        total = observables["total_energy"] + observables.get("energy_taken", 0.0)
+        kinetic = float(observables["kinetic_energy"][0]) if "kinetic_energy" in observables else 0.0
+        if np.isfinite(total).all():
+            found.append(energy_curve(times, total - total[0], energy_error(total, kinetic), kinetic, units))
+    if len(times) and "temperature" in observables:
+        unit = symbol_of(units.temperature)
+        found.append(curve("temperature", "temperature", unit, times, observables["temperature"]))
+    for name, unit in (own or {}).items():
+        if len(times) and observables[name].ndim == 1:
+            found.append(curve(name, name.replace("_", " "), symbol_of(unit), times, observables[name]))
+    return found[:MOST_CURVES]
+
+
+def thinned(values: Floats) -> NDArray[np.int64]:
+    """Places, in order, of at most MOST_POINTS values, among them the extremes of every stretch."""
+    count = len(values)
+    if count <= MOST_POINTS:
+        return np.arange(count)
+    known = np.nan_to_num(np.asarray(values, "f8"))
+    edges = np.linspace(0, count, MOST_POINTS // 2).round().astype(int)
+    kept = {0, count - 1}
+    for begin, end in pairwise(edges):
+        part = known[begin:end]
+        kept |= {begin + int(np.argmin(part)), begin + int(np.argmax(part))}
+    return np.array(sorted(kept))

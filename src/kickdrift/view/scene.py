@@ -34,7 +34,7 @@ from kickdrift.trajectory.file.opening import BEING_WRITTEN
 from kickdrift.trajectory.overview import overview_of
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.reader import masses_held
-from kickdrift.view.curves import curves_of
+from kickdrift.view.packing import curves_of
 from kickdrift.view.stage import Stage
 
 FRAMES = 501  # most frames of a view, spread evenly: the start and 500 more

@@ -194,7 +194,6 @@ class _Http(ThreadingHTTPServer):
             self._free.release()
 
     def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
         self.know(request)
         super().shutdown_request(request)
 
@@ -219,7 +218,6 @@ class _Request(RawIOBase):
         self._line, self._until, self._left = line, monotonic() + HEARD, MOST_HEARD
 
     def readable(self) -> bool:
-        """True: the bytes are read."""
         return True
 
     def readinto(self, buffer: Any) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +12,10 @@ from kickdrift.model.box.box import Box
 from kickdrift.model.orbits import G_given, Paths, axes_of, central_row, invariable_axes
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
-from kickdrift.view.bonds import molecules_of, pairs_of
 from kickdrift.view.packing import packed, quantised, scaled, unpacked
-from kickdrift.view.sizes import pixels_of, radii_of
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
+from kickdrift.view.sizes import molecules_of, pairs_of, pixels_of, radii_of
 
 MOST_PARTICLES = 50_000  # on a page; a larger system shows every k-th particle
 FINE = 500_000  # coordinates outside of a box; up to this number they have 32 bits, beyond it and in a box 16

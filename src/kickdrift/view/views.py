@@ -7,8 +7,8 @@ from typing import Any
 
 from kickdrift.model.checks.values import whole_number
 from kickdrift.run.simulation import Simulation
+from kickdrift.view.page import HEIGHT, View
 from kickdrift.view.scene import scene_of
-from kickdrift.view.shown import HEIGHT, View
 
 MISSING = "kickdrift: a view that follows a run needs anywidget: pip install 'kickdrift[notebook]'"
 

@@ -9,9 +9,8 @@ import anywidget
 import traitlets
 
 from kickdrift.view.live import END, NEWEST, Feed
-from kickdrift.view.page import bundle
+from kickdrift.view.page import HEIGHT, View, bundle
 from kickdrift.view.scene import Scene
-from kickdrift.view.shown import HEIGHT, View
 
 # A message that comes before the view is mounted waits.
 RENDER = """
@@ -77,5 +76,4 @@ class Widget(anywidget.AnyWidget):
 
 
 def as_text(scene: Scene) -> str:
-    """A scene as JSON."""
     return json.dumps(scene, allow_nan=False, separators=(",", ":"))

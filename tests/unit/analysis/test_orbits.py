@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,14 @@ from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.plots import figures
+from kickdrift.plots import drawing, figures
 from kickdrift.plots import orbits as plots_orbits
-from kickdrift.plots import runs as plots
 from kickdrift.systemfile.reading import load, loads
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
+
+plot_orbits = partial(figures.plot_file, kind="orbits")
 
 G, SUN = 1.0, 1.0
 
@@ -159,7 +161,7 @@ def test_bodies_that_are_gone_have_no_elements_and_the_others_do(bodies_that_lea
 
 
 def test_a_run_that_bodies_leave_is_drawn(bodies_that_leave, tmp_path, drawn):
-    plots_orbits.plot_orbits(bodies_that_leave[0], tmp_path / "figure.png")
+    plot_orbits(bodies_that_leave[0], tmp_path / "figure.png")
     eccentricities = [line.get_ydata() for line in panels(drawn[0])["Eccentricity"].lines]
     assert [len(each) for each in eccentricities] == [8, 2, 4, 4]
 
@@ -174,11 +176,12 @@ def test_bad_input(run, tmp_path):
     gas = write(tmp_path / "gas.h5md", system, lambda t: (s.positions, s.velocities), [0.0, 1.0])
     with pytest.raises(InputError, match="no gravity, so no orbits"):
         of.orbits(gas)
-    assert not plots_orbits.has_orbits(gas)
-    assert plots_orbits.has_orbits(run)
+    for path, drawn in ((gas, False), (run, True)):
+        with kd.open(path) as opened:
+            assert plots_orbits.orbits_in(opened) == drawn
     run.with_suffix(".png").touch()
     with pytest.raises(InputError, match="exists already"):
-        plots_orbits.plot_orbits(run, run.with_suffix(".png"))
+        plot_orbits(run, run.with_suffix(".png"))
 
 
 # -- the figure
@@ -187,7 +190,7 @@ def test_bad_input(run, tmp_path):
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    return saved_by(monkeypatch, plots)
+    return saved_by(monkeypatch, drawing)
 
 
 def panels(figure):
@@ -195,7 +198,7 @@ def panels(figure):
 
 
 def test_a_planetary_run_shows_orbits_elements_and_error(run, tmp_path, drawn):
-    plots_orbits.plot_orbits(run, tmp_path / "figure.png")
+    plot_orbits(run, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
     found = panels(drawn[0])
     assert list(found)[:2] == ["In the x-y plane", "In space"]
@@ -215,7 +218,7 @@ def test_a_planetary_run_shows_orbits_elements_and_error(run, tmp_path, drawn):
 def test_frames_too_far_apart_for_a_path_are_drawn_as_the_orbit(tmp_path, drawn):
     system, moves = planets()
     path = write(tmp_path / "run.h5md", system, moves, np.linspace(0, 40, 15))
-    plots_orbits.plot_orbits(path, tmp_path / "figure.png")
+    plot_orbits(path, tmp_path / "figure.png")
     lines = [line for line in panels(drawn[0])["In the x-y plane"].lines if len(line.get_xdata()) == 361]
     assert len(lines) == 2 * plots_orbits.TURNS
     x, y = lines[0].get_data()
@@ -230,7 +233,7 @@ def test_two_equal_bodies_go_around_their_barycentre(tmp_path, drawn):
 
     system = System(*moves(0.0), [0.5, 0.5], forces=[Gravity()], units="nbody", name="pair")
     path = write(tmp_path / "run.h5md", system, moves, np.linspace(0, 40, 15))
-    plots_orbits.plot_orbits(path, tmp_path / "figure.png")
+    plot_orbits(path, tmp_path / "figure.png")
     lines = [line for line in panels(drawn[0])["In the x-y plane"].lines if len(line.get_xdata()) == 361]
     assert len(lines) == 2 * plots_orbits.TURNS
     for line in lines:
@@ -242,7 +245,7 @@ def test_two_equal_bodies_go_around_their_barycentre(tmp_path, drawn):
 def test_a_wide_gap_gives_the_inner_bodies_a_panel(tmp_path, drawn):
     system, moves = planets(e=(0.0, 0.1, 0.05), inc=(0.0, 0.0, 0.0), a=(1.0, 1.5, 30.0))
     path = write(tmp_path / "run.h5md", system, moves, np.linspace(0, 40, 200))
-    plots_orbits.plot_orbits(path, tmp_path / "figure.png")
+    plot_orbits(path, tmp_path / "figure.png")
     inner = panels(drawn[0])["Inner bodies"]
     assert 1.65 < inner.get_xlim()[1] < 2.0
 
@@ -253,7 +256,7 @@ def test_bodies_without_a_centre_have_paths_alone(tmp_path, drawn):
     path = write(
         tmp_path / "run.h5md", system, lambda t: (s.positions * np.cos(t), s.velocities), np.linspace(0, 1, 20)
     )
-    plots_orbits.plot_orbits(path, tmp_path / "figure.png")
+    plot_orbits(path, tmp_path / "figure.png")
     titles = list(panels(drawn[0]))
     assert titles[:2] == ["In the x-y plane", "In space"]
     assert len(titles) == 3
@@ -274,7 +277,7 @@ seed = 1
     system = loads(text + '[[force]]\ntype = "gravity"\n', name)
     s = system.state
     path = write(tmp_path / "run.h5md", system, lambda t: (s.positions, s.velocities), [0.0, 1.0])
-    plots_orbits.plot_orbits(path, tmp_path / "figure.png")
+    plot_orbits(path, tmp_path / "figure.png")
     found = [axes for part in drawn[0].subfigs for axes in part.axes]
     assert found[0].get_title().endswith("plane, at the end")
     assert len(found[0].lines[0].get_xdata()) == len(system)

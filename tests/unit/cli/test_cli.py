@@ -17,13 +17,13 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis.compare import bench
 from kickdrift.cli import main as cli
-from kickdrift.cli import printing
 from kickdrift.cli.main import main
 from kickdrift.display import pace
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.jit.cache.notices import announce
+from kickdrift.text import duration
 from tests.compiled import without_compiling
 from tests.refusals import assert_refused
 
@@ -201,7 +201,7 @@ def test_ctrl_c_in_a_command_that_writes_at_its_end(kickdrift, monkeypatch):
         progress(420, 1000)
         pressed()
 
-    monkeypatch.setattr("kickdrift.analysis.chaos.megno.megno", chaos)
+    monkeypatch.setattr("kickdrift.megno", chaos)
     told = "kickdrift: stopped at 42 % of running; nothing is kept, and the same command begins again\n"
     assert kickdrift("chaos", "two-body") == (130, "", told)
 
@@ -710,7 +710,7 @@ def test_bad_arguments_of_bench(arguments, part, kickdrift):
 
 
 def test_durations():
-    assert [printing.duration(seconds) for seconds in (0.4, 89, 120, 7200)] == ["0 s", "89 s", "2 min", "2.0 h"]
+    assert [duration(seconds) for seconds in (0.4, 89, 120, 7200)] == ["0 s", "89 s", "2 min", "2.0 h"]
 
 
 def test_exit_statuses():

@@ -19,8 +19,7 @@ from kickdrift.batch.batch import Batch
 from kickdrift.cli import main as cli
 from kickdrift.cli.console import print_table
 from kickdrift.disk.interrupt import heard_everywhere, whole
-from kickdrift.ensemble.keys import with_values
-from kickdrift.ensemble.members import members_of
+from kickdrift.ensemble.members import members_of, with_values
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.checks import limits
 from kickdrift.model.checks import values as checks
@@ -301,7 +300,7 @@ def test_a_bug_is_one_line_and_can_be_found(kickdrift, monkeypatch):
     def broken(*_):
         raise ValueError("two\nlines\x1b")
 
-    monkeypatch.setattr("kickdrift.systemfile.reading.load", broken)
+    monkeypatch.setattr("kickdrift.load", broken)
     status, out, err = kickdrift("info", "sun-jupiter")
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert "a bug in kickdrift, please report it: ValueError: two\\nlines\\x1b (KICKDRIFT_TRACEBACK=1" in err
@@ -314,7 +313,7 @@ def test_no_memory_is_one_line(kickdrift, monkeypatch):
     def greedy(*_):
         raise MemoryError
 
-    monkeypatch.setattr("kickdrift.systemfile.reading.load", greedy)
+    monkeypatch.setattr("kickdrift.load", greedy)
     assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: not enough memory\n")
 
 

@@ -8,9 +8,8 @@ import shlex
 
 import pytest
 
-from kickdrift.cli.examples import EXAMPLES
-from kickdrift.cli.help import pages
-from kickdrift.cli.listing import HINTS
+from kickdrift.cli.files import HINTS
+from kickdrift.cli.help import EXAMPLES, pages
 from kickdrift.cli.main import app
 from kickdrift.display import layout
 from kickdrift.systemfile.files import shipped

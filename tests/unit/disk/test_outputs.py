@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 import kickdrift as kd
-from kickdrift.disk import kinds, outputs, parts
+from kickdrift.disk import kinds, outputs
 from kickdrift.disk.outputs import checked_target, refuse_outputs, settle, write_json, written_whole
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.lock import Lock
+from kickdrift.ensemble.table import Lock
 from kickdrift.errors import InputError, RunError
 from kickdrift.trajectory.file import storage
 from tests import run_files
@@ -317,7 +317,7 @@ def test_what_a_kill_left_is_removed_in_time(monkeypatch):
             os.utime(each / "x.json", (0, 0))
             os.utime(each, (0, 0))
     Path(".kickdrift-d.part").symlink_to(other)
-    with parts.private_place(Path("x.json")):
+    with outputs.private_place(Path("x.json")):
         pass
     assert not old.exists()
     assert (new / "x.json").exists()

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kickdrift.ensemble.keys import path_of, with_values
-from kickdrift.ensemble.members import members_of, spelled
+from kickdrift.ensemble.members import members_of, path_of, spelled, with_values
 from kickdrift.errors import InputError
 
 FILE = {

@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 import kickdrift as kd
+from kickdrift.cli.ensemble import print_ensemble
 from kickdrift.cli.main import app
-from kickdrift.cli.printing_ensemble import print_ensemble
 from kickdrift.ensemble import Ensemble
 from kickdrift.ensemble import table as tables
-from kickdrift.ensemble.identity import _source
+from kickdrift.ensemble.recipe import _source
 from kickdrift.ensemble.rows import row_of
 from kickdrift.ensemble.work import run_member
 

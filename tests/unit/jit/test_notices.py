@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kickdrift.cli.compiling import compilation_said
+from kickdrift.cli.main import compilation_said
 from kickdrift.jit.cache.notices import announce, compiling_for, heard
 from kickdrift.jit.compile import driver
 

@@ -18,7 +18,7 @@ from kickdrift.model.checks.arguments import ROWS, TEMPERATURE, other_name
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, unit_system
 from kickdrift.systemfile.files import shipped
-from kickdrift.systemfile.schema_bodies import AddedTable
+from kickdrift.systemfile.schema_base import AddedTable
 from kickdrift.systemfile.schema_run import run_keys
 from tests.refusals import assert_refused
 

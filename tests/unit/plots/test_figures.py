@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.cli.files import Figures
+from kickdrift.cli.drawing import Figures
 from kickdrift.cli.main import app
 from kickdrift.plots import figures
 from tests.systems import liquid

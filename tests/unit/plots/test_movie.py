@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 import kickdrift as kd
-from kickdrift.plots import film_files
-from kickdrift.plots.camera import Camera, view
+from kickdrift.plots import movie
 from kickdrift.plots.filmed import Bodies
+from kickdrift.plots.scene import Camera, view
 from tests.run_files import FRAMES, make_system, write
 
 SIZE = (96, 64)
@@ -69,7 +69,7 @@ def test_a_film_that_is_ended_leaves_nothing(name, liquid, request):
 
 
 def test_a_gif_needs_no_ffmpeg_and_shows_the_nearest_frames(planets, monkeypatch, tmp_path):
-    monkeypatch.setattr(film_files, "program", lambda: pytest.fail("a GIF needs no ffmpeg"))
+    monkeypatch.setattr(movie, "program", lambda: pytest.fail("a GIF needs no ffmpeg"))
     found = kd.movie(planets, tmp_path / "p.gif", size=SIZE, duration=0.6, fps=10)
     with Image.open(found.path) as film:
         assert (film.n_frames, film.size) == (6, SIZE)
@@ -102,10 +102,10 @@ def test_what_cannot_be_asked_is_one_line(output, given, line, planets, tmp_path
 
 def test_a_missing_ffmpeg_says_what_to_install(liquid, monkeypatch, kickdrift):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    monkeypatch.setattr(film_files.shutil, "which", lambda name: None)
+    monkeypatch.setattr(movie.shutil, "which", lambda name: None)
     code, out, err = kickdrift("movie", liquid, liquid.with_suffix(".mp4"))
     assert (code, out) == (2, "")
-    assert err == f"kickdrift: {film_files.MISSING}\n"
+    assert err == f"kickdrift: {movie.MISSING}\n"
     assert "pip install 'kickdrift[movie]'" in err
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,12 @@ from kickdrift.errors import InputError
 from kickdrift.jit.cache import folders
 from kickdrift.model.state import State
 from kickdrift.model.system import System
-from kickdrift.plots import orbits
+from kickdrift.plots import drawing, figures
 from kickdrift.plots import runs as plots
 from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
+
+plot_run, plot_orbits = (partial(figures.plot_file, kind=kind) for kind in ("energies", "orbits"))
 
 
 @pytest.fixture
@@ -57,7 +60,7 @@ def rows() -> list[dict]:
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """Figures that were saved."""
-    return saved_by(monkeypatch, plots)
+    return saved_by(monkeypatch, drawing)
 
 
 def png_size(path: Path) -> tuple[int, int]:
@@ -67,7 +70,7 @@ def png_size(path: Path) -> tuple[int, int]:
 
 
 def test_a_run_has_four_panels_with_true_units(tmp_path, output, drawn):
-    assert plots.plot_run(write_run(tmp_path / "run.h5md"), output) == output
+    assert plot_run(write_run(tmp_path / "run.h5md"), output) == output
     assert png_size(output) == (1200, 840)
     axes = drawn[0].axes
     assert len(axes) == 4
@@ -82,18 +85,18 @@ def test_a_run_has_four_panels_with_true_units(tmp_path, output, drawn):
 
 
 def test_an_open_box_and_no_temperature_leave_two(tmp_path, output, drawn):
-    plots.plot_run(write_run(tmp_path / "run.h5md", box=None, temperature=False, units="nbody"), output)
+    plot_run(write_run(tmp_path / "run.h5md", box=None, temperature=False, units="nbody"), output)
     assert len(drawn[0].axes) == 2
     assert png_size(output)[1] < 500
 
 
 def test_an_open_box_leaves_three(tmp_path, output, drawn):
-    plots.plot_run(write_run(tmp_path / "run.h5md", box=None), output)
+    plot_run(write_run(tmp_path / "run.h5md", box=None), output)
     assert len(drawn[0].axes) == 3
 
 
 def test_a_single_sample_can_be_drawn(tmp_path, output):
-    plots.plot_run(write_run(tmp_path / "run.h5md", samples=1), output)
+    plot_run(write_run(tmp_path / "run.h5md", samples=1), output)
     assert output.exists()
 
 
@@ -101,8 +104,8 @@ def test_long_series_keep_their_extremes():
     x = np.arange(100_000.0)
     y = np.sin(x)
     y[54_321] = 7.0
-    thin_x, thin_y = plots._thin(x, y)
-    assert len(thin_x) <= plots.MAX_POINTS
+    thin_x, thin_y = drawing.thin(x, y)
+    assert len(thin_x) <= drawing.MAX_POINTS
     assert thin_y.max() == 7.0
     assert thin_x[np.argmax(thin_y)] == 54_321
     assert np.all(np.diff(thin_x) > 0)
@@ -148,9 +151,9 @@ def test_bad_input(tmp_path, output):
     plots.plot_benchmark(rows(), output, overwrite=True)
     assert png_size(output)
     with pytest.raises(InputError, match="no such file"):
-        plots.plot_run(tmp_path / "none.h5md", tmp_path / "b.png")
+        plot_run(tmp_path / "none.h5md", tmp_path / "b.png")
     with pytest.raises(InputError, match="no sample"):
-        plots.plot_run(write_run(tmp_path / "empty.h5md", samples=0), tmp_path / "b.png")
+        plot_run(write_run(tmp_path / "empty.h5md", samples=0), tmp_path / "b.png")
 
 
 def test_drawing_stays_out_of_the_home_folder_and_out_of_pyplot(tmp_path):
@@ -194,9 +197,9 @@ def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch
     report = kd.Simulation(system, "leapfrog", dt=0.01).run(500, every=5, output=path)
     assert report.energy_taken
     titles = []
-    for draw in (plots.plot_run, orbits.plot_orbits):
+    for draw in (plot_run, plot_orbits):
         monkeypatch.setattr(
-            plots, "save_figure",
+            drawing, "save_figure",
             lambda figure, target: titles.extend(
                 axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
             ),

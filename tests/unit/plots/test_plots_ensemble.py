@@ -14,7 +14,7 @@ from kickdrift.ensemble import table as tables
 from kickdrift.ensemble.members import members_of
 from kickdrift.ensemble.rows import row_of
 from kickdrift.plots import ensemble as of
-from kickdrift.plots.ensemble_axes import grid_scale
+from kickdrift.plots.ensemble import grid_scale
 
 MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 

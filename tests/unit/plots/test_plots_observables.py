@@ -13,10 +13,15 @@ from kickdrift.analysis import mean_squared_displacement, radial_distribution
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
+from kickdrift.plots import drawing
 from kickdrift.plots import observables as of
-from kickdrift.plots import runs
+from kickdrift.plots.figures import plot_file
 from kickdrift.trajectory.write.h5md import Writer
 from tests.figures import saved_by
+
+
+def plot_observable(path, kind, target):
+    return plot_file(path, target, kind)
 
 
 def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
@@ -36,13 +41,13 @@ def write(path, frames=200, species=None, box=(6.0, 6.0, 6.0)):
 @pytest.fixture
 def drawn(monkeypatch):
     """Figures that were saved."""
-    return saved_by(monkeypatch, runs)
+    return saved_by(monkeypatch, drawing)
 
 
 @pytest.mark.parametrize("kind", list(of.KINDS))
 def test_every_kind_is_a_picture_with_its_errors(tmp_path, drawn, kind):
     path, target = write(tmp_path / "run.h5md"), tmp_path / "figure.png"
-    assert of.plot_observable(path, kind, target) == target
+    assert plot_observable(path, kind, target) == target
     assert target.read_bytes().startswith(b"\x89PNG")
     above, below = drawn[0].axes
     assert below.get_ylabel() == "standard error"
@@ -54,14 +59,14 @@ def test_every_kind_is_a_picture_with_its_errors(tmp_path, drawn, kind):
 
 def test_lines_are_the_observables(tmp_path, drawn):
     path = write(tmp_path / "run.h5md")
-    of.plot_observable(path, "msd", tmp_path / "msd.png")
+    plot_observable(path, "msd", tmp_path / "msd.png")
     found = mean_squared_displacement(path)
     above, below = drawn[0].axes
     np.testing.assert_array_equal(above.lines[0].get_ydata(), found.values[1:])
     known = np.isfinite(found.error) & (found.error > 0)
     np.testing.assert_array_equal(below.lines[0].get_ydata(), found.error[known])
     assert not known[-1], "the longest lags have no error"
-    of.plot_observable(path, "rdf", tmp_path / "rdf.png")
+    plot_observable(path, "rdf", tmp_path / "rdf.png")
     with kd.open(path) as run:
         rdf = radial_distribution(run[1:])
     np.testing.assert_array_equal(drawn[1].axes[0].lines[-1].get_ydata(), rdf.g)
@@ -70,7 +75,7 @@ def test_lines_are_the_observables(tmp_path, drawn):
 def test_species_have_lines_of_their_own(tmp_path, drawn):
     path = write(tmp_path / "run.h5md", species=["Ar" if k % 3 else "Kr" for k in range(30)])
     for kind, labels in (("rdf", ["Kr–Kr", "Kr–Ar", "Ar–Ar"]), ("vacf", ["Kr", "Ar"])):
-        of.plot_observable(path, kind, tmp_path / f"{kind}.png")
+        plot_observable(path, kind, tmp_path / f"{kind}.png")
         assert [text.get_text() for text in drawn[-1].axes[0].get_legend().get_texts()] == labels
 
 
@@ -78,7 +83,7 @@ def test_few_frames_have_no_errors(tmp_path, drawn):
     path = write(tmp_path / "run.h5md", frames=3)
     for kind in of.KINDS:
         with pytest.warns(UserWarning, match="points?; write") if kind in ("msd", "vacf") else nullcontext():
-            of.plot_observable(path, kind, tmp_path / f"{kind}.png")
+            plot_observable(path, kind, tmp_path / f"{kind}.png")
     assert len(drawn) == len(of.KINDS)
 
 
@@ -99,16 +104,16 @@ def test_on_the_command_line(tmp_path):
 def test_bad_input(tmp_path):
     path = write(tmp_path / "run.h5md", box=None)
     with pytest.raises(InputError, match="needs a periodic box"):
-        of.plot_observable(path, "rdf", tmp_path / "rdf.png")
+        plot_observable(path, "rdf", tmp_path / "rdf.png")
     with pytest.raises(InputError, match=r"must end in \.png"):
-        of.plot_observable(path, "msd", tmp_path / "msd.gif")
+        plot_observable(path, "msd", tmp_path / "msd.gif")
     with pytest.raises(InputError, match="no frame to draw"):
-        of.plot_observable(write(tmp_path / "empty.h5md", frames=0), "msd", tmp_path / "msd.png")
+        plot_observable(write(tmp_path / "empty.h5md", frames=0), "msd", tmp_path / "msd.png")
 
 
 def test_the_displacement_says_its_diffusion_coefficient(tmp_path, drawn):
     path = write(tmp_path / "run.h5md")
-    of.plot_observable(path, "msd", tmp_path / "msd.png")
+    plot_observable(path, "msd", tmp_path / "msd.png")
     d = mean_squared_displacement(path).diffusion()
     (label,) = [text.get_text() for text in drawn[0].axes[0].get_legend().get_texts()]
     assert label.startswith(f"D = {d.value:.3g} ± {d.error:.1g} σ²/τ")
@@ -120,5 +125,5 @@ def test_the_displacement_says_its_diffusion_coefficient(tmp_path, drawn):
 def test_a_curve_of_two_points_has_markers_and_a_warning(tmp_path, drawn, kind):
     path = write(tmp_path / "run.h5md", frames=8)
     with pytest.warns(UserWarning, match=rf"{kind}: the curve has \d points?; write frames more often"):
-        of.plot_observable(path, kind, tmp_path / "figure.png")
+        plot_observable(path, kind, tmp_path / "figure.png")
     assert drawn[0].axes[0].lines[-1].get_marker() == "o"

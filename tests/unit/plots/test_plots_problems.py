@@ -7,6 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.plots import drawing
 from kickdrift.plots import problems as plots
 from tests.figures import saved_by
 
@@ -16,7 +17,7 @@ PENDULUM, LORENZ = kd.load("ode-pendulum"), kd.load("ode-lorenz")
 @pytest.fixture
 def drawn(monkeypatch) -> list:
     """The figures that were saved."""
-    return saved_by(monkeypatch, plots)
+    return saved_by(monkeypatch, drawing)
 
 
 def line(axes, k: int = 0):

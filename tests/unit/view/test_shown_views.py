@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 import kickdrift as kd
-from kickdrift.view import shown, views
+from kickdrift.view import page, views
 from kickdrift.view.packing import unpacked
 from tests.systems import liquid
 
@@ -41,7 +41,7 @@ def test_a_view_is_a_page_that_can_be_saved(tmp_path):
     assert (frame["srcdoc"] or "").startswith("<!DOCTYPE html>")
     for name, view in found.items():
         path = view.save(tmp_path / f"{name}.html")
-        assert path.read_text() == shown.page(view.scene)
+        assert path.read_text() == page.page(view.scene)
         with pytest.raises(kd.InputError, match="exists"):
             view.save(path)
     assert unpacked(found["sim"].scene["chunks"][0]["steps"]).tolist() == [3]
@@ -92,7 +92,7 @@ def test_without_anywidget_one_line_says_what_to_install(monkeypatch, capsys):
 
     monkeypatch.setattr(builtins, "__import__", missing)
     view = kd.Simulation(liquid(), dt=0.001).view()
-    assert isinstance(view, shown.View)
+    assert isinstance(view, page.View)
     assert capsys.readouterr().err.count("\n") == 1
     liquid().view()
     assert capsys.readouterr().err == ""

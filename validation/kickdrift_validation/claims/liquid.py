@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 from kickdrift_validation.claims.article import Claim, Reading, article, digits, magnitude, main
 
 SAID = 1_000_000

@@ -17,7 +17,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.odes import kepler
-from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
 from kickdrift_validation.claims.article import Claim, Reading, article, digits, magnitude, main, near
 from kickdrift_validation.kepler_energies import leading
 

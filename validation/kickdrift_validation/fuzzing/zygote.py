@@ -35,7 +35,7 @@ WARM = (
     "kickdrift.plots.orbits",
     "kickdrift.trajectory.export.export",
     "kickdrift.trajectory.read.info",
-    "kickdrift.cli.printing_ensemble",
+    "kickdrift.cli.ensemble",
 )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.engines import ENGINES
-from kickdrift.engines.many_body import style_of, text_of
+from kickdrift.engines.forces import style_of, text_of
 from kickdrift_validation.example_forces import crystal
 from kickdrift_validation.performance.turns import Missing, Native, Phase, Runner
 

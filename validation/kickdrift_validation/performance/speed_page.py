@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from kickdrift.disk.outputs import write_json
-from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
+from kickdrift.plots.drawing import COLOURS, INK, new_axes, new_figure, save_figure
 from kickdrift_validation.docs_tables import put
 from kickdrift_validation.docs_tables import table as markdown
 from kickdrift_validation.folders import DATA, checkout

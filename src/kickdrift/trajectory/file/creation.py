@@ -7,8 +7,7 @@ from pathlib import Path
 from kickdrift.disk import kinds
 from kickdrift.disk.files import shown_path
 from kickdrift.disk.kinds import Kind
-from kickdrift.disk.outputs import checked_target, reason, settle
-from kickdrift.disk.parts import private_place
+from kickdrift.disk.outputs import checked_target, private_place, reason, settle
 from kickdrift.errors import InputError
 from kickdrift.trajectory.file.openfile import identity
 from kickdrift.trajectory.file.storage import refuse_in_use

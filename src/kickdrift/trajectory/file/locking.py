@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kickdrift.disk.files import descriptor
-from kickdrift.disk.parts import private_place
+from kickdrift.disk.outputs import private_place
 from kickdrift.errors import InputError
 
 try:

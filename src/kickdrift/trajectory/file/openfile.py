@@ -9,7 +9,7 @@ from threading import RLock
 
 import h5py
 
-from kickdrift.disk.parts import private_place
+from kickdrift.disk.outputs import private_place
 from kickdrift.errors import KickdriftError, RunError
 from kickdrift.trajectory.file.storage import PagedFile, in_use, open_to_write, write_error
 

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.disk.parts import private_place
+from kickdrift.disk.outputs import private_place
 from kickdrift.display.pace import PARTS
 from kickdrift.display.showing import stage
 from kickdrift.model.checks.limits import cores

@@ -7,7 +7,7 @@
 //
 //   view.append(chunk)        adds the moments of a chunk (Stage.chunk in Python) and returns a promise. With {live: true},
 //                             a view at its last frame moves on to the new last frame.
-//   view.addCurves(curves)    adds points to the curves of these names (kickdrift.view.curves.curve), or new curves
+//   view.addCurves(curves)    adds points to the curves of these names (kickdrift.view.packing.curve), or new curves
 //   view.say(text)            shows a line of status beside the title, such as a rate and the time left
 //   view.setFrame(k)          shows frame k
 //   view.frame, view.count    the number of the frame that is shown, and how many frames there are

@@ -1,0 +1,149 @@
+"""Forces in the terms of other programs: which ones they take, a row for each bonded law, and files of parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from typing import Any, NamedTuple
+
+from kickdrift.forces.bonded import shipped
+from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.many_body.base import ManyBodyForce, TabledForce
+from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
+from kickdrift.forces.many_body.entries import FORMS, potential_file
+from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
+from kickdrift.forces.many_body.tersoff import Tersoff
+from kickdrift.forces.pairs.lennard_jones import LennardJones
+from kickdrift.model.system import System
+
+
+class Terms(NamedTuple):
+    """A law for LAMMPS, a style and its coefficients, and for OpenMM, an energy of r or theta (radians)."""
+
+    style: str
+    coefficients: Callable[[Any], tuple[float | int, ...] | None]  # None for parameters that LAMMPS does not have
+    energy: str
+    keys: Callable[[Any], dict[str, float]]
+
+
+def _periodic(p: Any) -> tuple[float | int, ...] | None:
+    whole = p.multiplicity == int(p.multiplicity) and p.multiplicity >= 0
+    return (1, p.barrier, int(p.multiplicity), p.phase) if whole else None
+
+
+def _cvff(p: Any) -> tuple[float | int, ...] | None:
+    sign = {0.0: 1, 180.0: -1}.get(p.phase)
+    return (p.barrier, sign, int(p.multiplicity)) if sign and p.multiplicity in range(7) else None
+
+
+def _bellemans(p: Any) -> tuple[float, ...] | None:  # in powers of cos(angle) = -cos(angle - pi)
+    return (p.c0, -p.c1, p.c2, -p.c3, p.c4) if p.c5 == 0.0 else None
+
+
+LAWS: dict[type, Terms] = {
+    shipped.HarmonicBond: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.length), "0.5*k*(r-l)^2",
+        lambda p: {"k": p.stiffness, "l": p.length},
+    ),
+    shipped.Fene: Terms(
+        "fene", lambda p: (p.stiffness, p.length, p.epsilon, p.sigma),
+        "-0.5*k*l^2*log(1-(r/l)^2)+step(2^(1/6)*d-r)*(4*e*((d/r)^12-(d/r)^6)+e)",
+        lambda p: {"k": p.stiffness, "l": p.length, "e": p.epsilon, "d": p.sigma},
+    ),
+    shipped.MorseBond: Terms(
+        "morse", lambda p: (p.depth, p.width, p.length), "d*(1-exp(-w*(r-l)))^2",
+        lambda p: {"d": p.depth, "w": p.width, "l": p.length},
+    ),
+    shipped.HarmonicAngle: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(theta-rest)^2",
+        lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
+    ),
+    shipped.CosineAngle: Terms("cosine", lambda p: (p.stiffness,), "k*(1+cos(theta))", lambda p: {"k": p.stiffness}),
+    shipped.PeriodicDihedral: Terms(
+        "fourier", _periodic, "k*(1+cos(n*theta-phase))",
+        lambda p: {"k": p.barrier, "n": p.multiplicity, "phase": math.radians(p.phase)},
+    ),
+    shipped.RyckaertBellemans: Terms(
+        "multi/harmonic", _bellemans, "c0-c1*c+c2*c^2-c3*c^3+c4*c^4-c5*c^5; c=cos(theta)", lambda p: p._asdict()
+    ),
+    shipped.OplsDihedral: Terms(
+        "opls", lambda p: tuple(p),
+        "0.5*(v1*(1+cos(theta))+v2*(1-cos(2*theta))+v3*(1+cos(3*theta))+v4*(1-cos(4*theta)))",
+        lambda p: p._asdict(),
+    ),
+    shipped.HarmonicImproper: Terms(
+        "harmonic", lambda p: (0.5 * p.stiffness, p.rest), "0.5*k*(abs(theta)-rest)^2",
+        lambda p: {"k": p.stiffness, "rest": math.radians(p.rest)},
+    ),
+}  # fmt: skip
+LAWS[shipped.PeriodicImproper] = LAWS[shipped.PeriodicDihedral]._replace(style="cvff", coefficients=_cvff)
+
+
+def split(system: System) -> tuple[list[Any], list[BondedForce]]:
+    """The System's forces that are not bonded, and its bonded forces."""
+    bonded = [force for force in system.forces if isinstance(force, BondedForce)]
+    return [force for force in system.forces if not isinstance(force, BondedForce)], bonded
+
+
+def strange(system: System, program: str) -> str | None:
+    """Reason why a program has no such bonded forces, or None."""
+    for force in split(system)[1]:
+        if type(force) not in LAWS:
+            return f"force {force.name!r}: {program} gets only the laws of bonds that ship"
+    return None
+
+
+def only_lennard_jones(system: System, truncations: Collection[str], takes: str, molecules: bool = False) -> str | None:
+    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
+
+    ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
+    pair force."""
+    if not molecules and system.topology is not None and len(system.topology.scaled.pairs):
+        return "topology: pairs that are left out or scaled are not possible"
+    forces = split(system)[0] if molecules else system.forces
+    if [type(force) for force in forces] != [LennardJones]:
+        names = " and ".join(repr(force.name) for force in system.forces)
+        given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
+        return f"{given}: {takes}"
+    truncation = forces[0].truncation
+    if truncation not in truncations:
+        return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"
+    return None
+
+
+def small_units(system: System) -> str | None:
+    """Reason why lengths would be too small for a program with absolute tolerances, or None."""
+    if system.units.name == "si":
+        return "units 'si': the program's tolerances are absolute, and too long for metres; use metal, with angstroms"
+    return None
+
+
+STYLES: dict[type, str] = {StillingerWeber: "sw", Tersoff: "tersoff"}
+
+
+def many_body(system: System, molecules: bool = False) -> bool:
+    """Tell whether the system's only force is one of kickdrift's many-body forces.
+
+    With ``molecules``, bonded forces may come beside it."""
+    forces = split(system)[0] if molecules else system.forces
+    return len(forces) == 1 and type(forces[0]) in (EmbeddedAtom, *STYLES)
+
+
+def style_of(force: ManyBodyForce) -> str:
+    """LAMMPS' pair style."""
+    if isinstance(force, EmbeddedAtom):
+        return "eam/alloy" if force.file.endswith(FORMS[0]) else "eam/fs"
+    return STYLES[type(force)]
+
+
+def text_of(force: Any) -> str:
+    """Text of a file of the force's parameters, without LAMMPS' note of units in its first line."""
+    if isinstance(force, EmbeddedAtom):
+        first, rest = potential_file(force.name, force.file).decode("utf-8", "replace").split("\n", 1)
+        return f"written by kickdrift\n{rest}" if first else rest
+    assert isinstance(force, TabledForce)
+    lines = (
+        " ".join([*triple.split("-"), *(repr(numbers[key]) for key in force.keys)])
+        for triple, numbers in force.table.items()
+    )
+    return "\n".join(["# written by kickdrift", *lines, ""])
