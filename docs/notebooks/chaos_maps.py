@@ -50,7 +50,7 @@ growth = np.log10(apart / NEAR)
 print(f"{np.mean(growth > 5):.0%} of the orbits are chaotic")
 
 # %% [markdown]
-# Dark cells are islands of regular orbits. The bright sea is one chaotic orbit, which comes near every point of the sea.
+# Dark cells are islands of regular orbits. The bright sea is one chaotic orbit, which comes near all points of the sea.
 # `kickdrift ensemble SYSTEM --vary … --measure megno` makes such maps of planets, on all cores.
 
 # %%
