@@ -32,7 +32,7 @@ def movie(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="species, speed, body, or a colour such as tomato or #0072B2 (default: the most telling one).",
+            help="species, speed, body, or a colour such as tomato or #0072B2 (default: the most informative one).",
         ),
     ] = None,
     fps: Annotated[float, typer.Option(metavar="N", help="Pictures a second.")] = 25.0,
@@ -55,7 +55,7 @@ def movie(
     quiet: QuietOption = False,
 ) -> None:
     """Make a film of a run: spheres in their box, or planets with trails and names. MP4 and WebM need ffmpeg, which
-    pip install 'kickdrift[movie]' brings; GIF needs nothing."""
+    pip install 'kickdrift[movie]' installs; GIF needs nothing more."""
     from kickdrift.plots.movie import movie as filmed
 
     with progress_bar(quiet) as bar:

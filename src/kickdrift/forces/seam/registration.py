@@ -23,8 +23,8 @@ def register_force(cls: Class, *, overwrite: bool = False) -> Class: ...
 @overload
 def register_force(cls: None = None, *, overwrite: bool = False) -> Any: ...
 def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
-    """Class decorator: system files and run files may name this class of force. Also for plain functions and ASE
-    calculators: a file may then name them in ``type = "python"`` and ``type = "ase"``.
+    """Class decorator: system files and run files may name this class of force. The decorator also takes plain
+    functions and ASE calculators, which a file may then name in ``type = "python"`` and ``type = "ase"``.
 
     A system file uses the ``name`` that the class itself defines, with ``--load FILE.py`` on the command line. A class
     with an inherited name serves run files only. ``kickdrift list forces`` shows the force. ``resume`` makes the force
