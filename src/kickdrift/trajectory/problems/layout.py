@@ -43,7 +43,7 @@ def problem_image(
 
 
 def problem_hash(file: h5py.File) -> str:
-    """SHA-256, in hexadecimal digits, of all that a file says but once of its run.
+    """SHA-256, in hexadecimal digits, of everything that a file holds once for its run.
 
     In this order: the texts of ``problem/record``, ``problem/source``, ``method`` and ``versions`` of ``kickdrift``,
     with a zero byte after each; ``every`` and ``y0``, as little-endian float64.
