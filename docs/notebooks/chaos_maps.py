@@ -2,8 +2,8 @@
 # # Maps of chaos
 #
 # Hénon and Heiles asked in 1964 whether a star in a galaxy keeps a third integral. At low energy every orbit is
-# regular. At energy 1/8 order and chaos share the plane. Two near starts tell them apart: their distance grows in
-# proportion to time on a regular orbit, and exponentially on a chaotic one.
+# regular. At energy 1/8 regular and chaotic orbits share the plane. Two near starts tell which kind an orbit is: their
+# distance grows in proportion to time on a regular orbit, and exponentially on a chaotic orbit.
 
 # %%
 import matplotlib.pyplot as plt
@@ -50,7 +50,7 @@ growth = np.log10(apart / NEAR)
 print(f"{np.mean(growth > 5):.0%} of the orbits are chaotic")
 
 # %% [markdown]
-# Dark cells are islands of order. The bright sea is one chaotic orbit that comes near every one of its points.
+# Dark cells are islands of regular orbits. The bright sea is one chaotic orbit, which comes near all points of the sea.
 # `kickdrift ensemble SYSTEM --vary … --measure megno` makes such maps of planets, on all cores.
 
 # %%

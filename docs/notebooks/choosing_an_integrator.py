@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Choose an integrator
 #
-# No method is best for everything. `kd.compare` measures: it runs methods with several steps, and prints error
-# against cost.
+# No method is best for everything, so measure on your own system. `kd.compare` runs methods with several steps, and
+# prints error against cost.
 
 # %%
 import numpy as np

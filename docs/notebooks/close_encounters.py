@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Close encounters
 #
-# A Wisdom-Holman map takes long steps while planets stay apart. Where two planets meet, its error explodes. `trace`
-# hands the encounter to a careful method and takes the long steps everywhere else.
+# A Wisdom-Holman map takes long steps while planets stay apart, but its error is large where two planets meet. `trace`
+# hands the encounter to a method of high order, and takes the long steps everywhere else.
 
 # %%
 import matplotlib.pyplot as plt

@@ -52,8 +52,8 @@ print(sim.elements("jacobi"))
 # %% [markdown]
 # ## Chaos
 #
-# Lorenz' weather has two starts that differ by one part in a hundred million. Their distance grows exponentially
-# until they have nothing in common. No step and no method changes that.
+# Lorenz' model of the weather runs from two starts that differ by one part in a hundred million. Their distance grows
+# exponentially until the motions have nothing in common. No step and no method changes this growth.
 
 
 # %%

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Heat baths
 #
-# A heat bath keeps a liquid at a temperature. Baths differ: some disturb the motion little, some forget velocities
-# fast. All of them must give the right distribution of the kinetic energy.
+# A heat bath keeps a liquid at a temperature. Some baths disturb the motion little, and some make particles forget
+# their velocities fast, but all must give the right distribution of the kinetic energy.
 
 # %%
 import matplotlib.pyplot as plt

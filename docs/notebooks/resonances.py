@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Resonances and secular frequencies
 #
-# Over thousands of years, ellipses turn. Each turn is a sum of a few frequencies. Where periods form a ratio of whole
-# numbers, an angle may librate: Neptune and Pluto are locked in 3 : 2.
+# Over thousands of years the ellipses of planets turn, and this motion is a sum of a few frequencies. Where periods
+# form a ratio of whole numbers, an angle may librate: Neptune and Pluto are locked in 3 : 2.
 
 # %%
 import kickdrift as kd

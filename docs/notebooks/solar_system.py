@@ -22,7 +22,7 @@ report = sim.run(until=1000.0, every=400, output="planets.h5md", overwrite=True)
 print(report.energy.max_relative_error, report.energy.verdict)
 
 # %% [markdown]
-# The planets pull at each other, so their ellipses breathe. The elements come from the file.
+# The planets pull at each other, so their ellipses change slowly. The file gives the elements over time.
 
 # %%
 with kd.open("planets.h5md") as run:

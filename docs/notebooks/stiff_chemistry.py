@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Stiff chemistry
 #
-# Robertson's three reactions have rates from 0.04 to 30 million. An explicit method must follow the fastest rate
-# although nothing happens at that speed. An implicit method takes steps as long as the slow reactions allow.
+# Robertson's three reactions have rates from 0.04 to 30 million. An explicit method must follow the fastest rate,
+# although nothing happens at that speed, while an implicit method takes steps as long as the slow reactions allow.
 
 # %%
 import matplotlib.pyplot as plt
@@ -14,7 +14,7 @@ problem = kd.load("ode-robertson")
 print(problem)
 
 # %% [markdown]
-# The same accuracy to time 40, with two implicit methods and one explicit one. Count the steps.
+# Two implicit methods and one explicit method go to time 40 with the same accuracy. Compare their steps.
 
 # %%
 for method in ("radau", "bdf", "dop853"):

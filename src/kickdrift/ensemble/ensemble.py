@@ -124,7 +124,7 @@ class Ensemble:
 
         A row has the member's number, replica and seed, the varied values, ``status`` ("done", "failed", or "lost" if
         every worker that ran the member died), the ``error`` and last good state of a failed member, and the measured
-        values. All but ``wall_seconds`` has the same bits however it was run, on one kind of processor.
+        values. All values but ``wall_seconds`` have the same bits however the member was run, on one kind of processor.
 
         Parameters
         ----------

@@ -75,7 +75,7 @@ class Integrator:
 def integrator(name: str, **options: Any) -> Integrator:
     """An integrator with options, as one value: ``kd.integrator("wisdom-holman", corrector=17)``.
 
-    The value is accepted wherever an integrator's name is. Options given to a Simulation override the value's options,
+    The value may stand wherever an integrator's name may. Options given to a Simulation override the value's options,
     which override those of a system file.
 
     Parameters

@@ -45,7 +45,7 @@ class Option:
     choices : allowed values; () if they cannot be listed
     dimension : "time", "rate", "temperature", "pressure" or "compressibility" for a number in the system's units, ""
         for a pure number
-    above, most : a number is greater than ``above``, and ``most`` at most
+    above, most : a number is greater than ``above``, and at most ``most``
     several : whether a Problem may have one number for each component of y
     written : whether run files record the default if no value was given
 

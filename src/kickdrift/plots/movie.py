@@ -61,9 +61,9 @@ def movie(
 ) -> Film:
     """Make a film of a run; the suffix of ``output`` names the format: .mp4, .webm or .gif.
 
-    Particles are spheres, inside the box where it is periodic. At most 30 bodies under gravity have trails and names;
-    they are seen from their barycentre, and z is the direction of their angular momentum. MP4 and WebM need ffmpeg,
-    which the extra ``movie`` installs.
+    Particles are spheres, inside the box where it is periodic. A film of at most 30 bodies under gravity has their
+    trails and names. It is seen from their barycentre, and z is the direction of their angular momentum. MP4 and WebM
+    need ffmpeg, which the extra ``movie`` installs.
 
     Parameters
     ----------

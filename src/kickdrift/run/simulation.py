@@ -272,9 +272,9 @@ class Simulation(Present):
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
 
-        ``imd`` is a port of this machine from which MDAnalysis reads the looks while the run goes on: see
-        docs/mdanalysis.md. With ``imd_wait`` the run waits whenever no client is there. ``live=True``, or a port,
-        serves a page on this machine that shows the run as it goes on; standard error says the address.
+        ``imd`` is a port of this machine from which MDAnalysis reads the looks during the run: see docs/mdanalysis.md.
+        With ``imd_wait`` the run waits whenever no client is there. ``live=True``, or a port, serves a page on this
+        machine that shows the run as it goes on; standard error says the address.
 
         Returns the Report. Raises InputError for arguments that make no sense, and RunError if the run blows up; the
         state is then that of the last sample.
@@ -355,9 +355,9 @@ class Simulation(Present):
         A method with a heat bath rescales nothing. The bath acts with other random numbers than in the run, and its
         memory and heat begin anew at zero. A ramp has 200 stairs of constant temperature. ``integrator`` and its
         ``options`` equilibrate with a heat bath of their own, and ``options`` alone change those of the run's method,
-        such as its friction. An InputError if the run has a heat bath of another temperature than the one at the end.
-        For an adaptive method, velocity Verlet with the system file's dt does the equilibration. ``progress`` is as in
-        ``run``.
+        such as its friction. Raises InputError if the run has a heat bath whose temperature differs from the
+        temperature at the end. For an adaptive method, velocity Verlet with the system file's dt does the
+        equilibration. ``progress`` is as in ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
         more: dict[str, Any] = {"engine": self.engine, "processes": self.processes, "events": ()}

@@ -102,10 +102,10 @@ def engine_checks(
 ) -> EnsembleChecks:
     """Run a System on an engine and test the run, which is written to a temporary file; an `EnsembleChecks`.
 
-    ``temperature`` is that of an integrator's heat bath; two temperatures make two runs. In a bath, a tenth
-    of the steps comes before the run, to equilibrate. A run at constant energy tests
-    axes and species alone, unless ``temperature`` says what to compare with. Raises InputError if the engine cannot
-    run the system or the integrator."""
+    ``temperature`` is that of an integrator's heat bath; two temperatures make two runs. With a bath, a tenth of the
+    steps comes before the run, to equilibrate. A run at constant energy tests axes and species alone, unless
+    ``temperature`` gives the temperature for comparison. Raises InputError if the engine cannot run the system or the
+    integrator."""
     canonical.packages()
     count = 1 if temperature is None else np.size(temperature)
     if count > 2:

@@ -46,10 +46,10 @@ def force_checks(
 ) -> ForceChecks:
     """Test whether forces are safe for dynamics; a `ForceChecks`, one page with a verdict for each line.
 
-    Tested are: the force as slope of the energy; the digits of the energy; sums of forces and torques; translation,
-    periodic images, rotation and the exchange of like particles; jumps of the energy and the force; the virial as
-    slope of the energy over the volume; the same bits on repetition; a run forwards and back in time; and the drift of
-    the energy of a run at constant energy, with its 95 % interval.
+    The tests are: the force as slope of the energy; the digits of the energy; sums of forces and torques; translation,
+    periodic images, rotation and the exchange of like particles; jumps of the energy and the force; the virial as slope
+    of the energy over the volume; the same bits on repetition; a run forwards and back in time; and the drift of the
+    energy of a run at constant energy, with its 95 % interval.
 
     Tests that make no sense for these forces are on the page as "not tested", with the reason. Forces that depend on
     velocity or do work have no energy to test.

@@ -165,8 +165,9 @@ def mean_squared_displacement(
     """Mean squared displacement over all particles and all time origins, by fast Fourier transforms.
 
     Allen & Tildesley 2017, section 8.4; in O(f log f) for f frames as Kneller et al. 1995, Comput. Phys. Commun. 91,
-    191, doi:10.1016/0010-4655(95)00048-K. Errors are by block averages over 64 stretches of time origins. Displacements
-    over a time t are correlated for that time, so lags beyond about a tenth of the run have infinite errors.
+    191, doi:10.1016/0010-4655(95)00048-K. Errors come from block averages over 64 stretches of time origins.
+    Displacements over a time t are correlated for that time, so lags beyond about a tenth of the run have infinite
+    errors.
 
     A barostat scales all positions with the box. Displacements in such a run are the sums of the displacements inside
     the box, without this scaling (von Bülow, Bullerjahn & Hummer 2020, doi:10.1063/5.0008316).

@@ -143,7 +143,7 @@ def radial_distribution(
     equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
     Where a barostat changes the box, each frame counts with the volume of its own box.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
-    doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error is by block averages over frames.
+    doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error comes from block averages over frames.
 
     Parameters
     ----------
@@ -214,9 +214,9 @@ def structure_factor(
     These are k = a a* + b b* + c c*, with whole a, b, c not all zero and the reciprocal vectors of the edges. In a
     rectangular box a* is 2π/Lx along x (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001).
     An average over shells takes all vectors up to ``k_max``. Along an open axis k is zero. S is 1 for an ideal gas, n
-    at a Bragg peak of a perfect crystal. The error is by block averages of a shell's or vector's values over frames.
-    The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``. Where a barostat
-    changes the box, a, b, c stay and k is the mean over frames; the shells are those of the mean box.
+    at a Bragg peak of a perfect crystal. The error comes from block averages of a shell's or vector's values over
+    frames. The cost of a frame grows as n times the number of vectors, so as n^2 at the default ``k_max``. Where a
+    barostat changes the box, a, b, c stay and k is the mean over frames; the shells are those of the mean box.
 
     Parameters
     ----------

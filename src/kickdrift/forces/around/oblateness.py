@@ -45,15 +45,15 @@ class Oblateness(NamedTuple):
     (Murray & Dermott 1999, Solar System Dynamics, section 6.11). Several bodies may be flattened: give one force for
     each.
 
-    The pole is fixed. The flattened body takes the opposite force, so momentum is conserved, but it does not take the
-    torque. Only the angular momentum along the pole is conserved.
+    The pole is fixed. The flattened body takes the opposite force, so momentum is conserved. But the body does not take
+    the torque, so only the angular momentum along the pole is conserved.
 
     Attributes
     ----------
     j2 : float
         Positive for a flattened body: 1.0826e-3 for the Earth.
     radius : float
-        R, the equatorial radius that the harmonics are given for; a length.
+        R, the equatorial radius to which the harmonics refer; a length.
     j3, j4, j5, j6 : float
         Default 0.
     central : str or int, optional

@@ -39,7 +39,7 @@ class RadiationPressure(NamedTuple):
 
     a = beta G M / r^2 [(1 - v_r / c) n - v / c], for r and v from the central body, n = r / |r| (Burns, Lamy & Soter
     1979, Icarus 40, 1, eq. 5). The drag takes energy and angular momentum: a and e fall as in Wyatt
-    & Whipple 1950, ApJ 111, 134. It depends on velocity, so methods for velocity-independent forces refuse it.
+    & Whipple 1950, ApJ 111, 134. The drag depends on velocity, so methods for velocity-independent forces refuse it.
 
     The central body takes no force, since it shines in all directions. The potential form leaves the drag out: U = beta
     G M m / r alone. There the central body takes the opposite force, so that energy and momentum are conserved.

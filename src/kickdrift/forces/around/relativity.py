@@ -52,7 +52,8 @@ class PostNewtonian(NamedTuple):
     a = G M / (c^2 r^3) [(4 G M / r - v^2) r + 4 (r . v) v] (Anderson et al. 1975, doi:10.1086/153779; the terms of the
     Sun alone in the Einstein-Infeld-Hoffmann equations, Newhall, Standish & Williams 1983, A&A 125, 150, eq. 1). The
     pericentre advances by 6 pi G M / (c^2 a (1 - e^2)) a revolution (Will 1993, Theory and Experiment in Gravitational
-    Physics, section 7.3). It depends on velocity, so methods for velocity-independent forces refuse it.
+    Physics, section 7.3). The full form depends on velocity, so methods for velocity-independent forces refuse this
+    form.
 
     The potential form, U = -3 m (G M / (c r))^2, depends only on position and has the same advance to first order. It
     has neither the orbit's small periodic changes nor its period (Nobili & Roxburgh 1986, IAU Symposium 114, 105).

@@ -141,7 +141,7 @@ class BondedForce(Grouped):
 
     @property
     def stands_for(self) -> str:  # type: ignore[override]
-        """What the force is a model of: its law. Terms of dihedrals and impropers are the parts of a series."""
+        """What the force models: its law. Terms of dihedrals and impropers are the parts of a series."""
         return self.name if self.kind in ("bonds", "angles") else ""
 
     def acting_on(self, system: Subject) -> dict[Any, str] | None:

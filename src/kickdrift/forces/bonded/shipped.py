@@ -54,7 +54,7 @@ class Fene(NamedTuple):
     """U(r) = -k l^2 ln(1 - (r / l)^2) / 2, and 4 epsilon ((sigma/r)^12 - (sigma/r)^6) + epsilon below 2^(1/6) sigma.
 
     Both terms are the bond of Kremer & Grest 1990, doi:10.1063/1.458541, and LAMMPS' ``fene``. Beyond the longest
-    length l there is no value. With an epsilon, the pair force must leave bonded particles out (``factors = [0, 1, 1]``
+    length l there is no value. With an epsilon, the pair force must leave out bonded particles (``factors = [0, 1, 1]``
     in the topology). With epsilon = 0, the default, the bond only attracts, and the pair force repels.
     """
 
@@ -204,8 +204,9 @@ class OplsDihedral(NamedTuple):
 class HarmonicImproper(NamedTuple):
     """U = k (|angle| - rest)^2 / 2, where rest is in degrees and k an energy per square radian.
 
-    LAMMPS' ``improper_style harmonic``, whose K is stiffness / 2. With rest = 0 it keeps four particles in a plane, as
-    CHARMM's impropers do. The sign of the angle does not count, so a rest above 0 does not tell mirror images apart.
+    This is LAMMPS' ``improper_style harmonic``, whose K is stiffness / 2. With rest = 0 the force keeps four particles
+    in a plane, as CHARMM's impropers do. The sign of the angle does not count, so a rest above 0 does not tell mirror
+    images apart.
     """
 
     stiffness: float

@@ -31,7 +31,7 @@ OBJECT = "an object of the program"  # arguments of a calculator that was given 
 @checked_arguments
 @dataclass(frozen=True)
 class CalculatorForce(Field):
-    """A calculator of ASE's as a force: ``kd.CalculatorForce(EMT())``, or ``kd.CalculatorForce(EMT, {…})``.
+    """A calculator of ASE as a force: ``kd.CalculatorForce(EMT())``, or ``kd.CalculatorForce(EMT, {…})``.
 
     Compiled step loops call the calculator at each evaluation of the forces, so a step costs as much as the calculator
     and some microseconds. Samples at the positions of the last evaluation cost no second calculation. Units are
@@ -39,14 +39,15 @@ class CalculatorForce(Field):
     copied. ASE: Larsen et al. 2017, doi:10.1088/1361-648X/aa680e.
 
     A calculator with a class and arguments can be made again, so a run's file stores the import path and the
-    arguments. ``kd.resume`` makes it again if the program has named the class, by this force or by
+    arguments. ``kd.resume`` makes the calculator again if the program has named the class, by this force or by
     ``kd.register_force``; on the command line by ``--load MODULE``. With a ready-made calculator, give ``kd.resume``
     the system.
 
-    A calculator may keep memory between calls, such as a neighbour list. Its results then depend on earlier calls, to
-    rounding. So kickdrift makes it begin anew (``calculator.reset()``, all changes) when an atom has moved by
-    ``renewal`` since it last did so, and stores that place in checkpoints. A resumed run has the same bits if the
-    memory lasts at least as long as that: ASE's own lists do. With ``renewal=0`` each evaluation begins anew.
+    A calculator may keep memory between calls, such as a neighbour list, so its results may depend on earlier calls, to
+    rounding. Therefore kickdrift makes the calculator begin anew (``calculator.reset()``, all changes) when an atom has
+    moved by ``renewal`` since the last beginning, and stores the positions of that beginning in checkpoints. A resumed
+    run has the same bits if the memory lasts at least until the next beginning, as that of ASE's own lists does. With
+    ``renewal=0`` each evaluation begins anew.
 
     A calculator may offer ``calculate_batch(list_of_atoms, properties)``, which returns a list with a table of results
     for each Atoms, and must keep no memory between calls. An `Ensemble` asks such a calculator for all members of a

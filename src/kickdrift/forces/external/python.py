@@ -48,7 +48,7 @@ class PythonForce(Field):
     ----------
     function : the function, or the import path of one that this program has named
     velocity_dependent, time_dependent : whether forces depend on velocities, or on time
-        A force that depends on either without saying so is refused.
+        A force that depends on one of them and does not say so is refused.
     works : whether the force does work that its energy does not count, such as friction
     external : whether the force changes the total momentum; default true
     batch : whether the function takes several replicas of the system at once: positions and velocities (r, n, 3),

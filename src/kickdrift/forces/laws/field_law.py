@@ -231,7 +231,7 @@ def field_law(cls: type) -> Any:
         Whether the total energy is not conserved; must be True for a law that returns None for the energy. Default True
         for a law that depends on time.
     ``per_mass`` : bool
-        The law returns energy and force per mass, so massless particles are moved, too.
+        The law returns energy and force per mass, so it moves massless particles too.
     ``alike`` : bool
         Whether all particles get the same acceleration. The motion of the centre of mass is then no heat.
     ``clock(p, t)``

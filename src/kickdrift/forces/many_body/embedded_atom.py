@@ -23,7 +23,7 @@ class EmbeddedAtom(ManyBodyForce):
     Source: Daw & Baskes 1984, doi:10.1103/PhysRevB.29.6443; with densities for each pair of elements (eam.fs) Finnis &
     Sinclair 1984, doi:10.1080/01418618408244210.
 
-    The tables are joined by the same cubics as in LAMMPS. ASE reads the file, an optional package. Species are the
+    The tables are joined by the same cubics as in LAMMPS. The optional package ASE reads the file. Species are the
     file's elements, and units are ``metal``.
 
     Attributes

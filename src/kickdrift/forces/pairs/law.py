@@ -49,7 +49,7 @@ class PairForce(ListedForce, Grouped):
         The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
         arithmetic, epsilon the geometric mean).
     pairs : {(name, name): {parameter: value}}, optional
-        Parameters of named pairs; they go before mixing.
+        Parameters of named pairs; they override mixing.
     """
 
     cutoff: float | None = None
@@ -112,7 +112,7 @@ class PairForce(ListedForce, Grouped):
 
     @property
     def stands_for(self) -> str:  # type: ignore[override]
-        """What the force is a model of: its law."""
+        """What the force models: its law."""
         return self.name
 
     def acting_on(self, system: Subject) -> dict[Any, str] | None:

@@ -24,9 +24,9 @@ class GravityTree(Grouped):
 
     A group of particles counts as a whole if the error bound of its quadrupole (Salmon & Warren 1994,
     doi:10.1006/jcph.1994.1050) is below a share of the local acceleration. That acceleration is estimated first, so
-    only the positions decide, and a run can be cut anywhere. The errors of many groups partly cancel. The share is
-    measured, so that ``accuracy`` holds for 99 % of the particles (kickdrift_validation.barnes_hut: Plummer spheres,
-    uniform cubes, far clusters, a disc).
+    only the positions decide, and a run may be stopped and resumed anywhere. The errors of many groups partly cancel.
+    The share is measured, so that ``accuracy`` holds for 99 % of the particles (kickdrift_validation.barnes_hut:
+    Plummer spheres, uniform cubes, far clusters, a disc).
 
     The two forces of a pair are not exactly opposite, so the total momentum is conserved only to the accuracy. The
     forces jump slightly when a group begins to count as a whole. An adaptive method with tolerances far below the

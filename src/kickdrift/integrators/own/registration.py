@@ -179,9 +179,9 @@ def register_splitting(
     Parameters
     ----------
     name : a new one; with ``overwrite``, one that was registered before
-    word : the flows in the order in which they act: "A" drifts, "B" kicks, one letter may be a heat bath, such as "O";
-        ``docs/your-own-integrator.md`` has all letters. "B0" and "B1" kick by the forces of one group. "(B0 A B0)4"
-        repeats a part, so "B1 (B0 A B0)4 B1" has two time steps
+    word : the flows in the order in which they act: "A" drifts, "B" kicks, and one letter may be a heat bath, such as
+        "O"; ``docs/your-own-integrator.md`` has all letters. "B0" and "B1" kick by the forces of one group. "(B0 A
+        B0)4" repeats a part, so "B1 (B0 A B0)4 B1" has two time steps
     weights : the part of dt for each letter, those of one letter adding up to one; equal parts by default
     kick, drift : in place of a word, the weights of dt of kicks and drifts in turn, each adding up to one
     first : "kick" or "drift", whichever comes first where no word is given

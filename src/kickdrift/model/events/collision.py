@@ -36,7 +36,7 @@ class Collision:
     a step act in the order of their times. An adaptive method begins anew from there. A method of fixed steps completes
     the step with a shorter one, so it stays on its grid. Pairs of massless bodies pass through each other. In the patch
     of a `GravitySheet`, bodies meet the images of others too; changes other than bounces put their result beside the
-    first.
+    first body.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Collision:
         frosty ice, 0.32 v^-0.234 with v in cm/s and at most 1 (Bridges, Hatzes & Lin 1984, doi:10.1038/309333a0).
     elastic_below : float
         Approach speed below which a bounce is elastic; default 0. With a constant restitution below 1, crowded bodies
-        else come to rest on each other, and the run stops.
+        otherwise come to rest on each other, and the run stops.
     fragment_mass : float
         Smallest mass of a fragment; required by "fragment".
     c_star, mu_bar : float
@@ -66,7 +66,7 @@ class Collision:
         ``rule(heavier, lighter)`` gets two `Sphere` and returns a sequence of any number of them. They have the mass
         and the momentum of the two.
     loss : bool
-        Whether a rule may return less mass, and other momentum. The report books what is lost.
+        Whether a rule may return less mass, and other momentum. The report counts what is lost.
     """
 
     radii: Radii | None = None

@@ -112,7 +112,7 @@ class Crossing:
     g is evaluated at the ends of steps, and inside steps for a quick test of hidden zeros. Where the test cannot
     exclude them, polynomials in t isolate each zero of the solution inside the step. Brent's method (1973) finds its
     time. The page on `kickdrift.solve` says what can still be missed, such as two zeros nearer than 1e-7 of the step. A
-    zero at the very start goes unseen. For the test, particles move along cubics that fit their positions and
+    zero at the very start is not found. For the test, particles move along cubics that fit their positions and
     velocities at both ends of the step.
 
     Attributes

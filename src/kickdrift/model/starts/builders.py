@@ -140,8 +140,8 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
 
 class Structure(NamedTuple):
     """Particles of an initial state. ``masses`` is one number or one for each. Edges (three lengths or a matrix) and
-    velocities are None if unknown, ``seed`` if nothing was drawn. ``barycentric`` particles are still to be moved to
-    their centre of mass."""
+    velocities are None if unknown, ``seed`` if nothing was drawn. With ``barycentric``, the particles must still be
+    moved to their centre of mass."""
 
     positions: Floats
     masses: Any

@@ -217,7 +217,7 @@ def states(
 def elements(positions: ArrayLike, velocities: ArrayLike, mu: ArrayLike) -> Elements:
     """Elements (…) of bodies at positions and velocities (…, 3) relative to the centre.
 
-    A body that moves straight to or from the centre has no orbital plane: its e is 1, its q 0 and its angles nan.
+    A body that moves straight to or from the centre has no orbital plane, so its e is 1, its q 0 and its angles nan.
     Parameters
     ----------
     mu : G times the masses of centre and body; a number or (…)

@@ -19,11 +19,11 @@ BLOCK = 4_000_000  # pairs that are summed at a time
 def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats, Floats]:
     """Positions, velocities (n, 3) and masses (n,) of equal stars in a Plummer sphere.
 
-    In N-body units (Henon's): G = 1, total mass 1, energy -1/4; the centre of mass is at rest at the origin.
+    Units are N-body units (Henon's): G = 1, total mass 1, energy -1/4. The centre of mass is at rest at the origin.
 
     The draws follow Aarseth, Henon & Wielen 1974 (A&A 37, 183, appendix): radii from the mass profile
     M(r) = r^3 / (r^2 + b^2)^(3/2), speeds as fractions of the escape speed from q^2 (1 - q^2)^(7/2), directions at
-    random; b = 3 pi / 16. They come from NumPy's PCG64 with ``seed``.
+    random; b = 3 pi / 16. The random numbers come from NumPy's PCG64 with ``seed``.
 
     Parameters
     ----------

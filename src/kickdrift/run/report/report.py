@@ -66,20 +66,19 @@ class Report(ShownReport):
     ``plot()`` draws the energies, their error and the temperature.
 
     ``momentum_error`` is the largest |P(t) - P(0)| over the samples divided by the sum of m |v| at the start. It is
-    None in an external field. ``angular_momentum_error`` is the same with m |x × v|. It is None also in a periodic box,
+    None in an external field. ``angular_momentum_error`` is the same with m |x × v|, and also None in a periodic box,
     which does not conserve angular momentum. ``temperature`` and ``pressure`` are means over the samples, in the
     system's units; None where they are undefined. ``temperature_error`` and ``pressure_error`` are their standard
     errors, see ``statistics.blocks``; None if the run is too short for its correlations. ``temperature_verdict``
     compares the mean temperature with the temperature of a heat bath: "agrees" within three standard errors, else
-    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. It says so where the velocities
-    alone may be too slow, as those of ``baoab`` are in a long step. ``pressure_verdict`` does the
-    same with the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes,
-    else None. ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None
-    without bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and
-    tolerances.
+    "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. The verdict says so where the
+    velocities alone may be too slow, as those of ``baoab`` are in a long step. ``pressure_verdict`` does the same with
+    the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes, else None.
+    ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None without
+    bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
-    from the disk. ``seconds`` tells where the time went: "stepping", "looks", "writing", "observing" (``observe`` and
-    the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
+    from the disk. ``seconds`` tells how the time was spent: "stepping", "looks", "writing", "observing" (``observe``
+    and the user's columns) and "compiling". "looks" is None if compiled code takes looks between its steps: "stepping"
     includes them then. ``ns_per_pair`` is the wall time per force evaluation and pair within range; None without a pair
     list.
 

@@ -67,7 +67,7 @@ def export(
     path : a run's file
     output : the new file; it is written whole or not at all
     unwrapped : positions as the run has them; else inside the box, as most programs want them
-    start, stop, step : of the frames, as in a slice
+    start, stop, step : the chosen frames, as in a slice
     overwrite : replace a file of that name
     progress : True shows a bar; a function is called with the frames done and their number
 

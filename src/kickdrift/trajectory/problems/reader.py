@@ -42,7 +42,7 @@ class ProblemRun(Recorded, ShownProblemRun):
         The text of the system file, empty where there was none.
     problem_record, method, versions : dict
     report : dict or None
-        What the run reported at its end; None if it did not reach it.
+        What the run reported at its end; None if the run did not reach its end.
     """
 
     own_names = frozenset((Y, ENERGY))

@@ -27,7 +27,7 @@ NEEDS = "pandas and pyarrow: pip install 'kickdrift[ensemble]'"
 
 @dataclass(frozen=True)
 class ProblemTable(ShownProblemRun):
-    """The table of a Problem's run, read from a CSV or Parquet file. A run cannot be resumed from it.
+    """The table of a Problem's run, read from a CSV or Parquet file. A run cannot be resumed from a table.
 
     Attributes
     ----------

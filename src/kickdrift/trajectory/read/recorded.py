@@ -206,7 +206,7 @@ class Recorded:
 
     @property
     def unchanged(self) -> bool:
-        """Whether the file says of its run what it said when the run began, by its hash."""
+        """Whether everything that is written once is unchanged since the run began, by the file's hash."""
         return self._as_given
 
     def damage(self) -> Damage:
