@@ -99,7 +99,6 @@ def test_a_failed_claim_is_exit_status_one(capsys):
     [
         *(row.module for row in SCRIPTS if row.name not in PEERS_AT_IMPORT),
         "performance.busy_threads",
-        "performance.lj_scaling",
         "performance.looks",
         "performance.ode_scipy",
         "performance.speed",
