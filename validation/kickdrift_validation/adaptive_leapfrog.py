@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main, under
 from kickdrift_validation.measures import reversal_error
 from kickdrift_validation.problems import kepler
 
@@ -52,9 +52,8 @@ def energy(e: float, turns: int) -> Claim:
     sim.run(until=turns * 2 * math.pi, interval=2 * math.pi / 16.18)
     total = np.array([sample.energies.total for sample in sim.record.samples])
     parts = np.array_split(np.abs(total[1:] / total[0] - 1.0), 10)
-    growth = float(parts[-1].max() / parts[0].max())
     text = f"{NAME}, e = {e:g}: largest energy error of the last tenth of {turns} turns over that of the first"
-    return claim(text, growth, f"at most {BOUNDED:g}", growth <= BOUNDED, "Hairer, Lubich & Wanner 2006, XI.3")
+    return at_most(text, float(parts[-1].max() / parts[0].max()), BOUNDED, "Hairer, Lubich & Wanner 2006, XI.3")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
@@ -62,8 +61,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     for e in (0.3, 0.9):
         yield order(e)
         left = reversal_error(NAME, two_bodies(e), 0.01 * (1 - e) ** 1.5, STEPS)
-        text = f"{NAME}, e = {e:g}: {STEPS} steps there and back leave"
-        yield claim(text, left, f"under {COMES_BACK:g}", left < COMES_BACK, "the start")
+        yield under(f"{NAME}, e = {e:g}: {STEPS} steps there and back leave", left, COMES_BACK, "the start")
         yield energy(e, LONG if long else SHORT)
 
 

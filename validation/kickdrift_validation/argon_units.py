@@ -15,7 +15,7 @@ import sys
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 BOLTZMANN, CHARGE, ATOMIC_MASS = 1.380649e-23, 1.602176634e-19, 1.66053906892e-27  # J/K, C, kg
 CODATA = "CODATA 2022"
@@ -43,9 +43,8 @@ def claims(long: bool = False) -> list[Claim]:
         x, y = (np.array(sim.state.positions) for sim in runs)
         moved = float(np.abs(y - reduced.state.positions).max())
         off = float(np.abs(x / sigma - y).max()) / moved
-        bound = YEARS_APART
         text = f"argon, metal beside reduced units: positions after {step} steps, over the way gone"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, f"scaled with the constants of {CODATA}"))
+        rows.append(at_most(text, off, YEARS_APART, f"scaled with the constants of {CODATA}"))
     samples = [sim.sample() for sim in runs]
     scales = {"energy": epsilon, "temperature": 120.0, "pressure": epsilon / sigma**3}
     for name, scale in scales.items():

@@ -29,7 +29,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.starts.plummer import plummer as plummer_stars
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 from kickdrift_validation.performance.bodies import morton_order
 
 SHORT, LONG = (10**4, 10**5), (10**4, 10**5, 10**6)
@@ -121,7 +121,7 @@ def claims(long: bool = False) -> list[Claim]:
                 )
         for accuracy, value in worst.items():
             text = f"{name}: 99 % of the errors at accuracy {accuracy:g} are under this much of it"
-            rows.append(claim(text, value, "at most 1", value <= 1.0, DIRECT))
+            rows.append(at_most(text, value, 1.0, DIRECT))
     print()
     rows += energy_claims(10 if long else 2)
     return [*rows, *growth_claims(seconds, sizes), *rebound_claims(sizes[-1]), *memory_claims()] if long else rows
@@ -224,7 +224,7 @@ def memory_claims() -> Iterator[Claim]:
         if n not in MEMORY:
             continue
         text = f"{n} stars, two steps with a report: peak memory, GB"
-        yield claim(text, peak, f"at most {most:g}", peak <= most, "the system's account of the process")
+        yield at_most(text, peak, most, "the system's account of the process")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from scipy.integrate._ivp import rk
 
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.own.registration import REGISTERED
-from kickdrift_validation.claim import Claim, claim, largest, main
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main
 from kickdrift_validation.rooted_trees import Conditions
 
 ROUNDING, WRONG = 8.0, 1e7
@@ -42,7 +42,7 @@ def conditions(name: str) -> Iterator[Claim]:
     rows = Conditions(a.tolist())
     left = max(rows.worst(b.tolist(), vertices) for vertices in range(1, method.order + 1))
     text = f"{name}: what is left of the conditions up to order {method.order}, in roundings"
-    yield claim(text, left, f"at most {ROUNDING:g}", left <= ROUNDING, TREES)
+    yield at_most(text, left, ROUNDING, TREES)
     beyond = rows.worst(b.tolist(), method.order + 1)
     text = f"{name}: what is left of those of order {method.order + 1}"
     yield claim(text, beyond, f"over {WRONG:g}", beyond > WRONG, TREES)

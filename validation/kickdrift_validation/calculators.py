@@ -28,7 +28,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.model.units.ase_units import Scale
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_least, at_most, claim, largest, main, not_run
 from kickdrift_validation.kills import content
 
 CELLS, DT, STEPS, SPREAD = 4, 0.005, 100, 0.05  # cells along an edge, ps, steps, eV of each degree of freedom
@@ -98,8 +98,7 @@ def pressure() -> Iterator[Claim]:
     slopes = [(energy(1 + d) - energy(1 - d)) / (2 * d) for d in (h, h / 2)]
     slope = (4 * slopes[1] - slopes[0]) / 3
     off = abs(virial / -slope - 1.0)
-    text = "virial of the stress: relative difference"
-    yield claim(text, off, "at most 1e-08", off <= 1e-8, "energy of a scaled box")
+    yield at_most("virial of the stress: relative difference", off, 1e-8, "energy of a scaled box")
 
 
 def timed_calculator() -> Any:
@@ -226,7 +225,7 @@ def functions() -> Iterator[Claim]:
             off = largest(off, float(np.abs(ends[0] - ends[1]).max()))
     text = f"a Python function under {took} methods: largest difference from the compiled trap"
     yield claim(text, off, "0", off == 0.0, "kd.HarmonicTrap")
-    yield claim("methods that take a Python function", took, "at least 25", took >= 25, "the registry")
+    yield at_least("methods that take a Python function", took, 25, "the registry")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

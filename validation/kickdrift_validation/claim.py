@@ -33,6 +33,21 @@ def claim(text: str, value: object, bound: str, holds: bool, reference: str) -> 
     return {"claim": text, "value": value, "bound": bound, "reference": reference, "verdict": verdict}
 
 
+def at_most(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is at most another."""
+    return claim(text, value, f"at most {bound:g}", value <= bound, reference)
+
+
+def under(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is less than another."""
+    return claim(text, value, f"under {bound:g}", value < bound, reference)
+
+
+def at_least(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is another or more."""
+    return claim(text, value, f"at least {bound:g}", value >= bound, reference)
+
+
 def largest(*values: float) -> float:
     """The largest; nan where one is, which ``max`` may pass over."""
     return float(np.max(values))

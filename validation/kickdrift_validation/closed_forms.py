@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 
 EPSILON = float(np.finfo(float).eps)
 HEAVY, LIGHT = 0.875, 0.125  # G (m1 + m2) = 1, in numbers without rounding
@@ -131,13 +131,11 @@ def kepler() -> list[Claim]:
                 ("gauss-radau15", runs, ROUNDINGS),
             ):
                 if found:
-                    worst = largest(*found)
                     rows.append(
-                        claim(
+                        at_most(
                             f"{name}, {method}: error in roundings, largest of times {times}",
-                            worst,
-                            f"at most {most:g}",
-                            worst <= most,
+                            largest(*found),
+                            most,
                             "classical anomalies in 40 digits",
                         )
                     )
@@ -233,7 +231,7 @@ def perihelion() -> list[Claim]:
         century = math.degrees(found) * 3600 * 100 / (length / turns)
         off, bound = abs(found / wanted - 1), RATE
         text = f"Mercury's perihelion, {form} form: {century:.4f} arcseconds a century, relative difference"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "6 pi G M / (c^2 a (1 - e^2))"))
+        rows.append(at_most(text, off, bound, "6 pi G M / (c^2 a (1 - e^2))"))
     return rows
 
 

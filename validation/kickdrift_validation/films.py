@@ -23,7 +23,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.plots.movie import Film
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, claim, main, under
 
 FPS, SECONDS, SIZE = 25, 10, (640, 480)
 PICTURES = FPS * SECONDS
@@ -91,7 +91,7 @@ def one_particle(folder: Path) -> Claim:
         if inside:
             worst = max(worst, math.dist(expected, middle_of_disc))
     text = "one particle: largest distance of its disc from its place, in pixels"
-    return claim(text, worst, "under 2.5", worst < 2.5, "perspective, computed apart")
+    return under(text, worst, 2.5, "perspective, computed apart")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

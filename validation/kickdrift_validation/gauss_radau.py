@@ -27,7 +27,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.odes import arenstorf
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 from kickdrift_validation.folders import DATA
 
 NBODY = DATA / "nbody"
@@ -180,7 +180,7 @@ def against_binary128() -> list[Claim]:
         bounds = [max(ENCOUNTERS * them, ROUNDING) for them in np.maximum.accumulate(theirs)]
         worst = largest(*(us / bound for us, bound in zip(errors, bounds, strict=True)))
         text = f"{name}: error over {ENCOUNTERS:g} times the largest of IAS15's so far, or {ROUNDING:g}"
-        found.append(claim(text, worst, "at most 1", worst <= 1.0, "binary128, Taylor's method"))
+        found.append(at_most(text, worst, 1.0, "binary128, Taylor's method"))
     return [*found, arenstorfs()]
 
 

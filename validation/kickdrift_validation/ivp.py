@@ -24,7 +24,7 @@ from scipy.integrate import solve_ivp
 
 import kickdrift as kd
 from kickdrift.odes import ODES
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 from kickdrift_validation.folders import DATA
 
 LOOKS = 40
@@ -106,7 +106,7 @@ def published() -> list[Claim]:
         off, bound = float(np.abs(found - states).max()), 1e-6
         text = f"Arenstorf's orbit, {method}, rtol {TIGHT:g}: largest error at {len(states)} times"
         source = "binary128, Taylor; 1e-13 a step for a thousand, and the Moon's passages multiply an error by 1e4"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, source))
+        rows.append(at_most(text, off, bound, source))
         found = ours(ODES["pleiades"](), np.array(stars["times"], dtype=float), method, TIGHT, TIGHT)
         exact = np.array(stars["reference_states_quad"], dtype=float)[:, order]
         for what, value, source in (
@@ -130,13 +130,13 @@ def stiff(long: bool) -> list[Claim]:
             y = ours(problem, end, method, RTOL, atol)[0]
             off, bound = float(np.abs(y / wanted - 1.0).max()), GLOBAL * RTOL
             text = f"{key.upper()}, {method}, rtol {RTOL:g}: largest relative error at t = {end[0]:g}"
-            rows.append(claim(text, off, f"at most {bound:g}", off <= bound, TEST_SET))
+            rows.append(at_most(text, off, bound, TEST_SET))
             line.append(f"{method} {off:.1e}")
             if theirs:
                 other = float(np.abs(scipys(problem, end, theirs, RTOL, atol)[0] / wanted - 1.0).max())
                 text = f"{key.upper()}, {method}: that error over SciPy's own"
                 ratio, source = off / other, f"SciPy's solve_ivp, {theirs}"
-                rows.append(claim(text, ratio, f"at most {BESIDE:g}", ratio <= BESIDE, source))
+                rows.append(at_most(text, ratio, BESIDE, source))
         print(f"  {key.upper():6} {', '.join(line)}", flush=True)
     return [*rows, *(decades(found["rober_decades"]) if long else [])]
 
@@ -148,7 +148,7 @@ def decades(table: dict[str, Any]) -> list[Claim]:
     for method in METHODS:
         off = float(np.abs(ours(ODES["robertson"](), times, method, RTOL, 1e-20) / wanted - 1.0).max())
         text = f"ROBER at {len(times)} decades of time, {method}: largest relative error"
-        rows.append(claim(text, off, f"at most {GLOBAL * RTOL:g}", off <= GLOBAL * RTOL, "SciPy's Radau at rtol 1e-12"))
+        rows.append(at_most(text, off, GLOBAL * RTOL, "SciPy's Radau at rtol 1e-12"))
     return rows
 
 

@@ -23,7 +23,7 @@ from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.odes import kepler
 from kickdrift.plots.runs import COLOURS, INK, new_axes, new_figure, save_figure
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 SHORT, LONG, DT = 1000, 10_000, 0.01
 EVERY = 389  # steps between samples, the golden section of a period: they come at ever other places of the orbit
@@ -175,9 +175,8 @@ def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
     """The claims."""
     rows = []
     for name in ("symplectic-euler", "velocity-verlet"):
-        growth = found[name].growth
         text = f"{name}: largest energy error of the last tenth over that of the first"
-        rows.append(claim(text, growth, f"at most {BOUNDED:g}", growth <= BOUNDED, HAIRER))
+        rows.append(at_most(text, found[name].growth, BOUNDED, HAIRER))
     roundings = periods * 2 * math.pi / DT * integrator("yoshida6").evaluations
     walk = WALKS * EPSILON * math.sqrt(roundings)
     for name, share, what in (
@@ -185,22 +184,17 @@ def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
         ("yoshida6" + COMPENSATED, DT, "dt of that: of what is added to x and v"),
     ):
         largest, bound = found[name].largest, share * walk
-        holds = largest <= bound
         text = f"{name}: largest relative energy error"
-        rows.append(claim(text, largest, f"at most {bound:.2g}", holds, f"{what}, n = {roundings:.3g}"))
+        rows.append(claim(text, largest, f"at most {bound:.2g}", largest <= bound, f"{what}, n = {roundings:.3g}"))
     rk4, slope = found["rk4"], rk4_slope()
     off = abs(rk4.slope / slope - 1)
     exponent, c = leading("rk4")
     reference = f"{slope:.4e} = 4 pi c dt^{exponent - 1}, c = {c} of the tableau, exact"
-    rows.append(claim(f"rk4: slope {rk4.slope:.4e} per period, off by", off, f"at most {LAW:g}", off <= LAW, reference))
-    bent = rk4.curvature
-    text = "rk4: farthest from that straight line, over its end"
-    rows.append(claim(text, bent, f"at most {LAW:g}", bent <= LAW, "linear growth"))
+    rows.append(at_most(f"rk4: slope {rk4.slope:.4e} per period, off by", off, LAW, reference))
+    rows.append(at_most("rk4: farthest from that straight line, over its end", rk4.curvature, LAW, "linear growth"))
     axis, law = (1.0 / (1.0 - float(error)) for error in (found["euler"].error[-1], euler_law(periods)))
-    text = f"euler: the orbit's axis grew to {axis:.4g}, off by"
-    off = abs(axis / law - 1)
     reference = f"{law:.4g} = (1 + 6 dt t)^(1/3), its leading term on a circle"
-    rows.append(claim(text, off, f"at most {CIRCLE:g}", off <= CIRCLE, reference))
+    rows.append(at_most(f"euler: the orbit's axis grew to {axis:.4g}, off by", abs(axis / law - 1), CIRCLE, reference))
     return rows
 
 

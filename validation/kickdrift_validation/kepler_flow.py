@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, main
 
 ELLIPSES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.99)
 HYPERBOLAS = (1.001, 1.01, 1.1, 1.3, 1.6, 2.0, 2.5, 3.0)
@@ -79,7 +79,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
         for turns in TURNS:
             value, e = worst(system, eccentricities, turns * 2 * math.pi)
             text = f"{kind}, a step of {turns:g} turns: farthest position, at e = {e:g}, in roundings"
-            yield claim(text, value, f"at most {ROUNDINGS:g}", value <= ROUNDINGS, "closed form, extended precision")
+            yield at_most(text, value, ROUNDINGS, "closed form, extended precision")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ import kickdrift as kd
 from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.model.starts.builders import lattice
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.lennard_jones import apart, draw, frames_of, nudged
 from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT
 
@@ -124,7 +124,7 @@ def bench() -> list[Claim]:
         for reference, wanted in ((SOURCE, of_lammps), ("sum over the neighbours of one site", lattice_sum)):
             off, bound = abs(value / wanted - 1.0), ADDED if (name, reference) == ("PotEng", SOURCE) else SAME
             text = f"in.lj, {BENCH} particles, step 0: {name} {value:.7f}, relative difference"
-            rows.append(claim(text, off, f"at most {bound:g}", off <= bound, reference))
+            rows.append(at_most(text, off, bound, reference))
     return rows
 
 
@@ -151,7 +151,7 @@ def melting() -> list[Claim]:
         off = np.abs(us - them)[:, k] / scale[k]
         early, bound = float(off[: FIRST + 1].max()), ADDED if name == "PotEng" else SAME
         text = f"melt, {MELT} particles: {name} of steps 0 to {FIRST}, largest relative difference"
-        rows.append(claim(text, early, f"at most {bound:g}", early <= bound, SOURCE))
+        rows.append(at_most(text, early, bound, SOURCE))
         late = float(off.max())
         bound = max(bound, FACTOR * float(np.abs(us - shifted)[:, k].max() / scale[k]))
         text = f"melt, {MELT} particles: {name} of steps 0 to {MELT_STEPS}, largest relative difference"

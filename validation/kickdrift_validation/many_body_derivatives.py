@@ -23,7 +23,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
 from kickdrift.forces.many_body.tersoff import SiliconOf1988
 from kickdrift.forces.slopes.variations import varied
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.example_forces import crystal, example
 from kickdrift_validation.pair_derivatives import cost
 
@@ -200,7 +200,7 @@ def maps() -> Iterator[Claim]:
         value = kd.transition_matrix(system, STEPS * DT, "velocity-verlet", DT).symplectic_error
         assert value is not None
         text = f"M^T J M - J of {len(system)} atoms of {force.name} after {STEPS} steps of velocity-verlet, relative"
-        yield claim(text, value, "at most 1e-14", value <= 1e-14, "zero: the map is symplectic")
+        yield at_most(text, value, 1e-14, "zero: the map is symplectic")
 
 
 def costs() -> Iterator[Claim]:

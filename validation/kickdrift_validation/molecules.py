@@ -28,7 +28,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.molecules.internal import measured
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_least, at_most, claim, main, not_run
 from kickdrift_validation.own_laws import OwnCosine, OwnFene
 
 MELT = "kremer-grest-1000"
@@ -109,8 +109,7 @@ def engines() -> Iterator[Claim]:
             if find_spec(package) is None:
                 yield not_run(text, f"at most {CLOSE:g}", name)
                 continue
-            off = max(beside(system, name))
-            yield claim(text, off, f"at most {CLOSE:g}", off <= CLOSE, name)
+            yield at_most(text, max(beside(system, name)), CLOSE, name)
 
 
 def bits() -> Iterator[Claim]:
@@ -154,8 +153,7 @@ def speed(shipped: kd.System, own: kd.System) -> Iterator[Claim]:
                 begin = perf_counter()
                 bound.measure(0.0, shipped.state.phase)
                 best[side] = min(best[side], perf_counter() - begin)
-        ratio = best[0] / best[1]
-        yield claim(f"a user's {word} law: speed relative to ours", ratio, "at least 0.9", ratio >= 0.9, "our law")
+        yield at_least(f"a user's {word} law: speed relative to ours", best[0] / best[1], 0.9, "our law")
 
 
 def size(x: np.ndarray) -> tuple[float, float]:
@@ -202,7 +200,7 @@ def melt(long: bool) -> Iterator[Claim]:
         print(
             f"pressures: {mine:.3f} +- {report.pressure_error:.3f}, LAMMPS {theirs:.3f} +- {other.pressure_error:.3f}"
         )
-        yield claim(text, off, "at most 3", off <= 3.0, "LAMMPS")
+        yield at_most(text, off, 3.0, "LAMMPS")
     if long:
         yield from relaxed(system)
 

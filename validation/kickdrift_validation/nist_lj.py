@@ -16,7 +16,7 @@ import sys
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, largest, main
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main
 from kickdrift_validation.folders import DATA
 
 NIST = DATA / "nist-lj"
@@ -65,7 +65,7 @@ def claims(long: bool = False) -> list[Claim]:
                 holds = matches(value, printed)
                 rows.append(claim(name, f"{value:.7g}", f"{printed:g} to 5 digits", holds, f"{SOURCE} {number}"))
     text = "energies, virials and corrections, largest relative deviation"
-    rows.append(claim(text, worst, f"at most {ROUND_OFF:g}", worst <= ROUND_OFF, "recomputed in double precision"))
+    rows.append(at_most(text, worst, ROUND_OFF, "recomputed in double precision"))
     return rows
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta.method import Tableau
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 DIGITS = 40
 ONE, DT, STEPS = "1", "0.1", 20_000
@@ -204,18 +204,17 @@ def claims(long: bool = False) -> list[Claim]:
             method = integrator(name)
             assert isinstance(method, Tableau)
             off = max(abs(float(fraction(c)) - m) for c, m in zip(coefficients, moments(method), strict=True))
-            text = f"{name}: coefficients of R(z), of the tableau"
-            rows.append(claim(text, off, f"at most {ROUNDING:g}", off <= ROUNDING, HAIRER))
+            rows.append(at_most(f"{name}: coefficients of R(z), of the tableau", off, ROUNDING, HAIRER))
     off, bound = single[worst(single)], PRINTED
     text = f"one step of dt = {ONE} as a matrix, largest difference of {len(single)} methods: {worst(single)}"
-    rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "weights as printed; R(z); in 40 digits"))
+    rows.append(at_most(text, off, bound, "weights as printed; R(z); in 40 digits"))
     exact = {name: off for name, off in single.items() if name != "yoshida8"}
     off, bound = exact[worst(exact)], 20 * ROUNDING
     text = f"the same without yoshida8, whose printed weights are 2e-13 off: {worst(exact)}"
     rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "weights as printed; R(z); in 40 digits"))
     off, bound = after[worst(after)], STEPS * ROUNDING
     text = f"{STEPS} steps of dt = {DT}: (x, v) over its size, largest difference: {worst(after)}"
-    rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "the matrix's power, in 40 digits"))
+    rows.append(at_most(text, off, bound, "the matrix's power, in 40 digits"))
     return [*rows, *phase(subject)]
 
 

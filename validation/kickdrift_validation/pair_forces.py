@@ -17,7 +17,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.model.starts.builders import lattice
-from kickdrift_validation.claim import Claim, claim, largest, main
+from kickdrift_validation.claim import Claim, at_most, largest, main
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 DENSITY, CELLS, SHAKE, CUTOFF, SWITCH_START = 0.8, 4, 0.01, 2.6, 1.8  # shells at 1.21, 1.71, 2.09, 2.42, 2.70 sigma
@@ -57,13 +57,12 @@ def gradients(truncation: str) -> Iterator[Claim]:
         along = -slope(lambda d, way=way: sim(x + d * way, edges).energy().potential, STEP)
         worst = largest(worst, abs(float((forces * way).sum()) / along - 1.0))
     text = f"{truncation}: forces against the energy's slope, largest relative difference"
-    yield claim(text, worst, f"at most {DIFFERENCE:g}", worst <= DIFFERENCE, GRADIENT)
+    yield at_most(text, worst, DIFFERENCE, GRADIENT)
     volume = float(np.prod(edges))
     by_scale = slope(lambda d: sim(x * (1 + d), edges * (1 + d)).energy().potential, SCALE)
     pressure, wanted = here.sample().pressure, -by_scale / (3.0 * volume)  # at rest: the virial's part is all
-    off = abs(pressure / wanted - 1.0)
     text = f"{truncation}: pressure of the crystal at rest against -dU/dV, relative difference"
-    yield claim(text, off, f"at most {DIFFERENCE:g}", off <= DIFFERENCE, GRADIENT)
+    yield at_most(text, abs(pressure / wanted - 1.0), DIFFERENCE, GRADIENT)
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, main, not_run
 
 FORMULA, RATE = 1e-13, 1e-3
 ORBITS = 10
@@ -83,8 +83,7 @@ def changes(system: kd.System, mu: float, period: float = 2.0 * math.pi, orbits:
 
 def rate(text: str, found: float, wanted: float, source: str, bound: float = RATE) -> Claim:
     """A claim about a rate."""
-    off = abs(found / wanted - 1.0)
-    return claim(f"{text}: {found:.6g}, relative difference", off, f"at most {bound:g}", off <= bound, source)
+    return at_most(f"{text}: {found:.6g}, relative difference", abs(found / wanted - 1.0), bound, source)
 
 
 # --- accelerations ---
@@ -99,9 +98,7 @@ def accelerations() -> Iterator[Claim]:
     from kickdrift_validation import planetary_formulas
 
     for name, formula in planetary_formulas.FORMULAS.items():
-        off = planetary_formulas.off(name)
-        reference = f"{formula.source}; mpmath, 50 digits"
-        yield claim(f"{name}: {text}", off, f"at most {FORMULA:g}", off <= FORMULA, reference)
+        yield at_most(f"{name}: {text}", planetary_formulas.off(name), FORMULA, f"{formula.source}; mpmath, 50 digits")
 
 
 # --- gravity and relativity ---
@@ -281,7 +278,7 @@ def energies() -> Iterator[Claim]:
         change = (report.energy.final - report.energy.initial) / report.energy.initial
         off, bound = report.energy.max_relative_error, 1e-11
         text = f"{force.name}: energy less work, {abs(change):.2g} of the energy taken or given; largest relative error"
-        yield claim(text, off, f"at most {bound:g}", off <= bound, "conservation of energy")
+        yield at_most(text, off, bound, "conservation of energy")
 
 
 PARTS: tuple[Callable[[], Iterator[Claim]], ...] = (

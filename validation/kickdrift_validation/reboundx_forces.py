@@ -26,7 +26,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 
 BOUND, NEEDS = 1e-13, "pip install reboundx"
 MASSES = [1.0, 1e-2, 3e-3, 0.0]
@@ -220,8 +220,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
         chosen = list(case.bodies)
         found, wanted = ours(case.force)[chosen], case.factor * theirs(case.name, case.prepare)[chosen]
         off = float(np.abs(found - wanted).max() / np.abs(wanted).max())
-        reference = f"REBOUNDx, {case.name}"
-        yield claim(f"{case.force.name}: {text}", off, f"at most {BOUND:g}", off <= BOUND, reference)
+        yield at_most(f"{case.force.name}: {text}", off, BOUND, f"REBOUNDx, {case.name}")
     yield from evolution()
 
 

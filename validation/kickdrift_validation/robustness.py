@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
 
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.fuzzing.actions import FRAMES, LOST, NO_FILE, WRONG
 from kickdrift_validation.fuzzing.kinds import KINDS
 
@@ -76,11 +76,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
                 wrong = sum(any(LOST in text for text in each["found"]) for each in results)
                 yield claim(f"kills, of {number}, that lose a bit", wrong, "0", wrong == 0, "what was not killed")
     text = "longest work of a command without compiling, s"
-    yield claim(text, seconds, f"at most {limits.seconds:g}", seconds <= limits.seconds, "the processor's time")
-    most = limits.memory / 2**20
-    yield claim(
-        "most memory of a process, MiB", megabytes, f"at most {most:g}", megabytes <= most, "the system's count"
-    )
+    yield at_most(text, seconds, limits.seconds, "the processor's time")
+    yield at_most("most memory of a process, MiB", megabytes, limits.memory / 2**20, "the system's count")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import sys
 
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, main, not_run
 
 NEAR = 2e-9
 CODATA = "2018"
@@ -25,8 +25,7 @@ AU, YEAR = 149597870700.0, 365.25 * 86400.0  # m, IAU 2012; s
 
 def near(text: str, value: float, exact: float, reference: str, bound: float = NEAR) -> Claim:
     """That a value is the reference's, relative."""
-    off = abs(value / exact - 1.0)
-    return claim(f"{text}: relative difference", off, f"at most {bound:g}", off <= bound, reference)
+    return at_most(f"{text}: relative difference", abs(value / exact - 1.0), bound, reference)
 
 
 def defined() -> list[Claim]:

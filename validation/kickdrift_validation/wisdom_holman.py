@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.claim import INSTALL, Claim, at_most, claim, main, not_run
 from kickdrift_validation.exact_reversal import solar_system
 
 MERCURY = 0.2408467  # years
@@ -105,8 +105,7 @@ def curves(system: kd.System, steps: int) -> list[Claim]:
         found = np.array(errors)
         rms, apart = np.sqrt((found**2).mean(axis=0)), float(np.sqrt((np.diff(found, axis=1) ** 2).mean()))
         text = f"{coordinates}: RMS difference of the energy errors over {steps} steps, of their RMS"
-        value = apart / float(rms[1])
-        rows.append(claim(text, value, "at most 0.01", value <= 0.01, f"WHFast, RMS {rms[1]:.3e}; ours {rms[0]:.3e}"))
+        rows.append(at_most(text, apart / float(rms[1]), 0.01, f"WHFast, RMS {rms[1]:.3e}; ours {rms[0]:.3e}"))
     return rows
 
 

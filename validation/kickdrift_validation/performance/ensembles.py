@@ -23,7 +23,7 @@ import psutil
 
 import kickdrift as kd
 from kickdrift.ensemble.running import workers
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_least, main, under
 
 STEPS_A_SECOND = 8_000_000  # about
 ROUNDS, MEMBERS = 5, 60
@@ -72,9 +72,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
     run = 1e3 * float(np.median([alone[1] for alone, _ in pairs])) / MEMBERS
     gain, cost = float(np.median(gains)), float(np.median(costs))
     print(f"  a run takes {run:.0f} ms; gains {np.round(gains, 2)}; costs {np.round(costs, 1)} ms")
-    text = f"members of {run:.0f} ms: two workers over one"
-    yield claim(text, gain, f"at least {GAIN:g}", gain >= GAIN, "one worker, in turns")
-    yield claim("a member beside its run, ms", cost, f"under {COST:g}", cost < COST, "the runs' own wall time")
+    yield at_least(f"members of {run:.0f} ms: two workers over one", gain, GAIN, "one worker, in turns")
+    yield under("a member beside its run, ms", cost, COST, "the runs' own wall time")
     count = 10_000 if long else 1000
     early: list[np.ndarray] = []
 
@@ -88,8 +87,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     print(f"  {count} members of {1e3 * spent / count:.0f} ms in {seconds:.0f} s; MB of this process and of a worker:")
     print(f"  {np.round(early[0])} at {count // 10}, {np.round(end)} at the end")
     grown = float((end / early[0]).max())
-    text = f"memory after {count} members over that after {count // 10}"
-    yield claim(text, grown, f"under {GROWTH:g}", grown < GROWTH, "resident memory")
+    yield under(f"memory after {count} members over that after {count // 10}", grown, GROWTH, "resident memory")
 
 
 if __name__ == "__main__":

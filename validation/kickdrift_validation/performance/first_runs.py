@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from time import process_time
 
-from kickdrift_validation.claim import Claim, claim, show, where
+from kickdrift_validation.claim import Claim, at_most, show, where
 from kickdrift_validation.faults import copied
 
 LAW, METHOD = 5.0, 10.0  # bounds, seconds
@@ -76,8 +76,7 @@ def claims() -> Iterator[Claim]:
         (folder / "laws.py").write_text(LAWS, encoding="utf-8")
         print(f"  the first run of all, {FIRST} with lj-1000: {seconds(path, FIRST):.1f} s", flush=True)
         took = seconds(path, FIRST, law=True)
-        text = f"seconds of the first run of a new pair law, with {FIRST} compiled"
-        yield claim(text, took, f"at most {LAW:g}", took <= LAW, "processor time")
+        yield at_most(f"seconds of the first run of a new pair law, with {FIRST} compiled", took, LAW, "processor time")
         again = seconds(path, FIRST, law=True)
         print(f"  the same once more: {again:.2f} s", flush=True)
         found = {}
@@ -86,7 +85,7 @@ def claims() -> Iterator[Claim]:
             print(f"  the first run with {method}: {found[method]:.1f} s", flush=True)
         slowest = max(found, key=lambda method: found[method])
         text = f"seconds of the first run with a second method, the slowest of {len(METHODS)}: {slowest}"
-        yield claim(text, found[slowest], f"at most {METHOD:g}", found[slowest] <= METHOD, "processor time")
+        yield at_most(text, found[slowest], METHOD, "processor time")
 
 
 def main() -> int:

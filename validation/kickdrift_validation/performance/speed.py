@@ -34,7 +34,7 @@ import numpy as np
 import kickdrift
 from kickdrift.analysis.compare.bench import processor
 from kickdrift.errors import InputError, RunError
-from kickdrift_validation.claim import Claim, claim, not_run, show, text_of
+from kickdrift_validation.claim import Claim, at_most, claim, not_run, show, text_of
 from kickdrift_validation.performance.groups import ENTRIES, Command, Contestant, Goal, Group
 from kickdrift_validation.performance.turns import Missing, Runner, ratio_of, turns
 
@@ -233,9 +233,8 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
     ratio = float(np.median(np.array(ours["speeds"]) / np.array(other["speeds"])))
     found = [claim(text, ratio, bound, ratio >= goal.at_least, f"{other['name']} {other['version']}")]
     if goal.error:
-        errors = ours["energy_error"] / other["energy_error"]
         text = f"{group['name']}: energy error of {goal.ours} over {goal.against}'s"
-        found.append(claim(text, errors, f"at most {MOST:g}", errors <= MOST, other["name"]))
+        found.append(at_most(text, ours["energy_error"] / other["energy_error"], MOST, other["name"]))
     return found
 
 
