@@ -1,7 +1,5 @@
 """Liquid argon beside Rahman's (1964): self-diffusion, and the first peak of the radial distribution function.
 
-    python -m kickdrift_validation.argon_rahman
-
 Rahman, Phys. Rev. 136, A405 (1964), doi:10.1103/PhysRev.136.A405, ran 864 atoms at 94.4 K and found D = 2.43e-5 cm^2/s
 and the first maximum of g(r) at 3.7 angstrom; both are also quoted, beside a repetition with LAMMPS that gave 2.47e-5,
 at https://hunterheidenreich.com/projects/rahman-1964-replication. The height of that maximum stands in his figure 2
@@ -21,7 +19,6 @@ Rahman's D is of the same box.
 from __future__ import annotations
 
 import math
-import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
@@ -212,4 +209,4 @@ def judged(found: list[Found]) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

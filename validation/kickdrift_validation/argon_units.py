@@ -1,7 +1,5 @@
 """Is argon in units metal (angstrom, ps, eV, u) the reduced fluid, with the constants that CODATA prints?
 
-    python -m kickdrift_validation.argon_units
-
 Rahman's 864 atoms run for 100 steps in metal, and as a reduced fluid with lengths in sigma and times in sigma
 sqrt(m / epsilon), worked out here from printed constants. Both must go the same way. k and e are exact since 2019; u is
 CODATA 2022's (Mohr et al. 2025, doi:10.1103/RevModPhys.97.025002).
@@ -10,7 +8,6 @@ CODATA 2022's (Mohr et al. 2025, doi:10.1103/RevModPhys.97.025002).
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 
@@ -56,4 +53,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

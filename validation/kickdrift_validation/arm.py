@@ -107,9 +107,6 @@ def output(
     return done.stdout
 
 
-# --- what is fetched and made ---
-
-
 def fetched(folder: Path, architecture: str, *command: str) -> None:
     """Put packages into ``folder`` with apt. It gets a state of its own, in which nothing is installed."""
     for name in ("lists/partial", "cache/archives/partial"):
@@ -201,9 +198,6 @@ def arm(folder: Path, named: str) -> Machine:
     if named != "generic":
         settings[FEATURES] = ""  # all that a processor of that name has, which the emulator does not tell
     return Machine(f"aarch64, {named}", (qemu, "-L", str(root), str(python)), settings)
-
-
-# --- what is compared ---
 
 
 class Row(NamedTuple):

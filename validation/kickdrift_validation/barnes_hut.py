@@ -1,7 +1,5 @@
 """The tree's forces against the direct sum, and its time and memory against the number of particles.
 
-    python -m kickdrift_validation.barnes_hut [--long]
-
 ``accuracy`` claims that 99 % of the particles have |a - a_direct| / |a_direct| within it. The direct sum is NumPy's,
 for a random sample of the particles. Shapes: a Plummer sphere; a uniform cube; two Plummer spheres a thousand scale
 lengths apart; a disc a hundred times thinner than wide.
@@ -228,4 +226,4 @@ def memory_claims() -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

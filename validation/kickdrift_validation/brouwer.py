@@ -1,7 +1,5 @@
 """Does what rounding does to the energy grow as the root of the time, and no faster, for every symplectic method?
 
-    python -m kickdrift_validation.brouwer [--long]
-
 On harmonic oscillators a symplectic method is a matrix of determinant 1, and conserves a quadratic form exactly
 (Hairer, Lubich & Wanner 2006, VIII.5 and IX.3, doi:10.1007/3-540-30666-8): with the step from (x, v) to (A x + B v,
 C x + D v) it is C x^2 + (D - A) x v - B v^2. The matrix comes from the method's coefficients in rational numbers, and
@@ -13,7 +11,6 @@ where the method is implicit.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -150,4 +147,4 @@ def draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], target: Path) -> None
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

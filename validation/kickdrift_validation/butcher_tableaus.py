@@ -1,7 +1,5 @@
 """Runge-Kutta rows of the registry: order conditions in exact arithmetic, and SciPy's own numbers.
 
-    python -m kickdrift_validation.butcher_tableaus
-
 A method has order p where sum_i b_i Phi_i(t) = 1 / gamma(t) for every rooted tree t of p vertices or fewer (Butcher
 1963, doi:10.1017/S1446788700027932); what is left is given in units of eps times the absolute values of the terms, so
 that 1 is a rounding. One tree of p + 1 vertices must fail by far, else the order stated is too low.
@@ -9,7 +7,6 @@ that 1 is a rounding. One tree of p + 1 vertices must fail by far, else the orde
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -65,4 +62,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

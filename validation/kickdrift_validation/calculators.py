@@ -1,7 +1,5 @@
 """ASE's calculators as forces: the same run as ASE's own, what the loop adds to a step, and runs that are killed.
 
-    python -m kickdrift_validation.calculators [--long]
-
 Copper, 256 atoms, EMT: 100 steps of kickdrift's velocity-verlet beside ASE's VelocityVerlet, and the virial beside the
 slope of the energy with the box's scale. The overhead of a step is the processor time of a run less the time inside the
 calculator's own ``calculate``, for a calculator that costs little, in the median of several runs; once without looks,
@@ -15,7 +13,6 @@ was made: a run that begins anew from positions and velocities alone has other b
 from __future__ import annotations
 
 import multiprocessing
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
@@ -242,4 +239,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

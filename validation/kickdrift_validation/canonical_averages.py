@@ -1,7 +1,5 @@
 """Every heat bath: Maxwell's velocities, averages of a fluid, its heat capacity, and conservation over 10^6 steps.
 
-    python -m kickdrift_validation.canonical_averages [--long]
-
 Velocities of 16 replicas of a liquid of 64 particles, ten times each, are compared with Maxwell's law (Kolmogorov and
 Smirnov). A bath that conserves the total momentum leaves the share 1 - 1/N of the variance.
 
@@ -17,7 +15,6 @@ temperatures. Both have errors by blocks.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -126,7 +123,6 @@ def conserved_claims() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All parts; with ``long``, longer runs."""
     yield from velocity_claims()
     yield from state_claims(long)
     yield from capacity_claims(long)
@@ -134,4 +130,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Regular or chaotic: do MEGNO's verdicts agree with those of another program?
 
-    python -m kickdrift_validation.chaos [--long]
-
 Two planets (Jupiter, and Saturn moved to other orbits), asteroids in Jupiter's reach as massless particles, and the
 figure-eight, each with one deviation of ours (dop853) and three of rebound's (WHFast; IAS15 where there are encounters
 and for the figure-eight, which a Wisdom-Holman map cannot follow). A case counts where rebound's three say the same.
@@ -13,7 +11,6 @@ Besides, the exponent of Lagrange's triangle against its closed form.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -177,4 +174,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

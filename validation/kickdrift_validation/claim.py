@@ -2,7 +2,7 @@
 
 A script has ``claims(long=False, figures=None)``, which returns or yields Claims: the short set, or with ``long`` all
 of them. One that draws saves PNG files in the folder ``figures``, where it is given one; one that does not may leave
-that argument out. The script ends with ``sys.exit(main(claims, __doc__))`` and has a row in registry.py. What it prints
+that argument out. The script ends with ``main(claims, __doc__)`` and has a row in registry.py. What it prints
 is for whoever runs it alone.
 """
 
@@ -11,10 +11,12 @@ from __future__ import annotations
 import argparse
 import inspect
 import math
+import sys
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -64,19 +66,6 @@ def of(claims: Claims, long: bool = False, figures: Path | None = None) -> Itera
     return claims(long=long, **draws)
 
 
-def main(claims: Claims, doc: str | None) -> int:
-    """Run a script by itself: print its claims; the exit status, 1 where one failed."""
-    lines = (doc or "").strip().splitlines() or [""]
-    parser = argparse.ArgumentParser(description=lines[0])
-    parser.add_argument("--long", action="store_true", help="all claims, not the short set")
-    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the script's figures there, if it has any")
-    given = parser.parse_args()
-    if given.figures:
-        given.figures.mkdir(parents=True, exist_ok=True)
-    print(where("numpy", "scipy"), flush=True)
-    return show(of(claims, given.long, given.figures))
-
-
 def show(claims: Iterable[Claim]) -> int:
     """Print the claims; the exit status, 1 where one failed."""
     rows = [
@@ -88,6 +77,19 @@ def show(claims: Iterable[Claim]) -> int:
     for row in table:
         print("  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[4]]))
     return int(any(row[0] == "fail" for row in rows))
+
+
+def main(claims: Claims, doc: str | None, show: Callable[[Iterable[Claim]], int] = show) -> NoReturn:
+    """Run a script by itself: show its claims, and end with the exit status that ``show`` gives."""
+    lines = (doc or "").strip().splitlines() or [""]
+    parser = argparse.ArgumentParser(description=lines[0])
+    parser.add_argument("--long", action="store_true", help="all claims, not the short set")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the script's figures there, if it has any")
+    given = parser.parse_args()
+    if given.figures:
+        given.figures.mkdir(parents=True, exist_ok=True)
+    print(where("numpy", "scipy"), flush=True)
+    sys.exit(show(of(claims, given.long, given.figures)))
 
 
 def where(*packages: str) -> str:

@@ -1,7 +1,5 @@
 """Motions with a closed form: Kepler's on every conic, free particles, two Lennard-Jones atoms, Mercury's perihelion.
 
-    python -m kickdrift_validation.closed_forms
-
 Two bodies start at pericentre on a circle, on ellipses with e = 0.9 and 0.999, a parabola and hyperbolas. Where they
 are later follows from the classical anomalies in 40 digits (Kepler's equation, Barker's for the parabola; Danby 1988,
 Fundamentals of Celestial Mechanics, ch. 6), from the very numbers of the start; kickdrift's solver has universal
@@ -12,7 +10,6 @@ length. Two atoms that swing along their line have the period 2 ∫ dr / sqrt(2 
 from __future__ import annotations
 
 import math
-import sys
 from importlib.util import find_spec
 from typing import Any
 
@@ -35,9 +32,6 @@ TIMES = (0.01, 0.3, 1.0, 2.0, 2.7, 3.5, 5.0, 9.0, 40.0, 300.0)
 ROUNDINGS = 5.0  # of the start
 DIGITS = 40
 RATE = 1e-6  # G M / (c^2 a) is 2.6e-8, and the ellipse that fits at pericentre is off by some tens of that
-
-
-# --- Kepler ---
 
 
 def pair(q: float, v: float) -> kd.System:
@@ -142,9 +136,6 @@ def kepler() -> list[Claim]:
     return rows
 
 
-# --- free particles ---
-
-
 def free() -> list[Claim]:
     """x + t v, in numbers that need no rounding."""
     random = np.random.default_rng(3)
@@ -159,9 +150,6 @@ def free() -> list[Claim]:
         text = f"free particles, {name}: largest error after 4096 steps"
         rows.append(claim(text, off, f"at most {most:.2g}" if most else "0", off <= most, reference))
     return rows
-
-
-# --- two atoms ---
 
 
 def swing(r: float, speed: float, points: int = 400) -> float:
@@ -195,9 +183,6 @@ def atoms() -> list[Claim]:
     off, bound = abs(late) / (periods * period), 1e-11
     text = f"two Lennard-Jones atoms: period {period:.12f}, relative difference, yoshida8"
     return [claim(text, off, f"at most {bound:g}", off <= bound, "quadrature of the radial motion")]
-
-
-# --- relativity ---
 
 
 def to_pericentre(r: np.ndarray, u: np.ndarray, gm: float) -> float:
@@ -236,9 +221,8 @@ def perihelion() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     return [*kepler(), *free(), *atoms(), *perihelion()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

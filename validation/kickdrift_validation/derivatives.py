@@ -1,7 +1,5 @@
 """Derivatives of a motion: are they those of other programs, and of formulas in forty digits?
 
-    python -m kickdrift_validation.derivatives [--long]
-
 Slopes of every shipped field and body law: its own formula in mpmath, differentiated there. Columns of the transition
 matrix: heyoka's variational equations of three bodies. Symplectic matrices after long Wisdom-Holman runs. The time of
 one more direction over that of a step. Transits of TRAPPIST-1's planets: rebound's IAS15 with bisection. Their
@@ -10,7 +8,6 @@ derivatives: differences of times in 33 digits.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from time import process_time
 from types import FunctionType
@@ -54,9 +51,6 @@ def planets() -> kd.System:
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
     return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
-
-
-# --- laws ---
 
 
 def laws() -> Iterator[Claim]:
@@ -117,9 +111,6 @@ def _array(value: Any) -> Any:
     return np.array(value) if isinstance(value, tuple) else value
 
 
-# --- columns ---
-
-
 def columns() -> Iterator[Claim]:
     text = "transition matrix of three bodies after 5 units of time, relative to its largest element"
     bound, reference = "at most 1e-11", "heyoka's variational equations"
@@ -142,9 +133,6 @@ def columns() -> Iterator[Claim]:
         yield claim(f"{name}: {text}", value, bound, value <= 1e-11, reference)
 
 
-# --- Wisdom-Holman ---
-
-
 def maps(long: bool) -> Iterator[Claim]:
     steps = 100_000 if long else 10_000
     for system, dt in ((planets(), 0.05), (kd.load("trappist-1"), 0.06 * DAY)):
@@ -153,9 +141,6 @@ def maps(long: bool) -> Iterator[Claim]:
         assert value is not None
         text = f"M^T J M - J after {steps} steps of wisdom-holman, {len(system)} bodies, over the largest of M^2"
         yield at_most(text, value, 1e-12, "a symplectic map")
-
-
-# --- cost ---
 
 
 def costs() -> Iterator[Claim]:
@@ -180,9 +165,6 @@ def cost_of_a_direction(system: kd.System, name: str, dt: float, steps: int, rou
         together += process_time()
         ratios.append((together - alone) / (6 * len(system)) / alone)
     return float(np.median(ratios))
-
-
-# --- transits ---
 
 
 def transit_times() -> Iterator[Claim]:
@@ -294,4 +276,4 @@ def _rate(planet: Any, star: Any) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

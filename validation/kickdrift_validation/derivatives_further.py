@@ -1,7 +1,5 @@
 """Second derivatives, derivatives by orbital elements, maps with other forces, and Lyapunov spectra.
 
-    python -m kickdrift_validation.derivatives_further [--long]
-
 Second derivatives: heyoka's variational equations of order 2, whose start by orbital elements comes from formulas in
 mpmath. The tangent map of wisdom-holman with other forces and kernels: is it symplectic, and what does a direction
 cost? Lyapunov spectra: Lorenz's published one, and sums of exponents that the divergence of the flow gives.
@@ -9,7 +7,6 @@ cost? Lyapunov spectra: Lorenz's published one, and sums of exponents that the d
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from time import process_time
 from typing import Any
@@ -35,9 +32,6 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from maps(long)
     yield from costs()
     yield from spectra(long)
-
-
-# --- second derivatives, and elements ---
 
 
 def second() -> Iterator[Claim]:
@@ -212,9 +206,6 @@ def orbit_in_mpmath(mpmath: Any, state: list[Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-# --- Wisdom-Holman ---
-
-
 def planets(*forces: Any) -> kd.System:
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
@@ -271,9 +262,6 @@ def costs_of_second(system: kd.System, dt: float) -> Iterator[Claim]:
         yield at_most(text, float(np.median(ratios)), 1.3, "the same run without directions, TRAPPIST-1")
 
 
-# --- Lyapunov spectra ---
-
-
 def spectra(long: bool) -> Iterator[Claim]:
     found = kd.lyapunov_spectrum(kd.load("ode-lorenz"), 20_000.0 if long else 2000.0, "rk4", 0.01)
     value = float(np.abs(found.exponents - LORENZ).max())
@@ -298,4 +286,4 @@ def spectra(long: bool) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Does `kickdrift.statistics.drift.drift` keep its word?  Synthetic series of known slope and kind, 1000 of each class.
 
-    python -m kickdrift_validation.drift_statistics [--long]
-
 prints coverage of the 95 % interval, the verdicts and the share of wrong ones; with --long those of the classes too
 that lie outside the promise, which are shown and not judged.
 
@@ -14,7 +12,6 @@ claimed for it.
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -188,4 +185,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Is the verdict on the energy's drift right on genuine runs?  Five systems, ten methods, ten starts.
 
-    python -m kickdrift_validation.drift_verdicts [--long]
-
 The short set has two starts of each system and method, 100 runs; the long set has ten, 500 runs. The systems: the
 Kepler problem, the pendulum, Sun and Jupiter, a choreography of three bodies, and 108 Lennard-Jones particles whose
 potential is cut with a force shift or a switch. Each start has its own eccentricity, amplitude, disturbance or seed,
@@ -18,7 +16,6 @@ either the verdict is a secular drift or the run changes the energy by more than
 
 from __future__ import annotations
 
-import sys
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -281,4 +278,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Mean pressures of the Lennard-Jones fluid from ensembles of replicas, beside its equation of state.
 
-    python -m kickdrift_validation.ensemble_pressures [--long] [--figures FOLDER]
-
 Cut and shifted at 2.5 sigma, beside Thol et al. 2015 as in equation_of_state.py, at the first of its states with 8
 replicas, or at all three with 32 each. A replica is 512 particles that melt from a lattice with velocities of their own
 and run at constant energy for 24 units of time, after 8 at the temperature. Replicas know nothing of each other, so
@@ -28,7 +26,6 @@ That points to the equation, as does the finding about the other one in equation
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -136,4 +133,4 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

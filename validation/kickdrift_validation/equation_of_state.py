@@ -1,7 +1,5 @@
 """Pressure and energy of the Lennard-Jones fluid against its equations of state, at a state or three.
 
-    python -m kickdrift_validation.equation_of_state [--long]
-
 Cut and shifted at 2.5 sigma: Thol et al., Int. J. Thermophys. 36, 25 (2015), doi:10.1007/s10765-014-1764-4, which is
 for that potential and needs no tail. Cut at 3 sigma with tail corrections: Thol et al., J. Phys. Chem. Ref. Data 45,
 023101 (2016), doi:10.1063/1.4945000, and the Monte Carlo of the NIST Standard Reference Simulation Website at its
@@ -35,7 +33,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -189,4 +186,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Are events found where closed forms have them, and do collisions conserve what they must?
 
-    python -m kickdrift_validation.events [--long]
-
 Pericentres of a Kepler ellipse (G (m1 + m2) = 1, semi-major axis 1, e = 0.5, from pericentre at t = 0) stand at whole
 numbers of periods, 2 pi; what is found is off by the phase error of the method, which falls with the step as its order
 says, and in the time of one step no interpolation adds to it. The closest point of a hyperbola with v = 1 at infinity
@@ -274,7 +272,6 @@ def polynomials(count: int) -> list[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All of it, over fewer or more orbits."""
     yield from pericentres(LONG if long else SHORT)
     yield from flybys()
     yield from mergers()
@@ -283,4 +280,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

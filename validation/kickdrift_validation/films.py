@@ -1,7 +1,5 @@
 """Do films hold what they should?
 
-    python -m kickdrift_validation.films
-
 Films of ten seconds of a liquid and of planets, as MP4, WebM and GIF, are read back by ffmpeg and by Pillow. They must
 have the right number of pictures, the right size, and no blank picture. In a film of one particle, the disc must be
 where the frames say: perspective is computed here once more.
@@ -12,7 +10,6 @@ from __future__ import annotations
 import math
 import re
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from itertools import pairwise
@@ -118,4 +115,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

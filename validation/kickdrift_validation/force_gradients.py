@@ -1,7 +1,5 @@
 """Forces are minus the gradient of the energy, pressure is minus its slope with the volume, and no pair is missed.
 
-    python -m kickdrift_validation.force_gradients
-
 Energies and forces are compiled apart, so that each can be held against the other: energies of positions moved to and
 fro along a random direction, Richardson's extrapolation of three differences (error h^6), against -F . d, for every
 force of the registry; energies of a box that is stretched against the virial. No pair crosses the cutoff on the way,
@@ -15,7 +13,6 @@ misses pairs. This does not see chaos: each step is on its own.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -200,11 +197,10 @@ def pair_list() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     for name, why in NOT_GRADIENTS.items():
         print(f"not looked at: {name}: {why}")
     return [*gradients(), *tails(), *pair_list()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

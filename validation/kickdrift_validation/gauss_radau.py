@@ -1,7 +1,5 @@
 """Does gauss-radau15 reach what IAS15 reaches: Brouwer's law, and references in binary128?
 
-    python -m kickdrift_validation.gauss_radau [--long]
-
 Energy: Hairer's outer solar system (Hairer, Lubich & Wanner 2006, I.2.4) from 16 starts whose coordinates differ by a
 part in 1e15, in the barycentre's frame: in another one rounding grows with the way that the centre of mass has gone.
 Root mean square relative energy errors of kickdrift's gauss-radau15 and rebound's IAS15 (its wheel, default settings;
@@ -18,7 +16,6 @@ than some factor of that; all run with default settings.
 from __future__ import annotations
 
 import json
-import sys
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
@@ -53,9 +50,6 @@ def system_of(name: str) -> kd.System:
     start = np.array(found["initial_state"], dtype=float).reshape(-1, 6)
     gravity, masses = kd.Gravity(G=float(found["G"])), np.array(found["masses"], dtype=float)
     return kd.System(start[:, :3], start[:, 3:], masses, forces=[gravity], units="nbody", name=name)
-
-
-# --- Brouwer's law ---
 
 
 def shifted(system: kd.System, count: int) -> list[kd.System]:
@@ -147,9 +141,6 @@ def brouwer(starts: int, years: float) -> list[Claim]:
     return [*found, claim("power of the time that it grows with", power, bound, holds, f"Brouwer; IAS15: {theirs:.2f}")]
 
 
-# --- binary128 ---
-
-
 def errors_of(name: str, seed: int) -> list[float]:
     """Largest difference of any coordinate or velocity from the reference, at each time; of the start itself (seed 0),
     or of one whose coordinates are a rounding away."""
@@ -213,7 +204,6 @@ def sensitivity(of: dict[str, Any]) -> float:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """Both parts."""
     found = against_binary128()
     years = LONG if long else SHORT
     print(f"energy errors of the outer solar system, {STARTS} starts, to {years:g} years")
@@ -221,4 +211,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

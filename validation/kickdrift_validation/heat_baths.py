@@ -1,7 +1,5 @@
 """Heat baths: averages of a harmonic well, kinetic energies, conserved quantities, and a fluid at constant temperature.
 
-    python -m kickdrift_validation.heat_baths [--long]
-
 A step of a word over A, B and O on an oscillator (m = omega = k_B T = 1) is a linear map of (x, v) with normal noise.
 So its stationary covariance solves a discrete Lyapunov equation, which SciPy solves here from the word alone. At
 omega dt = 1 the mean squares of x and v are rational numbers (Leimkuhler & Matthews 2013, doi:10.1093/amrx/abs010;
@@ -19,7 +17,6 @@ The Lennard-Jones fluid, cut and shifted at 2.5 sigma, is compared with the equa
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -55,9 +52,6 @@ def options_of(name: str, temperature: float, values: dict[str, float] | None = 
     """Options of a bath."""
     known = {"temperature": temperature, **(values or OPTIONS)}
     return {key: value for key, value in known.items() if key in integrator(name).tunable}
-
-
-# --- oscillators ---
 
 
 def covariance(word: str, dt: float, friction: float) -> np.ndarray:
@@ -115,9 +109,6 @@ def oscillator_claims() -> Iterator[Claim]:
         value, bound = float(np.max(apart)), f"at most {SIGMAS:g}"
         text = f"{name}: covariance of x and v at {len(GRID)} steps and frictions: farthest, in standard errors"
         yield claim(text, value, bound, value <= SIGMAS, LYAPUNOV)
-
-
-# --- a liquid ---
 
 
 def fluid(count: int, temperature: float, density: float, **law: Any) -> kd.System:
@@ -201,7 +192,6 @@ def state_claims(long: bool) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All parts; with ``long``, longer runs."""
     yield from oscillator_claims()
     yield from kinetic_claims(long)
     yield from conserved_claims(long)
@@ -209,4 +199,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

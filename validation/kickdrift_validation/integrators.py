@@ -88,9 +88,6 @@ class Fixed(NamedTuple):
     evaluations: float
 
 
-# --- measuring ---
-
-
 def measure(name: str) -> Fixed:
     return Fixed(
         [slope(name, problem) for problem in measured()],
@@ -144,9 +141,6 @@ def agrees(bound: float | None, found: float | None) -> bool:
     return found is not None and abs(found / bound - 1.0) <= STABLE
 
 
-# --- printing ---
-
-
 def text_of(bound: float | None) -> str:
     if bound is None:
         return "-"
@@ -189,9 +183,6 @@ def heads(title: str, names: tuple[str, ...], widths: tuple[int, ...]) -> None:
 
 def line(cells, widths) -> None:
     print("| " + " | ".join(text.ljust(width) for text, width in zip(cells, widths, strict=True)) + " |", flush=True)
-
-
-# --- judging ---
 
 
 def study(names: list[str] | None = None) -> Iterator[Claim]:
@@ -260,9 +251,6 @@ def coverage() -> Claim:
     return claim(text, ", ".join(left) or "none", "none", not left, "the registry")
 
 
-# --- the page ---
-
-
 def docs_table() -> str:
     """The methods that ship, as the table of docs/integrators.md."""
     aliases = {name: alias for alias, name in (ALIASES | baths.ALIASES).items()}
@@ -312,4 +300,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--docs"]:
         write_docs(Path(sys.argv[2]))
     else:
-        sys.exit(main(claims, __doc__))
+        main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Differential equations against SciPy and against the end values of the IVP test set.
 
-    python -m kickdrift_validation.ivp [--long]
-
 Not stiff: every problem of `kickdrift.odes` at 40 times, beside SciPy's DOP853 at rtol = 1e-13. How far a solver at
 rtol = 1e-10 may be off depends on the problem, so SciPy's own DOP853 at the same tolerance is the measure. Arenstorf's
 orbit and the Pleiades also at the states in binary128 and the end values of the test set.
@@ -16,7 +14,6 @@ t = 40. --long adds the 11 decades of ROBER.
 from __future__ import annotations
 
 import json
-import sys
 from typing import Any
 
 import numpy as np
@@ -171,4 +168,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

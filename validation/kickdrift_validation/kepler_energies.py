@@ -1,7 +1,5 @@
 """The energy of a planet on a circular orbit over 1000 periods or 10,000, for five methods at the same step.
 
-    python -m kickdrift_validation.kepler_energies [--long] [--figures FOLDER]
-
 G M = 1, semi-major axis 1, dt = 0.01: a period is 628 steps. Forward Euler spirals out, RK4 in, each as the leading
 power of dt in its energy error says, which is worked out here in rational numbers from the tableau; what a symplectic
 method gets wrong stays as it is (Hairer, Lubich & Wanner 2006, IX.8, doi:10.1007/3-540-30666-8), but for rounding.
@@ -10,7 +8,6 @@ method gets wrong stays as it is (Hairer, Lubich & Wanner 2006, IX.8, doi:10.100
 from __future__ import annotations
 
 import math
-import sys
 from fractions import Fraction
 from pathlib import Path
 from time import perf_counter
@@ -133,9 +130,6 @@ def leading(method: str) -> tuple[int, Fraction]:
     return exponent, series[exponent]
 
 
-# --- the study ---
-
-
 def study(periods: float, figures: Path | None = None) -> list[Claim]:
     """Run every method, print a line for each, draw them, and judge."""
     problem = kepler(eccentricity=0.0)
@@ -198,9 +192,6 @@ def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
     return rows
 
 
-# --- the figure ---
-
-
 def draw(found: dict[str, Energies], target: Path) -> Path:
     """The largest error so far against time, both on logarithmic axes, and the two laws."""
     figure = new_figure(9.0, 5.8)
@@ -238,4 +229,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Is a body without mass on a Kepler orbit exact in one step of wisdom-holman, however long, on every conic?
 
-    python -m kickdrift_validation.kepler_flow
-
 A star and eight bodies without mass have no interaction, so the map is Kepler's motion alone, and any step must end
 where the closed form does: steps from a thousandth of a turn to ten turns, eccentricities from 0 to 0.99, hyperbolas to
 3. Errors are in units of what one rounding of the start does by then: eps (|x| + |v| (1 + 3 t / r0)), since a rounding
@@ -11,7 +9,6 @@ of 2 / r0 in 1 / a = 2 / r0 - v^2 turns the phase by 3/2 t 2 / r0 of it.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -83,4 +80,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

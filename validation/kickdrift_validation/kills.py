@@ -1,7 +1,5 @@
 """Does a run that is killed at any moment leave a file that opens and goes on to the same bits?
 
-    python -m kickdrift_validation.kills [--long]
-
 A child process runs a small liquid into a file, a flush for every frame, and is killed by SIGKILL: while its file is
 being made, between flushes, inside a flush, and while the file is being closed. The child says through a byte of shared
 memory where it is; the parent waits for the place that was drawn and a random time after it. A kill inside a flush
@@ -210,4 +208,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

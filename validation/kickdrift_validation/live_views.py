@@ -1,7 +1,5 @@
 """Runs that are watched: the speed and the bits that they keep, what MDAnalysis reads, and views in a browser.
 
-    python -m kickdrift_validation.live_views [--long]
-
 Another process reads the page of a run. What the page costs is the processor time of the frames and of the threads that
 serve them; the rest of the run's time is the speed that it keeps. With --long, runs with a page and without take turns
 as well, and the fastest turns are compared. Such ratios need a machine with nothing else to do.
@@ -192,9 +190,6 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-# --- in a browser ---
-
-
 def live_page() -> Iterator[Claim]:
     """The live page in Chromium."""
     text = "the live page in Chromium"
@@ -298,7 +293,6 @@ def jupyterlab(folder: Path) -> Iterator[str]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All claims of this script."""
     yield from speeds(long)
     yield from streamed()
     if long:
@@ -307,4 +301,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

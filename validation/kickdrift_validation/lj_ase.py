@@ -1,7 +1,5 @@
 """Lennard-Jones against ASE: the same run, and its difference, which is rounding that chaos multiplies.
 
-    python -m kickdrift_validation.lj_ase [--long] [--figures FOLDER]
-
 216 particles, rho* = 0.8442, melted for 2000 steps, cut and shifted at 2.5 sigma, dt* = 0.005. From there kickdrift's
 velocity-verlet and ASE's VelocityVerlet with ASE's own LennardJones take 1000 steps each. The two must part: a fluid
 multiplies any difference by exp(lambda t). That this is all there is to it is shown three ways:
@@ -18,7 +16,6 @@ Energies and forces are compared at the same positions, which leaves chaos out.
 
 from __future__ import annotations
 
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
@@ -145,4 +142,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

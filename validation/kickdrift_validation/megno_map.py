@@ -1,7 +1,5 @@
 """A map of regular and chaotic motion made by one command: do its cells say what another program says of them?
 
-    python -m kickdrift_validation.megno_map [--long] [--figures FOLDER]
-
 MEGNO of the Sun, Jupiter and a Saturn that is moved from 7 to 10 AU and to eccentricities up to 0.5, over 10^4 years:
 16 x 16 cells, or the 64 x 64 of docs/ensembles.md with --long, by `kickdrift ensemble` on two workers and `kickdrift
 plot`. Some cells of each verdict, drawn at random, are run by rebound from the same starts, with three deviations each:
@@ -153,4 +151,4 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

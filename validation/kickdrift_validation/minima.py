@@ -1,7 +1,5 @@
 """Does minimization reach the published minima of Lennard-Jones clusters, and does it relax random starts?
 
-    python -m kickdrift_validation.minima [--long]
-
 Energies: Wales & Doye 1997, doi:10.1021/jp970984n, and the Cambridge Cluster Database, six digits. Geometries are those
 that they publish: LJ13 is an icosahedron, LJ38 a truncated octahedron cut from an fcc crystal, LJ55 a Mackay
 icosahedron. Each cluster begins with its nearest neighbours 1.2 sigma apart and relaxes in open space without a cutoff
@@ -14,7 +12,6 @@ bath (baoab).
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from itertools import combinations, permutations, product
 
@@ -163,4 +160,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Molecules: bonds, angles, dihedrals, impropers and exclusions beside LAMMPS and OpenMM, and Kremer and Grest's melt.
 
-    python -m kickdrift_validation.molecules [--long]
-
 Forces, energy and pressure of each law that ships are held against LAMMPS' and OpenMM's own formulas, on the chains of
 kremer-grest-1000 with all their angles and dihedrals, with impropers, and with pairs left out and scaled. A difference
 of forces is the largest over all particles and axes, relative to the largest force.
@@ -17,7 +15,6 @@ evaluations, one law after the other.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import perf_counter
@@ -227,4 +224,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

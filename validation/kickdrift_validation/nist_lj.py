@@ -1,7 +1,5 @@
 """Energies and virials of NIST's Lennard-Jones reference configurations, to the digits that NIST prints.
 
-    python -m kickdrift_validation.nist_lj
-
 Configurations 2 (200 particles) and 4 (30 particles) of the NIST Standard Reference Simulation Website, in cubes of
 8 sigma, cut at 3 and at 4 sigma (half the edge, the hardest case for any list): plain cut, linear force shift
 (truncation "force-shift"), and the correction for what lies beyond the cutoff. Data and source: data/nist-lj.
@@ -11,7 +9,6 @@ The same numbers recomputed in double precision stand in the data too, and are m
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 
@@ -70,4 +67,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """The harmonic oscillator, on which a step is a matrix that can be written down: methods whose weights are printed.
 
-    python -m kickdrift_validation.oscillator
-
 x'' = -x at dt = 0.1 (and one step of dt = 1): a method's step multiplies (x, v) by a matrix M, worked out here in 40
 digits from the weights as their authors printed them, or from the stability function R(z) that the textbook has for
 the method (Hairer & Wanner 1996, IV.3, doi:10.1007/978-3-642-05221-7), M = R(dt A), A = ((0, 1), (-1, 0)). One step of
@@ -12,7 +10,6 @@ kickdrift's must be M, and 20,000 steps M^20000. For velocity Verlet that is the
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 
@@ -57,9 +54,6 @@ def power(matrix: Matrix, exponent: int) -> Matrix:
             result = times(result, matrix)
         matrix, exponent = times(matrix, matrix), exponent // 2
     return result
-
-
-# --- splittings ---
 
 
 def split(kicks: Sequence[Decimal], drifts: Sequence[Decimal], first: str, dt: Decimal) -> Matrix:
@@ -163,9 +157,6 @@ def step(name: str, dt: Decimal) -> tuple[Matrix, str] | None:
     return splitting_step(name, dt) or rational_step(name, dt)
 
 
-# --- measuring ---
-
-
 def two_oscillators() -> kd.Problem:
     """x'' = -x twice, one started at x = 1 and one at v = 1: the columns of the matrix."""
 
@@ -180,7 +171,6 @@ def worst(off: dict[str, float]) -> str:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     rows, subject = [], two_oscillators()
     single: dict[str, float] = {}
     after: dict[str, float] = {}
@@ -260,4 +250,4 @@ def phase(subject: kd.Problem) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Derivatives of liquids: pair laws on neighbour lists beside forty digits, differences of LAMMPS's runs, and theory.
 
-    python -m kickdrift_validation.pair_derivatives [--long]
-
 Slopes of Lennard-Jones with every truncation, by positions and parameters: the formulas in mpmath. The motion along one
 deviation in a fluid of 1000 particles: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? The
 Lyapunov spectrum of a fluid: its sum, its pairs and its zeros. What does a direction cost?
@@ -9,7 +7,6 @@ Lyapunov spectrum of a fluid: its sum, its pairs and its zeros. What does a dire
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import process_time
@@ -47,9 +44,6 @@ def fluid(count: int, force: Any, density: float = 0.8442, steps: int = 500) -> 
     sim = kd.Simulation(system, "velocity-verlet", DT)
     sim.run(steps)
     return kd.System(sim.state.positions, sim.state.velocities, box=(length,) * 3, forces=[force])
-
-
-# --- slopes ---
 
 
 def slopes() -> Iterator[Claim]:
@@ -129,9 +123,6 @@ def force_over_r(mpmath: Any, truncation: str, d: list[Any], epsilon: Any, sigma
         smooth = 1 - mpmath.betainc(5, 5, 0, u, regularized=True)
         radial = radial * smooth + energy * 630 * (u * (1 - u)) ** 4 * 2 * r / width
     return radial / r
-
-
-# --- runs ---
 
 
 def runs() -> Iterator[Claim]:
@@ -216,4 +207,4 @@ def cost(system: kd.System, dt: float, many: int, most: int, rounds: int) -> flo
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

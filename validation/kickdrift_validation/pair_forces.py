@@ -1,7 +1,5 @@
 """Are pair forces minus the gradient of the energy, and pressures minus its slope in the volume?
 
-    python -m kickdrift_validation.pair_forces
-
 A perturbed crystal of Lennard-Jones particles with each truncation, its cutoff between two shells of neighbours, so
 that the energy is smooth: what the forces say along random directions, and the virial about a change of the box,
 against differences of the energy, to the sixth order. force_gradients.py
@@ -10,7 +8,6 @@ has the other forces, mixtures, and the lists of a run.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -66,10 +63,9 @@ def gradients(truncation: str) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All of it."""
     for truncation in TRUNCATIONS:
         yield from gradients(truncation)
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Forces of planetary science: accelerations beside formulas and REBOUNDx, secular rates beside closed forms.
 
-    python -m kickdrift_validation.planetary_forces
-
 Accelerations of five bodies are held against the textbook formulas of planetary_formulas.py in 50 digits, and against
 REBOUNDx where it is installed. Secular rates come from runs of few orbits by gauss-radau15. They begin and end at the
 same phase of the orbit, so that the periodic changes of the elements drop out, and the forces are weak, so that
@@ -11,7 +9,6 @@ theories of first order hold. At last, the energy of a run less the work of the 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -86,9 +83,6 @@ def rate(text: str, found: float, wanted: float, source: str, bound: float = RAT
     return at_most(f"{text}: {found:.6g}, relative difference", abs(found / wanted - 1.0), bound, source)
 
 
-# --- accelerations ---
-
-
 def accelerations() -> Iterator[Claim]:
     """Every force beside its formula."""
     text = "accelerations of five bodies beside the formula, relative difference"
@@ -99,9 +93,6 @@ def accelerations() -> Iterator[Claim]:
 
     for name, formula in planetary_formulas.FORMULAS.items():
         yield at_most(f"{name}: {text}", planetary_formulas.off(name), FORMULA, f"{formula.source}; mpmath, 50 digits")
-
-
-# --- gravity and relativity ---
 
 
 def harmonics() -> Iterator[Claim]:
@@ -151,9 +142,6 @@ def relativity() -> Iterator[Claim]:
     yield rate("relativity-2.5pn: rate of the eccentricity", shift.e, wanted, "Peters 1964, eq. 5.7")
 
 
-# --- radiation and tides ---
-
-
 def radiation() -> Iterator[Claim]:
     beta, c, e = 0.2, 1e6, 0.3
     mu = 1.0 - beta
@@ -193,9 +181,6 @@ def tides() -> Iterator[Claim]:
     found = changes(start([kd.Tides([k, 0.0], radius)], masses, e=e), 1.0)
     wanted = 7.5 * k * masses[1] / masses[0] * radius**5 * (1 + 1.5 * e2 + e2 * e2 / 8) / (1 - e2) ** 5
     yield rate("tides without a lag: pericentre", found.longitude, wanted, "Sterne 1939")
-
-
-# --- discs and backgrounds ---
 
 
 def discs() -> Iterator[Claim]:
@@ -287,10 +272,9 @@ PARTS: tuple[Callable[[], Iterator[Claim]], ...] = (
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """The same with and without ``long``."""
     for part in PARTS:
         yield from part()
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

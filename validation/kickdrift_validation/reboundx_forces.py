@@ -1,7 +1,5 @@
 """Forces of planetary science beside REBOUNDx, body by body.
 
-    python -m kickdrift_validation.reboundx_forces
-
 Both programs give the accelerations of four bodies by one force alone. REBOUNDx has no wheels: `pip install reboundx`
 compiles its source. Where the two programs differ on purpose, the bodies are chosen so that this does not show:
 REBOUNDx leaves massless bodies out of tides_spin, scales Lense-Thirring's force by M / (M + m) and uses gamma =
@@ -15,7 +13,6 @@ its angular momentum is conserved to this order. Spins of four steps, extrapolat
 from __future__ import annotations
 
 import ctypes
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -211,7 +208,6 @@ def evolution() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """The same with and without ``long``."""
     text = "accelerations beside REBOUNDx, relative difference"
     if find_spec("reboundx") is None:
         yield not_run(text, f"at most {BOUND:g}", "REBOUNDx", NEEDS)
@@ -225,4 +221,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

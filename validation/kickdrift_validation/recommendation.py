@@ -1,7 +1,5 @@
 """Do runs that `kickdrift compare --accuracy` recommends meet the wanted error, from starts that it has not seen?
 
-    python -m kickdrift_validation.recommendation [--long]
-
 One pilot and one recommendation for each system; then the recommended run, at full length, from ten other starts: drawn
 velocities for the liquid, initial values off by 2 % for the others. The error is that of the comparison: the root mean
 square relative energy error of the liquid, the largest error over the samples against the closed form or a tight run
@@ -10,7 +8,6 @@ for the others. Asked of each system: at least 9 of 10 within the wanted error.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -132,4 +129,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

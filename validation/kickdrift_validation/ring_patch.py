@@ -134,9 +134,6 @@ def beside_rebound(n: int, depth: float, replicas: int, relax: int, orbits: int)
     return rows
 
 
-# --- laws of bounces ---
-
-
 def flight(x: np.ndarray, v: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Hill's motion in closed form with Omega = 1: positions and velocities (..., 3) after a time."""
     c, s = math.cos(time), math.sin(time)

@@ -1,7 +1,5 @@
 """Does anything break the program: system files, command lines, run files and other inputs that are broken, and kills?
 
-    python -m kickdrift_validation.robustness [--long]
-
 Generators of the package `fuzzing` make the cases, always the same ones. Every command runs in a process of its own,
 which is watched. No case may end in a traceback, take more than 10 s or more than 1 GiB. Exit status 2 comes with one
 line on standard error. A command touches only the files that it is asked to write. A damaged file gives the right
@@ -81,4 +79,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -44,9 +44,6 @@ class _Running(NamedTuple):
     claims: list[Claim]
 
 
-# --- which ---
-
-
 def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
     """The scripts of these names, or of a folder's name; without any all that have claims in the set asked for."""
     if not names:
@@ -62,9 +59,6 @@ def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] =
             raise InputError(f"validate: {name!r} is no script; {meant}there are: {', '.join(known)}")
         wanted |= set(found)
     return [script for script in scripts if script in wanted]
-
-
-# --- running ---
 
 
 def outcomes(
@@ -197,9 +191,6 @@ def _outcome(
     return Outcome(script, run.claims, monotonic() - run.began, sorted(run.figures.glob("*.png")))
 
 
-# --- showing ---
-
-
 class Display:
     """Failed claims and a line for each script on standard output; on a terminal, a bar that says what runs. The time
     left is an estimate from the scripts' usual times; without a terminal it stands on standard error."""
@@ -268,9 +259,6 @@ class Display:
 def verdicts(found: Counter[str]) -> str:
     """ "17 pass, 1 fail"."""
     return ", ".join(f"{found[verdict]} {verdict}" for verdict in VERDICTS if found[verdict])
-
-
-# --- the command ---
 
 
 def listed(scripts: Sequence[Script] = SCRIPTS) -> None:

@@ -1,7 +1,5 @@
 """Every force with every method: the same bits on 1, 2 and 4 threads, in pieces, looked at, written, resumed, restored.
 
-    python -m kickdrift_validation.same_bits [--long]
-
 A case is a system, a method and a precision. Systems cover every registered force; pair forces with each truncation,
 for one species and for two; a law of the user's own; two pair forces together. Each case runs in a process that may
 have four threads, and once more on one thread in another process. The short set takes each system with velocity-verlet
@@ -310,4 +308,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
         child(sys.argv[2])
     else:
-        sys.exit(main(claims, __doc__))
+        main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Does sei solve Hill's motion exactly, and meet other forces with the order and the constants of the literature?
 
-    python -m kickdrift_validation.shearing_sheet [--long]
-
 Rein & Tremaine 2011, doi:10.1111/j.1365-2966.2011.18939.x: epicycles to rounding, order 2 with other forces, and an
 energy error that does not grow. Henon & Petit 1986, doi:10.1007/BF01234287: two satellites that pass at a distance of
 many Hill radii, whose eccentricity after the encounter has a closed form. rebound's SEI runs the same patch. Particles
@@ -13,7 +11,6 @@ larger rings of two optical depths.
 from __future__ import annotations
 
 import math
-import sys
 from fractions import Fraction
 from typing import Any
 
@@ -159,4 +156,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Spins that tides change: rates, the end state and precession beside closed forms, and conservation.
 
-    python -m kickdrift_validation.tidal_spins
-
 Two bodies feel the force tides-spin. Rates come from runs of whole orbits under weak tides, so that theories of first
 order hold. The accelerations and torques stand in planetary_forces and reboundx_forces.
 """
@@ -9,7 +7,6 @@ order hold. The accelerations and torques stand in planetary_forces and reboundx
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -115,10 +112,9 @@ def conservation() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """The same with and without ``long``."""
     for part in (rates, end_state, precession, conservation):
         yield from part()
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Is trace the reversible map that rebound's TRACE is, and does it end where TRACE and IAS15 do?
 
-    python -m kickdrift_validation.trace [--long]
-
 Three giants of about a Jupiter mass between 5 and 9.5 au, which scatter one another; the chaotic exchange orbit of a
 massless body inside Jupiter's orbit (Wisdom 2017; Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982); Burrau's
 Pythagorean problem. Both programs get the same numbers, steps and switches (3 Hill radii, pericentre "full"). From
@@ -11,7 +9,6 @@ Speeds are processor times in turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from time import process_time
 from typing import Any
@@ -130,9 +127,6 @@ def jacobi_constant(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
     return float(0.5 * v[2] @ v[2] - potential - turn @ np.cross(x[2], v[2]))
 
 
-# --- one step ---
-
-
 def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
     """Steps of both from each state of a run."""
     apart, moved, counts = 0.0, np.zeros((2, 2)), np.zeros(2, int)
@@ -164,9 +158,6 @@ def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
         yield claim(text, ours, "at most TRACE's, to 0.1%", ours <= 1.001 * other, f"TRACE {other:.3e}")
 
 
-# --- the way back ---
-
-
 def way_back(long: bool) -> Iterator[Claim]:
     """Steps there and back, against the growth of one rounding."""
     for seed in range(8 if long else 3):
@@ -190,9 +181,6 @@ def way_back(long: bool) -> Iterator[Claim]:
             text = f"giants {seed}, {inner}: {steps} steps there and back"
             note = f"one rounding at the start grows to {nudged:.1e} on the way there"
             yield claim(text, error, "at most 100 times the growth of a rounding", error <= bound, note)
-
-
-# --- conserved quantities ---
 
 
 def exchange_orbit() -> Claim:
@@ -281,9 +269,6 @@ def pythagorean() -> Iterator[Claim]:
         yield claim(text, float(ours), "at most TRACE's", bool(ours <= other), f"TRACE {other:.2e}")
 
 
-# --- many massless bodies ---
-
-
 def test_particles(count: int) -> Iterator[Claim]:
     """The Sun, eight planets and massless bodies between 0.5 and 4 au."""
     rng = np.random.default_rng(1)
@@ -313,9 +298,6 @@ def test_particles(count: int) -> Iterator[Claim]:
     speed = float(best[1] / best[0])
     text = "the same: speed over TRACE, processor time in turns"
     yield claim(text, round(speed, 1), "at least 3, on a loaded machine", speed >= 3.0, "rebound's TRACE")
-
-
-# --- outcomes ---
 
 
 def outcome(system: kd.System, years: float) -> str:
@@ -382,4 +364,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Are the derivatives that trace carries those of its own map, and do they approach those of the motion?
 
-    python -m kickdrift_validation.trace_derivatives [--long]
-
 Two giants that meet, with a third; a planet that passes close to the star; massless bodies beside both; other forces,
 of velocity too; both inner methods. The columns of the transition matrix, by masses and parameters too, are compared
 with differences of trace's own runs, with the variational equations under gauss-radau15, and with heyoka's. Is the map
@@ -10,7 +8,6 @@ symplectic across encounters, and what does a direction cost?
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -285,4 +282,4 @@ def costs() -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """What do other forces do inside the encounters and passages of trace, and what do kicks alone miss there?
 
-    python -m kickdrift_validation.trace_forces
-
 A giant that passes at 0.1 au from its star under a strong quadrupole or strong relativity (c = 300 in place of 10065 au
 per year over 2 pi), a massless comet under real relativity, and a massless moon of a flattened giant. "As kicks" is the
 same map with all other forces at both ends of each step, as rebound's TRACE has them in encounters. The references are
@@ -10,7 +8,6 @@ gauss-radau15 and the closed form of the pericentre's advance, 6 pi G M / (c^2 a
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -126,7 +123,6 @@ def way_back() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All comparisons; ``long`` adds none."""
     yield from close_passages()
     yield from long_steps()
     yield moon_of_a_flattened_giant()
@@ -135,4 +131,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

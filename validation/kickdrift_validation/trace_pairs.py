@@ -1,7 +1,5 @@
 """Is a scattering by trace the same map as by rebound's TRACE, step by step, and is its energy error larger?
 
-    python -m kickdrift_validation.trace_pairs
-
 Three giants scatter one another, as in ``kickdrift_validation.trace``. First both programs take each step of a run from
 the same state, with all steps that meet, pass or repeat and some of the others. Then both run 200 systems to the end.
 The runs soon part, because they are chaotic, but the initial conditions still set much of the energy error. So
@@ -12,7 +10,6 @@ doi:10.1051/0004-6361/201118085.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -119,4 +116,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

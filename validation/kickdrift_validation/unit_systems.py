@@ -1,7 +1,5 @@
 """Constants and conversions of the unit systems beside ASE's, which has tables of CODATA of its own.
 
-    python -m kickdrift_validation.unit_systems
-
 ASE's tables end with CODATA 2018; SciPy's, which kickdrift has its constants from, may be of 2022. Between the two the
 atomic mass moved by 1.4e-9, which is what the bound leaves room for. The Sun's GM is held against the Gaussian
 gravitational constant k = 0.01720209895 (Gauss 1809; IAU 1976) and the nominal value of IAU 2015 resolution B3, which
@@ -9,8 +7,6 @@ has eight digits.
 """
 
 from __future__ import annotations
-
-import sys
 
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
@@ -71,7 +67,6 @@ def beside_ase() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """All of it."""
     try:
         return [*defined(), *beside_ase()]
     except ModuleNotFoundError:
@@ -79,4 +74,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

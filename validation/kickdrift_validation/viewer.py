@@ -247,7 +247,6 @@ def looked_at(browser: Any, name: str, path: Path, store: bool, shots: list[byte
 
 
 def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
-    """Claims on all pages; ``long`` changes nothing."""
     return tried(figures, store=False)
 
 
@@ -282,4 +281,4 @@ if __name__ == "__main__":
         sys.argv.remove("--store")
         STORED.mkdir(exist_ok=True)
         list(tried(None, store=True))
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Is wisdom-holman the map that rebound's WHFast is, with its errors, and are its correctors and saba what they say?
 
-    python -m kickdrift_validation.wisdom_holman [--long]
-
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon), in Jacobi and democratic heliocentric
 coordinates, without a corrector; both programs get the same numbers and the same step, a hundredth and a tenth of
 Mercury's period. A true Wisdom-Holman map differs from another by rounding alone; how rounding grows is shown by WHFast
@@ -11,7 +9,6 @@ doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015, doi:10.1093/mnras/stv1257.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -175,4 +172,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

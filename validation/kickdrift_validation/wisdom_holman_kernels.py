@@ -1,7 +1,5 @@
 """Have the kernels of wisdom-holman the errors of the literature, and those of rebound's WHFast with the same kernel?
 
-    python -m kickdrift_validation.wisdom_holman_kernels [--long]
-
 The Sun and five outer planets for 120 years, with corrector 17 in Jacobi coordinates; the planets' masses times 10 make
 errors that rounding does not hide. Wisdom, Holman & Touma 1996, Fields Inst. Commun. 10, 217; Rein, Tamayo & Brown
 2019, doi:10.1093/mnras/stz2503: the error is as epsilon^2 dt^2 with the standard kernel, and as epsilon^2 dt^4 with the
@@ -9,8 +7,6 @@ others, where epsilon is the planets' mass. ``--long`` adds 10^6 steps with each
 """
 
 from __future__ import annotations
-
-import sys
 
 import numpy as np
 
@@ -110,4 +106,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

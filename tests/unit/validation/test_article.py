@@ -117,7 +117,8 @@ def test_magnitude():
 def test_what_is_printed(capsys, monkeypatch, tmp_path):
     reading = article.near("a|b", 2.0, True, 3.0, 1e-3, "theory")
     monkeypatch.setattr(sys, "argv", ["x", "--figures", str(tmp_path / "new")])
-    assert article.main(lambda long, figures: article.article("so", "because", reading), "What.") == 1
+    with pytest.raises(SystemExit, match="1"):
+        article.main(lambda long, figures: article.article("so", "because", reading), "What.")
     printed = capsys.readouterr().out
     assert re.search(
         r"said +“so”\nverdict +holds\nwhy +because\n +yes +a\|b +2 +fail: 3 to 1e-03 of it \(theory\)", printed

@@ -5,9 +5,9 @@ python -m kickdrift_validation.claims [--long] [--figures FOLDER]
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+from kickdrift_validation.claim import of
 from kickdrift_validation.claims import (
     evaluations,
     liquid,
@@ -25,8 +25,8 @@ STUDIES = (unit_oscillator, orbits, liquid, reversal, long_runs, evaluations, st
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     """Those of every script here, in the article's order."""
-    return [row for study in STUDIES for row in study.claims(long, figures)]
+    return [row for study in STUDIES for row in of(study.claims, long, figures)]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

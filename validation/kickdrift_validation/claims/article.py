@@ -7,18 +7,16 @@ number), so that it may judge the words at all?
 
 from __future__ import annotations
 
-import argparse
 import math
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from decimal import Decimal
 from itertools import groupby
-from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
-from kickdrift_validation.claim import Claim, claim, where
+from kickdrift_validation.claim import Claim, Claims, claim
+from kickdrift_validation.claim import main as run
 
-Study = Callable[[bool, Path | None], list[Claim]]
 WIDTH = 118  # of the printed table
 
 
@@ -61,9 +59,6 @@ def article(said: str, why: str, *readings: Reading) -> list[Claim]:
     ]
 
 
-# --- whether a number is the one said ---
-
-
 def digits(measured: float, said: str) -> bool:
     """Whether ``measured``, rounded or cut off, has the digits said."""
     number = Decimal(said)
@@ -74,9 +69,6 @@ def digits(measured: float, said: str) -> bool:
 def magnitude(measured: float, said: float) -> bool:
     """Whether it is that, to half a power of ten."""
     return abs(math.log10(abs(measured) / said)) <= 0.5
-
-
-# --- what is printed ---
 
 
 def table(rows: Iterable[Claim]) -> str:
@@ -97,15 +89,13 @@ def table(rows: Iterable[Claim]) -> str:
     return "\n".join(lines)
 
 
-def main(study: Study, doc: str | None) -> int:
-    """Run a script by itself and print the article's table; the exit status, 1 where a measurement failed."""
-    parser = argparse.ArgumentParser(description=(doc or "").split("\n")[0])
-    parser.add_argument("--long", action="store_true", help="also what takes more than a minute")
-    parser.add_argument("--figures", type=Path, help="a folder for them")
-    given = parser.parse_args()
-    if given.figures:
-        given.figures.mkdir(parents=True, exist_ok=True)
-    print(where(), end="\n\n", flush=True)
-    rows = study(given.long, given.figures)
+def show(rows: Iterable[Claim]) -> int:
+    """Print the article's table; the exit status, 1 where a measurement failed."""
+    rows = list(rows)
     print(table(rows))
     return int(any(row["verdict"] == "fail" for row in rows))
+
+
+def main(study: Claims, doc: str | None) -> NoReturn:
+    """Run a script by itself."""
+    run(study, doc, show)

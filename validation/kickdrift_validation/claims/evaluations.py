@@ -1,7 +1,5 @@
 """The article on cost: how often a step evaluates the force, and what the same number of evaluations buys elsewhere.
 
-    python -m kickdrift_validation.claims.evaluations
-
 Counted by the run itself, per step under way, against published counts and SciPy's; the errors at equal cost against
 plain Python loops of the same methods, and SciPy's DOP853.
 """
@@ -9,9 +7,7 @@ plain Python loops of the same methods, and SciPy's DOP853.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from scipy.integrate import RK23, RK45, solve_ivp
@@ -55,9 +51,6 @@ def counts() -> list[Claim]:
         "belong to orders 6 and 8.",
         *readings,
     )
-
-
-# --- at equal cost ---
 
 
 def run(name: str, orbits: int, dt: float) -> tuple[float, float]:
@@ -182,9 +175,6 @@ def matches() -> list[Claim]:
     )
 
 
-# --- Runge-Kutta pairs ---
-
-
 def pair(name: str, peer: type[RK23] | type[RK45], said: int) -> list[Reading]:
     """Counted under way, rejected steps included, and in a step by itself whose length is given."""
     sim = kd.Simulation(kepler(0.5), name, dt=0.01, rtol=1e-6, atol=1e-6)
@@ -216,10 +206,9 @@ def pairs() -> list[Claim]:
     ]
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page; there is no longer one."""
+def claims(long: bool = False) -> list[Claim]:
     return [*counts(), *matches(), *pairs()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """The article on a liquid: the energy of 1000 Lennard-Jones particles over 10^6 steps, with leapfrog and with RK4.
 
-    python -m kickdrift_validation.claims.liquid [--long] [--figures FOLDER]
-
 The shipped lj-1000-switch (rho* = 0.8442, T* near 1.3, switched off smoothly), melted first. Which dt is meant is not
 said, so several are tried: leapfrog's error goes as dt^2 and stays; RK4 takes energy out at a rate that goes as dt^5,
 for its step's error of fifth order averages out and that of sixth does not (on an oscillator |R|^2 = 1 - (omega dt)^6 /
@@ -11,7 +9,6 @@ for its step's error of fifth order averages out and that of sixth does not (on 
 from __future__ import annotations
 
 import math
-import sys
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -184,7 +181,6 @@ def draw(folder: Path) -> Path:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page, with runs of 10^6 steps where ``long``; the figure goes to the folder ``figures``."""
     rows = [*leapfrog(long), *rk4(long)]
     if figures is not None:
         draw(figures)
@@ -192,4 +188,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

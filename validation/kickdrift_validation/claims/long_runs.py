@@ -1,7 +1,5 @@
 """The article on long runs: has leapfrog no drift after 10^9 steps?
 
-    python -m kickdrift_validation.claims.long_runs [--long]
-
 Kepler's ellipse of e = 0.5 at dt = 0.01, 10^7 steps, 10^9 with --long; the slope of the energy error and its 95 %
 interval are those of `kickdrift.statistics.drift`, carried on to 10^9 steps. Rounding makes the energy walk: by some
 eps sqrt(n) after n steps (Brouwer 1937, doi:10.1086/105423).
@@ -10,8 +8,6 @@ eps sqrt(n) after n steps (Brouwer 1937, doi:10.1086/105423).
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -76,7 +72,7 @@ def too_long() -> Reading:
     return near("dt above 2 / omega", growth, False, theory, 1e-9, reference, "growth rate per step")
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """All of this page, to 10^9 steps where ``long``."""
     steps = LONG_STEPS if long else STEPS
     return article(
@@ -91,4 +87,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

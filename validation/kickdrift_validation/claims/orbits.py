@@ -1,7 +1,5 @@
 """The article on an orbit: the energy after 10,000 of them at dt = 0.01, with forward and symplectic Euler and RK4.
 
-    python -m kickdrift_validation.claims.orbits [--figures FOLDER]
-
 G M = a = 1, so that a period is 2 pi. The laws on the circle are those of ../kepler_energies.py; another eccentricity
 is compared with a plain Python loop.
 """
@@ -9,7 +7,6 @@ is compared with a plain Python loop.
 from __future__ import annotations
 
 import math
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -160,7 +157,6 @@ def draw(folder: Path) -> Path:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page; there is no longer one. The figure goes to the folder ``figures``."""
     rows = [*forward(), *symplectic(), *fourth()]
     if figures is not None:
         draw(figures)
@@ -168,4 +164,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

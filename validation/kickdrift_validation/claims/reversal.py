@@ -1,7 +1,5 @@
 """The article on the way back: is leapfrog exactly reversible?
 
-    python -m kickdrift_validation.claims.reversal
-
 A run, its velocities negated, as many steps more: what differs from the start. In exact arithmetic, with the registry's
 weights in rational numbers, nothing may; in floats rounding differs, and chaos multiplies it; whole numbers differ in
 no bit (Levesque & Verlet 1993, doi:10.1007/BF01048022).
@@ -9,9 +7,7 @@ no bit (Levesque & Verlet 1993, doi:10.1007/BF01048022).
 
 from __future__ import annotations
 
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 
@@ -85,7 +81,7 @@ def floats() -> list[Reading]:
     ]  # fmt: skip
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
+def claims(long: bool = False) -> list[Claim]:
     """All of this page; ../exact_reversal.py goes a million steps and through another process."""
     rationals = rational("velocity-verlet", Fraction(1, 10), RATIONAL_STEPS)
     return article(
@@ -99,4 +95,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """The article on stiffness: how much longer an implicit method's steps are, and from which ratio of rates on.
 
-    python -m kickdrift_validation.claims.stiff
-
 Explicit: Dormand and Prince's method, whose steps a stiff problem holds at 3.3066 over its largest rate: the length of
 the real stability interval, the one number that the measured steps are compared with (Hairer & Wanner 1996, IV.2,
 doi:10.1007/978-3-642-05221-7). Implicit: Radau IIA of order 5.
@@ -10,8 +8,6 @@ doi:10.1007/978-3-642-05221-7). Implicit: Radau IIA of order 5.
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -148,9 +144,6 @@ def wins() -> list[Claim]:
     ]
 
 
-# --- from which ratio on ---
-
-
 def two_rates(ratio: float) -> kd.Problem:
     """y1' = -y1, y2' = -ratio y2; the ratio is the third unknown, so that one compiled function serves all."""
     return kd.Problem(slopes, [1.0, 1.0, ratio], slopes_jacobian, name="two rates")
@@ -199,10 +192,9 @@ def begins() -> list[Claim]:
     )
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page; there is no longer one."""
+def claims(long: bool = False) -> list[Claim]:
     return [*wins(), *begins()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

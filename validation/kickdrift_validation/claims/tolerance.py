@@ -1,16 +1,11 @@
 """The article on tolerances: is an rtol below 1e-12 meaningless?
 
-    python -m kickdrift_validation.claims.tolerance
-
 Kepler's ellipse of e = 0.5 against its closed form, rtol = atol from 1e-10 down to the smallest that is taken. The
 steps go as the error estimate's power of the tolerance, so the error goes as the tolerance itself, where rounding does
 not decide (Hairer, Nørsett & Wanner 1993, II.4, doi:10.1007/978-3-540-78862-1).
 """
 
 from __future__ import annotations
-
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -53,8 +48,7 @@ def at_rounding(length: float) -> Reading:
     return Reading(text, times, times < 2, bound, met, "rounding of the energy, Brouwer 1937", "times smaller")
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page; there is no longer one."""
+def claims(long: bool = False) -> list[Claim]:
     return article(
         "rtol below 1e-12 is meaningless",
         "The error of one step may lie far below the rounding of y, for the step adds a small change to it: from 1e-12 "
@@ -68,4 +62,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

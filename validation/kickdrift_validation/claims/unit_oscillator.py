@@ -1,7 +1,5 @@
 """The article on the unit oscillator: what halving a step brings, how fast forward Euler grows, and RK4 against it.
 
-    python -m kickdrift_validation.claims.unit_oscillator
-
 x'' = -x and, for the last, y' = -y. On both a step of any of these methods is a matrix, R(dt A); its powers are the
 reference, worked out here by NumPy alone (Hairer & Wanner 1996, IV.2, doi:10.1007/978-3-642-05221-7).
 """
@@ -9,9 +7,7 @@ reference, worked out here by NumPy alone (Hairer & Wanner 1996, IV.2, doi:10.10
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -172,10 +168,9 @@ def runge_kutta() -> list[Claim]:
     )
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """All of this page; there is no longer one."""
+def claims(long: bool = False) -> list[Claim]:
     return [*halving(), *growth(), *runge_kutta()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -46,9 +46,6 @@ def put(file: h5py.File, name: str, data: Any, **options: Any) -> None:
     file.create_dataset(name, data=data, **options)
 
 
-# --- operations: each changes the file and says what it did ---
-
-
 def lose(rng: random.Random, file: h5py.File) -> str:
     name = rng.choice(links(file))
     del file[name]

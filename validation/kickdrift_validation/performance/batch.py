@@ -1,7 +1,5 @@
 """Small systems a second, side by side in a Batch and one by one.
 
-    python -m kickdrift_validation.performance.batch [--long]
-
 Planetary systems of 3 bodies (with --long also of 5 and 9), each different, make 10,000 steps each (with --long, those
 of 3 bodies also 100,000). The time begins with the Systems: it includes setting up, the run with its 1000 samples, and
 the reports. For MEGNO it includes 10,000 looks and the fit. Both take turns in one process on one core, after
@@ -219,4 +217,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 if __name__ == "__main__":
     if not os.environ.items() >= ONE_THREAD.items():  # NumPy reads these variables at its import
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -138,9 +138,6 @@ def kickdrift(start: Bodies, integrator: str, threads: int = 1, **options: Any) 
     return Native(sim, least=start.pilot if start.dt is None else None)
 
 
-# --- rebound ---
-
-
 class Rebound(Runner):
     """rebound, synchronised at the end of each turn. ``values`` are attributes of its integrator."""
 
@@ -226,9 +223,6 @@ class Whfast512(Rebound):
         return x, v * self.scale
 
 
-# --- heyoka ---
-
-
 class Heyoka(Runner):
     """heyoka's adaptive Taylor method at its default tolerance, for its own N-body system, compiled beforehand."""
 
@@ -254,9 +248,6 @@ class Heyoka(Runner):
         if self.integrator.time != time:
             raise RuntimeError(f"heyoka stopped at t = {self.integrator.time:g}")
         return self.phase()
-
-
-# --- SciPy ---
 
 
 @numba.njit

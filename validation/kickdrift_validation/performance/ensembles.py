@@ -1,7 +1,5 @@
 """Cost of an ensemble beside its runs, and gain from two workers.
 
-    python -m kickdrift_validation.performance.ensembles [--long]
-
 Members are three bodies on a figure of eight, each pushed a little, run one by one (a function is measured on each).
 With members of about 0.1 s, one worker and two workers take turns. The figure is the median of the ratios in the same
 round. The cost of a member is the wall time of one worker less the time of the runs, over the number of members. This
@@ -12,7 +10,6 @@ a tenth of the way and at the end.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from time import perf_counter
@@ -91,4 +88,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

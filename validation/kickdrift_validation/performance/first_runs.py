@@ -1,7 +1,5 @@
 """Time of the very first run of a new pair law, and of the first run of a second method.
 
-    python -m kickdrift_validation.performance.first_runs
-
 Each run has its own process and shares one copy of the package, in which nothing is compiled. First lj-1000 runs with
 velocity-verlet, which compiles its loop and its force. Then a new pair law runs with the same method. Then other
 methods run the system whose force is compiled. The script times the making of the Simulation and ten steps, in

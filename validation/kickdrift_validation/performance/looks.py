@@ -182,7 +182,6 @@ def verdict_claim(turns: int) -> Claim:
 
 
 def claims(turns: int = 7) -> list[Claim]:
-    """All claims."""
     return [*ratio_claims(turns), *rebound_claims(turns), look_claim(turns), verdict_claim(turns)]
 
 

@@ -1,7 +1,5 @@
 """Errors of mixed precision: forces, energy over 20,000 steps, and momentum.
 
-    python -m kickdrift_validation.performance.mixed_precision [--long]
-
 The liquid has 1000 particles (in the long set also 46^3), rho* = 0.8442, and a smooth cutoff at 2.5 sigma. It reaches
 T* = 1.44 in 10 units of time. Velocity Verlet at dt* = 0.005 then runs once in float64 and once with
 ``precision="mixed"``. For the pairs, positions are rounded to float32 within the box, so the error of the forces grows
@@ -9,8 +7,6 @@ with the edge of the box. Both reports compute the energy in float64.
 """
 
 from __future__ import annotations
-
-import sys
 
 import numpy as np
 
@@ -82,4 +78,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

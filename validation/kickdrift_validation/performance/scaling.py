@@ -152,9 +152,6 @@ def study(count: int = 5, seconds: float = 0.5) -> dict[str, Any]:
     return json.loads(json.dumps(found))
 
 
-# --- showing ---
-
-
 def spread(ratio: dict[str, float]) -> str:
     """A median with its quartiles."""
     return f"{ratio['median']:.2f} ({ratio['low']:.2f} to {ratio['high']:.2f})"

@@ -94,9 +94,6 @@ class Memory(NamedTuple):
         return self.streamed / self.rate if self.arrays > max(caches().values()) else 0.0
 
 
-# --- measuring ---
-
-
 def logged(team, code, place, count):
     """Run a task's chunks in turn; log its code, their number, the time since the last task, and each chunk's time."""
     log = read(team + TASK_PLACE)
@@ -239,9 +236,6 @@ def memory_of(sim: kd.Simulation, rate: float) -> Memory:
     n, clusters = len(sim.system), int(pairs.counts[N_CLUSTERS])
     rows = 8.0 * float(pairs.row_start[:, clusters * WIDTH // pairs.per_row].sum())
     return Memory((56 + 48 + 56 + 48 + 144 + 72) * n + rows, (3 * 24 + 8 + 2 * 24) * n + rows, rate)
-
-
-# --- predicting ---
 
 
 def makespan(task: Task, threads: int, delay: Delays) -> float:

@@ -65,9 +65,6 @@ def expected_seconds(entries: Sequence[Group | Command], count: int, seconds: fl
     return sum(entry.overhead for entry in entries) + contestants * (count + 2) * max(seconds, 0.1)
 
 
-# --- measuring ---
-
-
 def measure(
     entries: Sequence[Group | Command], count: int = TURNS, seconds: float = SECONDS,
     tell: Tell = lambda label: lambda done, of: None,
@@ -203,9 +200,6 @@ def timed(command: Command, count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-# --- judging ---
-
-
 def claims_of(found: dict[str, Any]) -> list[Claim]:
     """Claims of all groups."""
     claims = []
@@ -241,9 +235,6 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
 def claims() -> list[Claim]:
     """Claims of the default entries."""
     return claims_of(measure(chosen()))
-
-
-# --- showing ---
 
 
 def table(group: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
