@@ -54,14 +54,12 @@ class Found(NamedTuple):
 
 
 def simulate(temperature: float, seed: int, time: float, path: Path) -> None:
-    """One run into a file."""
     sim = kd.Simulation(kd.load("argon-864", seed))
     sim.equilibrate(temperature, 20.0)
     sim.run(until=time, every=EVERY, output=path)
 
 
 def analysed(path: Path) -> Found:
-    """The observables of a file."""
     with kd.open(path) as run:
         temperature = float(run.observables["temperature"].mean())
         step = float(run.times[1] - run.times[0])
@@ -138,7 +136,6 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 def judged(found: list[Found]) -> list[Claim]:
-    """The claims of all runs."""
     temperatures = np.array([f.temperature for f in found])
     rows: list[Claim] = []
     reference = "Rahman 1964: 2.43"

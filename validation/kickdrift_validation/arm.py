@@ -211,7 +211,6 @@ class Row(NamedTuple):
     error: str = ""
 
     def cells(self) -> list[str]:
-        """For the table."""
         if self.error:
             return [self.kind, "error", "–", "–"]
         pairs = (self.energies, self.positions)
@@ -240,7 +239,6 @@ def compared(kind: str, there: dict[str, Any], here: dict[str, Any], older: Sequ
 
 
 def described(found: dict[str, Any]) -> str:
-    """Machine and versions in words."""
     named = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
     return f"{found['machine']}, code for {found['processor']}: {named}"
 

@@ -60,7 +60,6 @@ def found(sim: Any) -> Found:
 
 
 def moved(system: Any, method: str, steps: int, **options: Any) -> Found:
-    """By fixed steps."""
     sim = kd.Simulation(system, method, **options)
     sim.run(steps, every=5)
     return found(sim)
@@ -161,7 +160,6 @@ KINDS: dict[str, Callable[[], Found]] = {
 
 
 def machine() -> dict[str, Any]:
-    """What this process runs with."""
     return {
         "machine": platform.machine(),
         "processor": processor(),

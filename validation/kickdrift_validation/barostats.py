@@ -70,7 +70,6 @@ RUNS = (
 
 
 def freedom_of(bath: str, count: int) -> int:
-    """Degrees of freedom."""
     return 3 * count - 3 * (not integrator(bath).drags)
 
 
@@ -132,7 +131,6 @@ def fluid(count: int) -> kd.System:
 
 
 def volumes_of(run: Run, pressure: float, time: float) -> tuple[np.ndarray, kd.Report]:
-    """Volumes of a run, and its report."""
     temperature = STATE[0]
     own = options_of(run.bath, temperature) | FLUID[run.barostat]
     own |= {} if run.coupling == "isotropic" else SLOW[run.barostat]

@@ -130,7 +130,6 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
 
 
 def draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], target: Path) -> None:
-    """All methods, and the law."""
     figure = new_figure(7.5, 5.0)
     axes = new_axes(figure, (1, 1, 1))
     for k, (name, (counts, found)) in enumerate(curves.items()):

@@ -20,7 +20,6 @@ GIVEN = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 
 @contextmanager
 def opened(width: int = 1200, height: int = 800) -> Iterator[Any]:
-    """An empty page."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as tools:

@@ -48,7 +48,6 @@ def copper(cells: int, seed: int = 1, factor: float = 1.0) -> Any:
 
 
 def under(atoms: Any, calculator: Any, **given: Any) -> kd.System:
-    """The System of the atoms under a calculator."""
     return kd.System.from_ase(atoms, [kd.CalculatorForce(calculator, **given)])
 
 
@@ -147,7 +146,6 @@ def overhead(folder: Path) -> Iterator[Claim]:
 
 
 def killed_run(path: str | None, steps: int = KILLED_STEPS) -> kd.Simulation:
-    """The run that children begin."""
     from ase.calculators.emt import EMT
 
     sim = kd.Simulation(under(copper(2, seed=3), EMT, arguments={"asap_cutoff": True}), dt=DT)

@@ -71,7 +71,6 @@ def simulation(name: str, seed: int, temperature: float = 1.0, system: kd.System
 
 
 def written(sim: kd.Simulation, path: Path, steps: int = STEPS) -> Path:
-    """The file of a run."""
     sim.run(steps, every=EVERY, output=path, overwrite=True)
     return path
 

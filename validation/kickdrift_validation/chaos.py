@@ -99,7 +99,6 @@ def cases() -> list[Case]:
 
 
 def theirs(rebound: Any, case: Case, length: float, seed: int) -> float:
-    """rebound's mean MEGNO."""
     sim = case.make(rebound)
     sim.integrator = case.integrator
     if case.integrator == "ias15":
@@ -111,7 +110,6 @@ def theirs(rebound: Any, case: Case, length: float, seed: int) -> float:
 
 
 def ours(rebound: Any, case: Case, length: float) -> kd.ChaosReport:
-    """kickdrift's, from the same state."""
     bodies = case.make(rebound).particles
     x, v = np.array([body.xyz for body in bodies]), np.array([body.vxyz for body in bodies])
     system = kd.System(x, v, [body.m for body in bodies], forces=[kd.Gravity(G=1.0)], units="nbody", name=case.name)
@@ -136,7 +134,6 @@ def compared(rebound: Any, chosen: list[Case]) -> list[Found]:
 
 
 def judged(found: list[Found], least: int = AGREED) -> list[Claim]:
-    """The claims about a table."""
     rows = []
     for each in ("regular", "chaotic"):
         both = sum(row.theirs_agree == row.ours.verdict == each for row in found)

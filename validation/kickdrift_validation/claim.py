@@ -61,7 +61,6 @@ def not_run(text: str, bound: str, reference: str, needs: str = INSTALL) -> Clai
 
 
 def of(claims: Claims, long: bool = False, figures: Path | None = None) -> Iterable[Claim]:
-    """What a script's ``claims`` gives."""
     draws = {"figures": figures} if "figures" in inspect.signature(claims).parameters else {}
     return claims(long=long, **draws)
 

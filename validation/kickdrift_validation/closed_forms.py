@@ -95,7 +95,6 @@ def norm(vector: np.ndarray) -> float:
 
 
 def kepler() -> list[Claim]:
-    """The conics."""
     text = "two bodies after a time, on circle, ellipses, parabola and hyperbolas"
     if find_spec("mpmath") is None:
         return [not_run(text, f"{ROUNDINGS:g} roundings", "classical anomalies")]
@@ -170,7 +169,6 @@ def swing(r: float, speed: float, points: int = 400) -> float:
 
 
 def atoms() -> list[Claim]:
-    """Two atoms, ten periods."""
     r, speed, periods = 1.2, 0.5, 10
     period = swing(r, speed)
     x, v = np.zeros((2, 2, 3))

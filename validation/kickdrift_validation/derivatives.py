@@ -47,7 +47,6 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 def planets() -> kd.System:
-    """Two planets that meet."""
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
     return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])

@@ -39,7 +39,6 @@ def deliver(given: argparse.Namespace, found: dict[str, Any], text: str, begin: 
 
 
 def table(heading: list[str], rows: list[list[str]]) -> str:
-    """In Markdown."""
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [heading, ["---"] * len(heading), *rows])
 
 

@@ -159,7 +159,6 @@ def study(kind: Class, series: int, seed: int) -> Outcome:
 
 
 def judged(outcome: Outcome) -> Iterator[Claim]:
-    """One claim a bound."""
     name, asked = f"drift, {outcome.kind.name}", outcome.kind.coverage
     reference = f"{outcome.verdicts.total()} synthetic series of known slope"
     if asked is not None:

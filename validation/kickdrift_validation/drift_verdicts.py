@@ -243,7 +243,6 @@ def windows(times: np.ndarray, errors: np.ndarray, length: float) -> tuple[float
 
 
 def judged(found: list[Found]) -> Iterator[Claim]:
-    """The claims."""
     runs = f"{len(found)} runs, each beside one {LENGTHS} times as long"
     wrong = [each.name for each in found if each.wrong_sign]
     yield claim("slopes with the wrong sign", len(wrong), "none", not wrong, runs)

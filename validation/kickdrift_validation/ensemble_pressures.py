@@ -51,17 +51,14 @@ class Mean(NamedTuple):
 
     @property
     def pressure(self) -> float:
-        """The mean."""
         return float(self.pressures.mean())
 
     @property
     def error(self) -> float:
-        """Its standard error."""
         return float(self.pressures.std(ddof=1) / np.sqrt(len(self.pressures)))
 
 
 def ensemble(temperature: float, density: float, replicas: int) -> kd.Ensemble:
-    """The replicas at a state."""
     keys = {"velocities.temperature": temperature, "equilibrate.temperature": temperature, "particles.density": density}
     vary = {key: [value] for key, value in keys.items()}
     return kd.Ensemble(FLUID / "fluid.toml", vary, replicas=replicas, seed=SEED)
@@ -88,7 +85,6 @@ def mean_of(table: Any, density: float) -> Mean:
 
 
 def judged(mean: Mean) -> Claim:
-    """The claim about one state."""
     bound = SIGMAS * math.hypot(mean.error, EQUATION_ERROR[EQUATION, "pressure"])
     text = f"pressure, rho* = {mean.density}, T* = {mean.temperature:.4f}, {len(mean.pressures)} replicas"
     value, within = f"{mean.pressure:.4f} ({mean.error:.4f})", f"within {bound:.4f} of {mean.expected:.4f}"

@@ -109,7 +109,6 @@ class Run(NamedTuple):
 
 
 def simulate(job: tuple[str, float, float], steps: int) -> Run:
-    """One state with one truncation."""
     name, temperature, density = job
     positions, edges = lattice("sc", PARTICLES, density)
     velocities = maxwell_boltzmann(np.ones(PARTICLES), temperature, 1.0, seed=1)

@@ -37,7 +37,6 @@ def solar_system() -> kd.System:
 
 
 def start(name: str) -> kd.System:
-    """A system at its start."""
     return solar_system() if name == "solar-system" else kd.load(name)
 
 

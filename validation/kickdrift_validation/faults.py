@@ -104,7 +104,6 @@ def tried(
 
 
 def line(name: str, what: str, found: Verdict) -> str:
-    """What came of a fault."""
     if found.claim is None:
         return f"{name:16} {what}: no claim of {found.passed} failed, {duration(found.seconds)}"
     row = found.claim

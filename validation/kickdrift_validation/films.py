@@ -52,7 +52,6 @@ def read_gif(path: Path) -> np.ndarray:
 
 
 def checked(what: str, found: Film, pictures: np.ndarray, size: tuple[int, ...] | None) -> Iterator[Claim]:
-    """The claims about one film."""
     reader = "Pillow" if found.path.suffix == ".gif" else "ffmpeg"
     yield claim(f"{what}: pictures", len(pictures), f"{PICTURES}", len(pictures) == PICTURES == found.frames, reader)
     yield claim(f"{what}: size", f"{size[0]}x{size[1]}" if size else "none", "640x480", size == SIZE, reader)

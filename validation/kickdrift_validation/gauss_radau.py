@@ -45,7 +45,6 @@ def record(name: str) -> dict[str, Any]:
 
 
 def system_of(name: str) -> kd.System:
-    """The same as a System."""
     found = record(name)
     start = np.array(found["initial_state"], dtype=float).reshape(-1, 6)
     gravity, masses = kd.Gravity(G=float(found["G"])), np.array(found["masses"], dtype=float)
@@ -83,7 +82,6 @@ def ours(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, in
 
 
 def rebounds(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, int]:
-    """The same of IAS15."""
     sim = ias15(system, G)
     masses = system.state.masses
 

@@ -49,7 +49,6 @@ ORDERED, CONSERVED = ("nose-hoover", "csvr"), ("nose-hoover", "csvr", "baoab")
 
 
 def options_of(name: str, temperature: float, values: dict[str, float] | None = None) -> dict[str, float]:
-    """Options of a bath."""
     known = {"temperature": temperature, **(values or OPTIONS)}
     return {key: value for key, value in known.items() if key in integrator(name).tunable}
 

@@ -31,7 +31,6 @@ MASSES = np.array([0.6, 0.4])
 
 
 def spheres(counts: tuple[int, ...], timed: bool) -> list[Claim]:
-    """Energy and cost of clusters."""
     rows = []
     print(f"{'stars':>6} {'scheme':7} {'eta':>6} {'points':>7} {'evaluations':>11} {'energy error':>12} {'seconds':>8}")
     for n in counts:

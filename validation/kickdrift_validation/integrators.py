@@ -291,7 +291,6 @@ def write_docs(page: Path) -> None:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All methods that ship."""
     yield coverage()
     yield from study()
 

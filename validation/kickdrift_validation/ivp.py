@@ -63,7 +63,6 @@ def scipys(problem: kd.Problem, times: np.ndarray, method: str, rtol: float, ato
 
 
 def ours(problem: kd.Problem, times: np.ndarray, method: str, rtol: float, atol: float) -> np.ndarray:
-    """The same by kickdrift."""
     sim, found = kd.Simulation(problem, method, rtol=rtol, atol=atol), []
     for time in times:
         sim.run(until=float(time), every=2**40)
@@ -92,7 +91,6 @@ def dense() -> list[Claim]:
 
 
 def published() -> list[Claim]:
-    """Arenstorf's orbit and the Pleiades."""
     rows = []
     orbit = reference("nbody", "arenstorf")["arenstorf_4loop"]
     states = np.array(orbit["states_quad_x_y_vx_vy"], dtype=float)

@@ -39,7 +39,6 @@ TRUTH = DATA / "solar-system" / "de421_later.json"
 
 
 def models() -> dict[str, kd.System]:
-    """The two systems."""
     start = kd.load("solar-system-moon")
     assert isinstance(start, kd.System)
     x, v, m, names = start.state.positions, start.state.velocities, start.state.masses, start.names

@@ -97,7 +97,6 @@ def power(p: Series, exponent: Fraction) -> Series:
 
 
 def slopes(y: list[Series]) -> list[Series]:
-    """f of Kepler's problem."""
     r2 = [a + b for a, b in zip(product(y[0], y[0]), product(y[1], y[1]), strict=True)]
     pull = power(r2, Fraction(-3, 2))
     return [y[2], y[3], *([-c for c in product(x, pull)] for x in y[:2])]
@@ -166,7 +165,6 @@ def rk4_slope() -> float:
 
 
 def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
-    """The claims."""
     rows = []
     for name in ("symplectic-euler", "velocity-verlet"):
         text = f"{name}: largest energy error of the last tenth over that of the first"

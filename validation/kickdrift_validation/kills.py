@@ -43,7 +43,6 @@ SHARE = {"creation": 0.2, "running": 0.25, "flush": 0.4, "close": 0.15}
 
 
 def liquid() -> kd.System:
-    """216 particles."""
     grid = np.mgrid[0:CELLS, 0:CELLS, 0:CELLS].reshape(3, -1).T + 0.5
     rng = np.random.default_rng(5)
     edge = CELLS * 1.06

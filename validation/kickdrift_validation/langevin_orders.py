@@ -60,7 +60,6 @@ class DoubleWells:
         """Nothing to check."""
 
     def bind(self, system: object, threads: int = 1) -> Wells:
-        """Numbers for the compiled body."""
         return Wells(0.25)
 
 

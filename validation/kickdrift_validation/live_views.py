@@ -184,14 +184,12 @@ def streamed() -> Iterator[Claim]:
 
 
 def free_port() -> int:
-    """A port that nothing uses."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def live_page() -> Iterator[Claim]:
-    """The live page in Chromium."""
     text = "the live page in Chromium"
     if CHROMIUM is None or not find_spec("playwright"):
         yield not_run(text, "steps rise", "Chromium", NEEDS)

@@ -58,7 +58,6 @@ def ase_frames(system: kd.System, steps: int) -> np.ndarray:
 
 
 def moved(system: kd.System, x: np.ndarray) -> kd.System:
-    """The system with its particles at x."""
     return kd.System(x, system.state.velocities, box=system.box, forces=system.forces)
 
 
@@ -86,7 +85,6 @@ def at_frames(system: kd.System, frames: np.ndarray) -> list[Claim]:
 
 
 def growth(curves: dict[str, np.ndarray], own: list[np.ndarray], ours: np.ndarray, theirs: np.ndarray) -> list[Claim]:
-    """What the curves say."""
     rows = []
     rounding = float(np.spacing(np.abs(ours).max()))
     for k in (1, 10):
@@ -109,7 +107,6 @@ def growth(curves: dict[str, np.ndarray], own: list[np.ndarray], ours: np.ndarra
 
 
 def study(long: bool, figures: Path | None) -> list[Claim]:
-    """All of it."""
     if find_spec("ase") is None:
         return [not_run("positions after 1, 10, 100, 1000 steps", "rounding times exp(lambda t)", SOURCE)]
     state = (melted := melt(PARTICLES, MELT)).state

@@ -66,7 +66,6 @@ def thermo(theirs: World) -> np.ndarray:
 
 
 def thermo_of(sim: kd.Simulation) -> list[float]:
-    """The same of ours."""
     sample, n = sim.sample(), len(sim.system)
     return [sample.energies.potential / n, sample.energies.kinetic / n, sample.temperature, sample.pressure]
 
@@ -105,7 +104,6 @@ def shells(cutoff: float) -> tuple[float, float]:
 
 
 def bench() -> list[Claim]:
-    """Step 0 of in.lj."""
     start, theirs = started("fcc", BENCH, WARM)
     ours, them = np.array(thermo_of(start.simulation())), thermo(theirs)
     energy, virial = shells(CUTOFF)

@@ -61,7 +61,6 @@ class Cell(NamedTuple):
 
     @property
     def our_verdict(self) -> str:
-        """The map's verdict."""
         return verdict(self.ours)
 
 
@@ -80,7 +79,6 @@ def made(cells: int, folder: Path) -> Any:
 
 
 def start(a: float, e: float) -> kd.System:
-    """A cell's system."""
     ensemble = kd.Ensemble("two-planets", {A: [a], E: [e]})
     return ensemble._recipe.system(ensemble.members[0])  # type: ignore[return-value]
 

@@ -61,7 +61,6 @@ def cluster(n: int) -> np.ndarray:
 
 
 def distances(places: np.ndarray) -> np.ndarray:
-    """Distances of all pairs."""
     i, j = np.triu_indices(len(places), k=1)
     found: np.ndarray = np.linalg.norm(places[i] - places[j], axis=1)
     return found

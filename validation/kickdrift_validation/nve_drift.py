@@ -23,7 +23,6 @@ DRIFTS, MOMENTUM = 0.1, 1e-12  # bounds: share of secular drifts, momentum error
 
 
 def one(seed: int, steps: int, truncation: str) -> Report:
-    """The report of one run."""
     positions, edges = lattice("sc", PARTICLES, DENSITY)
     velocities = maxwell_boltzmann(np.ones(PARTICLES), TEMPERATURE, 1.0, seed)
     force = kd.LennardJones(cutoff=CUTOFF, truncation=truncation)

@@ -215,7 +215,6 @@ def _names() -> list[str]:
 
 
 def difference(y: np.ndarray, matrix: Matrix) -> float:
-    """Between the columns in y and a matrix."""
     expected = np.array([[float(number) for number in row] for row in matrix])
     return float(np.abs(np.asarray(y).reshape(2, 2) - expected).max())
 

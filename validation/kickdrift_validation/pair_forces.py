@@ -35,12 +35,10 @@ def force(truncation: str, **more: float) -> kd.LennardJones:
 
 
 def slope(energy: Callable[[float], float], step: float) -> float:
-    """Slope of the energy at 0."""
     return sum(w * (energy(k * step) - energy(-k * step)) for k, w in SIXTH.items()) / step
 
 
 def gradients(truncation: str) -> Iterator[Claim]:
-    """Claims on one truncation."""
     x, edges = crystal()
     law = force(truncation, **({"switch_start": SWITCH_START} if truncation == "switch" else {}))
 

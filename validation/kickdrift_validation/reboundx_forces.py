@@ -130,7 +130,6 @@ def correct(sim: Any, force: Any) -> None:
 
 
 def cases() -> list[Case]:
-    """What is compared."""
     spins = [(0.0, 0.0, spin) for spin in (*SPINS, 0.0)]
     return [
         Case(kd.Oblateness(0.1, 0.4, j4=-0.05), "gravitational_harmonics", harmonics),

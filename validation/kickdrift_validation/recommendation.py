@@ -66,7 +66,6 @@ CASES = (
 
 
 def error_of(subject: kd.System | kd.Problem, choice: Choice, length: float) -> float:
-    """Error of the recommended run."""
     sim = kd.Simulation(subject, choice.method, dt=choice.dt, rtol=choice.rtol, atol=choice.atol)
     seen: list[tuple[float, np.ndarray]] = []
 
@@ -99,7 +98,6 @@ def solution(problem: kd.Problem, times: list[float]) -> list[np.ndarray]:
 
 
 def study(case: Case, seeds: int = SEEDS) -> list[Claim]:
-    """Pilot, recommendation, runs."""
     pilot = work_precision(case.start(0), time=case.time, whole=case.length, accuracy=case.accuracy)
     found = recommendation(pilot, case.accuracy, case.length)
     print(f"{case.name}: error {case.accuracy:g} over {case.length:g}; pilot {pilot.length:g}, {pilot.measure}")

@@ -96,7 +96,6 @@ def here(start: Ring, relax: int, orbits: int) -> Measures:
 
 
 def there(start: Ring, relax: int, orbits: int) -> Measures:
-    """Means of rebound's run."""
     import rebound
 
     n, mean = len(start.x), Mean(start)

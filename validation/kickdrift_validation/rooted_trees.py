@@ -20,7 +20,6 @@ EPS = Fraction(1, 2**52)
 
 @cache
 def order(tree: Tree) -> int:
-    """The number of vertices."""
     return 1 + sum(order(branch) for branch in tree)
 
 

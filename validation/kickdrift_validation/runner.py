@@ -231,7 +231,6 @@ class Display:
         self._move()
 
     def ended(self, outcome: Outcome) -> None:
-        """A script is through."""
         self.done += 1
         self._seconds += outcome.script.seconds
         self._begun.pop(outcome.script.name, None)
@@ -262,7 +261,6 @@ def verdicts(found: Counter[str]) -> str:
 
 
 def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
-    """Print the scripts."""
     rows = [
         [script.name, script.group, "--long" if script.long_only else f"{script.seconds:.0f} s",
          ", ".join(script.peers), script.shows]

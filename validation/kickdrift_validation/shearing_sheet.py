@@ -73,7 +73,6 @@ def moonlets(mass: float = 1e-3) -> kd.System:
 
 
 def moved(system: kd.System, dt: float, time: float) -> kd.State:
-    """The state after a time."""
     sim = kd.Simulation(system, "sei", dt=dt)
     sim.run(round(time / dt), every=round(time / dt))
     return sim.state

@@ -42,7 +42,6 @@ WHY = {
 
 
 def system_file(found: EphemerisStates, moon: bool) -> str:
-    """The text of a system file."""
     what, integrator, dt = ABOUT[moon]
     rows = ",\n".join(f"  [{', '.join(repr(float(c)) for c in row)}]" for row in found.positions)
     speeds = ",\n".join(f"  [{', '.join(repr(float(c)) for c in row)}]" for row in found.velocities)

@@ -86,7 +86,6 @@ def ours(system: kd.System, name: str, years: float) -> Track:
 
 
 def rebounds(system: kd.System, name: str, years: float) -> Track:
-    """The same of rebound's."""
     track, dt = Track(system), MERCURY / 100
     if name == "wisdom-holman":
         each, sim = round(years / LOOKS / dt), whfast(system, dt, "jacobi")
@@ -102,7 +101,6 @@ def rebounds(system: kd.System, name: str, years: float) -> Track:
 
 
 def compare(system: kd.System, name: str, years: float, figures: Path | None) -> list[Claim]:
-    """One method beside rebound's."""
     began = perf_counter()
     mine, seconds = ours(system, name, years), perf_counter()
     runs = [rebounds(one, name, years) for one in nudges(system)]

@@ -88,12 +88,10 @@ def advice(problem: Problem) -> Recommendation:
 
 
 def step(choice: Choice) -> str:
-    """What to set."""
     return f"dt = {choice.dt:.2g}" if choice.dt is not None else f"rtol = {choice.rtol:.1g}"
 
 
 def cells(problem: Problem, found: Recommendation) -> list[str]:
-    """The row of the table."""
     length = f"{found.length:g}"
     first = [problem.kind, f"`{problem.system}`", f"{problem.accuracy:.0e}", length]
     if found.choice is None:

@@ -86,7 +86,6 @@ def long_steps() -> Iterator[Claim]:
 
 
 def moon_of_a_flattened_giant() -> Claim:
-    """Steps of two turns."""
     flat = kd.Oblateness(j2=0.1, radius=0.02, central=1)
     exact, alone = exactly(moon(flat), 8.0), exactly(moon(), 8.0)
     usual, found = distance(run(moon(), 4.0, 8.0), alone), distance(run(moon(flat), 4.0, 8.0), exact)

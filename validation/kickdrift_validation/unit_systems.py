@@ -20,7 +20,6 @@ AU, YEAR = 149597870700.0, 365.25 * 86400.0  # m, IAU 2012; s
 
 
 def near(text: str, value: float, exact: float, reference: str, bound: float = NEAR) -> Claim:
-    """That a value is the reference's, relative."""
     return at_most(f"{text}: relative difference", abs(value / exact - 1.0), bound, reference)
 
 

@@ -32,7 +32,6 @@ def curve(system: kd.System, dt: float, kernel: str, steps: int = 0, every: int 
 
 
 def rebounds_curve(system: kd.System, dt: float, kernel: str) -> np.ndarray:
-    """The same of rebound."""
     sim, found = whfast(system, dt, "jacobi"), []
     sim.integrator.kernel, sim.integrator.corrector = KERNELS[kernel], 17
     sim.integrator.keep_unsynchronized = 1
@@ -43,7 +42,6 @@ def rebounds_curve(system: kd.System, dt: float, kernel: str) -> np.ndarray:
 
 
 def largest(errors: np.ndarray) -> float:
-    """The largest absolute value."""
     return float(np.abs(errors).max())
 
 

@@ -97,5 +97,4 @@ def show(rows: Iterable[Claim]) -> int:
 
 
 def main(study: Claims, doc: str | None) -> NoReturn:
-    """Run a script by itself."""
     run(study, doc, show)

@@ -29,7 +29,6 @@ PLAIN = "plain Python loops of both"
 
 
 def count(text: str, found: float, agrees: bool, published: float, reference: str) -> Reading:
-    """A reading that is counted."""
     return Reading(text, found, agrees, f"exactly {published:g}", found == published, reference, "evaluations")
 
 
@@ -83,7 +82,6 @@ def plain_triple_jump(y: list[float], dt: float) -> list[float]:
 
 
 def plain_rk4(y: list[float], dt: float) -> list[float]:
-    """Kutta's."""
 
     def slope(y: list[float]) -> list[float]:
         return [y[2], y[3], *pull(y)]

@@ -48,7 +48,6 @@ def melted() -> tuple[kd.System, kd.State]:
 
 @cache
 def run(method: str, dt: float, steps: int) -> Run:
-    """From the melted state."""
     system, state = melted()
     sim = kd.Simulation(system, method, dt=dt)
     sim.state = state
@@ -61,12 +60,10 @@ def run(method: str, dt: float, steps: int) -> Run:
 
 
 def power(dts: list[float], values: list[float]) -> float:
-    """Power of dt in the values."""
     return float(np.polyfit(np.log(dts), np.log(np.abs(values)), 1)[0])
 
 
 def leapfrog(long: bool) -> list[Claim]:
-    """Its RMS error."""
     found = {dt: run("velocity-verlet", dt, steps) for dt, steps in LEAPFROG.items()}
     order = power(list(found), [r.rms for r in found.values()])
     bound = f"as dt^2 to ±0.2: dt^{order:.2f}; no slope beyond 3 of its errors"

@@ -63,7 +63,6 @@ def half_a_kick_off(dt: float, e: float) -> float:
 
 
 def forward() -> list[Claim]:
-    """Forward Euler."""
 
     def circle(text: str, dt: float, steps: int, axis: bool = False) -> Reading:
         error = float(energy_errors("euler", dt, steps)[-1])
@@ -92,7 +91,6 @@ def forward() -> list[Claim]:
 
 
 def symplectic() -> list[Claim]:
-    """Symplectic Euler."""
 
     def reading(text: str, dt: float, steps: int, eccentricity: float = 0.0) -> Reading:
         percent = 100 * float(np.abs(energy_errors("symplectic-euler", dt, steps, eccentricity)).max())
@@ -110,7 +108,6 @@ def symplectic() -> list[Claim]:
 
 
 def fourth() -> list[Claim]:
-    """RK4."""
     exponent, c = leading("rk4")
 
     def reading(text: str, dt: float, steps: int, within: float) -> Reading:

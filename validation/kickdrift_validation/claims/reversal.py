@@ -26,7 +26,6 @@ EXACTLY = "time symmetry, Hairer, Lubich & Wanner 2006, V.1"
 
 
 def pull(x: Fraction, z: Fraction) -> tuple[Fraction, Fraction]:
-    """Hénon and Heiles'."""
     return -x - 2 * x * z, -z - x * x + z * z
 
 

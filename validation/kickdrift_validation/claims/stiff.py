@@ -52,7 +52,6 @@ def rate(problem: kd.Problem, t: float, y: np.ndarray) -> float:
 
 
 def steps_of(case: Case, method: str) -> int:
-    """Steps taken to the end."""
     sim = kd.Simulation(case.problem, method, rtol=TOLERANCE, atol=case.atol)
     return sim.run(until=case.length, interval=case.length).steps
 
@@ -179,7 +178,6 @@ def crossing(length: float, tolerance: float) -> Reading:
 
 
 def begins() -> list[Claim]:
-    """Where stiffness does."""
     return article(
         "stiffness begins near a ratio of 10^3",
         "It begins where stability asks for more steps, ratio x t / 3.3, than accuracy does: the earlier, the longer "

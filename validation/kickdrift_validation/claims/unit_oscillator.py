@@ -54,7 +54,6 @@ class Errors(NamedTuple):
 
 
 def errors(problem: kd.Problem, method: str, length: float, steps: int) -> Errors:
-    """Errors of a run."""
     sim = kd.Simulation(problem, method, dt=length / steps)
     sim.run(steps, every=steps)
     assert problem.exact is not None

@@ -68,7 +68,6 @@ def changed(rng: random.Random, data: bytearray) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     method = rng.choice(METHODS)
     data, about = bytearray(bases()[method]), [method]

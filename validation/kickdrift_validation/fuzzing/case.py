@@ -49,7 +49,6 @@ class Case:
 
 
 def dice(kind: str, seed: int, number: int) -> random.Random:
-    """Random numbers of one case."""
     return random.Random(f"{kind}/{seed}/{number}")
 
 

@@ -136,7 +136,6 @@ def _short(rng: random.Random, command: str, given: list[str]) -> list[str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     command = rng.choices(list(SHARES), list(SHARES.values()))[0]
     given = words(rng, command)

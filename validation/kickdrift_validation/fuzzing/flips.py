@@ -72,7 +72,6 @@ def flipped(rng: random.Random, data: bytes, name: str) -> tuple[bytes, str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(list(WHOLE))
     data, what = flipped(rng, base(f"{name}.h5md"), name)

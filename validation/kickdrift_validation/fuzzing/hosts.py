@@ -28,7 +28,6 @@ def text(rng: random.Random) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     own = rng.random() < 0.85
     name, files = NAME, {NAME: text(rng).encode("utf-8", "surrogatepass")} if own else {}

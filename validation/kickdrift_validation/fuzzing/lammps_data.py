@@ -92,7 +92,6 @@ MUTATIONS = {number: 6, line: 4, letters: 2, cut: 1, section: 3, count: 3}
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     text, about = rng.choice((ATOMS, CHAIN)), []
     for mutate in rng.choices(list(MUTATIONS), list(MUTATIONS.values()), k=rng.choice((0, 1, 1, 1, 2, 3))):

@@ -50,7 +50,6 @@ def commands(rng: random.Random, name: str) -> tuple[tuple[str, ...], ...]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(list(WHOLE))
     operations = rng.choices(list(OPERATIONS), list(OPERATIONS.values()), k=rng.choice((1, 1, 1, 2, 3)))

@@ -154,7 +154,6 @@ def foreign_unit(rng: random.Random, text: str) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(list(bases()))
     text, statuses, about = bases()[name], (0, 1, 2), [name]

@@ -36,7 +36,6 @@ def flipped(rng: random.Random, data: bytes) -> tuple[bytes, str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(MEMBERS)
     data, what = flipped(rng, base(name))

@@ -56,7 +56,6 @@ def work(session: int) -> float:
 
 
 def end(session: int) -> None:
-    """Kill a session."""
     for pid in members(session):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

@@ -39,7 +39,6 @@ def busy() -> Iterator[int]:
 
 
 def claims(count: int = 15, seconds: float = 0.2) -> Iterator[Claim]:
-    """The ratio at each size."""
     for n in SIZES:
         one = melt(n, MELT)
         two = again(one, 2)

@@ -28,16 +28,13 @@ class Crystal(NamedTuple):
 
     @property
     def positions(self) -> np.ndarray:
-        """Positions (n, 3)."""
         return np.asarray(self.system.state.positions)
 
     @property
     def velocities(self) -> np.ndarray:
-        """Velocities (n, 3)."""
         return np.asarray(self.system.state.velocities)
 
     def simulation(self) -> kd.Simulation:
-        """Simulation from this state."""
         return kd.Simulation(self.system, "velocity-verlet", self.dt)
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
@@ -63,7 +60,6 @@ def settled(name: str) -> Crystal:
 
 
 def kickdrift(start: Crystal) -> Native:
-    """kickdrift with the crystal."""
     return Native(start.simulation(), "float64")
 
 

@@ -57,7 +57,6 @@ def memory() -> np.ndarray:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Gain, cost and memory."""
     with ExitStack() as stack:
         one, two = (stack.enter_context(workers(count)) for count in (1, 2))
         for client in (one, two):

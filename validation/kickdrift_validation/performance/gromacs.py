@@ -114,7 +114,6 @@ class Gromacs(Runner):
         )  # fmt: skip
 
     def _run(self, name: str, steps: int) -> str:
-        """Run and return the log."""
         self._gmx(
             "mdrun", "-s", f"{name}.tpr", "-nsteps", str(steps), "-ntmpi", "1", "-ntomp", str(self.threads), "-nb",
             "cpu", "-noconfout", "-g", "log", "-o", "frames.trr", "-e", "e.edr", "-cpo", "state.cpt",

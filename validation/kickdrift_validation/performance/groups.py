@@ -86,7 +86,6 @@ class Command(NamedTuple):
 
 
 def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
-    """kickdrift with a liquid."""
     return Contestant(name, partial(liquids.kickdrift, **options))
 
 
@@ -97,12 +96,10 @@ def in_bath(integrator: str, **options: float) -> Contestant:
 
 
 def moved_by(integrator: str, name: str = "kickdrift", **options: Any) -> Contestant:
-    """kickdrift with bodies."""
     return Contestant(name, partial(bodies.kickdrift, integrator=integrator, **options))
 
 
 def rebounds(integrator: str, **settings: Any) -> Contestant:
-    """rebound."""
     return Contestant(f"rebound {integrator}", partial(Rebound, integrator=integrator, **settings))
 
 
@@ -128,7 +125,6 @@ def leapfrog(count: int, at_least: float, horizon: float, usual: bool = True) ->
 
 
 def kepler(coordinates: str, *theirs: Contestant) -> Group:
-    """Wisdom-Holman maps."""
     past = [Goal(each.name, 1.15) for each in theirs if each.name == "rebound whfast512"]
     return Group(
         f"wisdom-holman-{coordinates.split('-')[-1]}",

@@ -27,7 +27,6 @@ def kickdrift(start: Liquid, threads: int = 1, precision: str = "float64", **opt
 
 
 def in_bath(start: Liquid, **options: Any) -> Native:
-    """kickdrift at the liquid's temperature."""
     return kickdrift(start, temperature=start.temperature, **options)
 
 

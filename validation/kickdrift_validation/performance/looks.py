@@ -57,7 +57,6 @@ def bare(name: str) -> kd.System:
 
 
 def cases() -> list[Case]:
-    """Rows of the table."""
     sun, crowd, eight, atoms = planets(), stars(1000, dt=1 / 1024), bare("figure-eight"), bare("lj-1000")
     steps = {"steps": 10**6}
     whfast = Rival("whfast", lambda: planets(0.005), 5.0, {"safe_mode": 0})
@@ -164,7 +163,6 @@ def look_claim(turns: int) -> Claim:
 
 
 def verdict_claim(turns: int) -> Claim:
-    """Milliseconds of a verdict."""
     times = np.arange(10.0**5)
     values = 1e-6 * np.random.default_rng(1).normal(size=len(times))
     for k in range(40):

@@ -30,7 +30,6 @@ class Liquid(NamedTuple):
 
     @property
     def temperature(self) -> float:
-        """Temperature of these velocities."""
         return float((self.velocities**2).sum() / (3 * len(self.velocities) - 3))
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
@@ -46,7 +45,6 @@ class Liquid(NamedTuple):
 
 @lru_cache(maxsize=2)
 def liquid(particles: int, steps: int, threads: int = 1) -> Liquid:
-    """Final state of ``melt``."""
     sim = melt(particles, steps, threads)
     state = sim.state
     return Liquid(state.wrapped(), state.velocities, sim.system.box.lengths)

@@ -23,7 +23,6 @@ REFERENCE = "float64, from the same start"
 
 
 def start(particles: int) -> kd.Simulation:
-    """The liquid at its temperature."""
     positions, edges = lattice("sc", particles, DENSITY)
     velocities = maxwell_boltzmann(np.ones(particles), TEMPERATURE, 1.0, seed=1)
     force = kd.LennardJones(cutoff=CUTOFF, truncation="switch")
@@ -33,7 +32,6 @@ def start(particles: int) -> kd.Simulation:
 
 
 def study(particles: int, steps: int) -> list[Claim]:
-    """Both precisions from one start."""
     sim = start(particles)
     state, edge = sim.state, sim.system.box.lengths[0]
     phase = np.array(state.phase)

@@ -94,7 +94,6 @@ def compare_all(seconds: float = 0.4, count: int = 9) -> list[Claim]:
 
 
 def claims() -> list[Claim]:
-    """Claims with the default options."""
     return compare_all()
 
 

@@ -255,7 +255,6 @@ def rows(found: dict[str, Any]) -> list[list[str]]:
 
 
 def tables_of(found: dict[str, Any]) -> str:
-    """Peaks and kernels in Markdown."""
     peaks = found["peaks"]
     heading = ["kernel", "unit", "operations", "bytes", "ns", "GFLOP/s", "GB/s", "of the peak", "it waits for"]
     caches = [key for key in peaks if key.endswith("_gb_per_s")]

@@ -66,7 +66,6 @@ def liquid_on(n: int) -> Callable[[int], kd.Simulation]:
 
 
 def stars_on(threads: int) -> kd.Simulation:
-    """Stars by the tree."""
     return by_tree(tree_stars(STARS), ACCURACY, threads).sim
 
 
@@ -153,7 +152,6 @@ def study(count: int = 5, seconds: float = 0.5) -> dict[str, Any]:
 
 
 def spread(ratio: dict[str, float]) -> str:
-    """A median with its quartiles."""
     return f"{ratio['median']:.2f} ({ratio['low']:.2f} to {ratio['high']:.2f})"
 
 
@@ -224,7 +222,6 @@ def engine_table(found: dict[str, Any]) -> str:
 
 
 def text_of(found: dict[str, Any]) -> str:
-    """The page's tables."""
     rates = ", ".join(f"{rate:.1f} GB/s on {p}" for p, rate in found["rates"].items())
     head = (
         f"{found['where']}; {found['turns']} turns of {found['seconds']:g} s; the load of the machine before was "

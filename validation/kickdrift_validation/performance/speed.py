@@ -201,7 +201,6 @@ def timed(command: Command, count: int) -> dict[str, Any]:
 
 
 def claims_of(found: dict[str, Any]) -> list[Claim]:
-    """Claims of all groups."""
     claims = []
     for group in found["groups"]:
         if "times" in group:
@@ -233,7 +232,6 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
 
 
 def claims() -> list[Claim]:
-    """Claims of the default entries."""
     return claims_of(measure(chosen()))
 
 

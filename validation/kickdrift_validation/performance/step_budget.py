@@ -215,7 +215,6 @@ def main() -> int:
 
 
 def shown(number: float | None) -> str:
-    """A number as a cell."""
     return f"{'–':>10}" if number is None else f"{number:10.2f}"
 
 
