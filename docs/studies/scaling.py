@@ -1,6 +1,6 @@
 """Strong and weak scaling on this machine, and a model of more cores.
 
-    python -m kickdrift_validation.performance.scaling [--turns 5] [--json FILE] [--page docs/scaling.md]
+    python -m docs.studies.scaling [--turns 5] [--json FILE] [--page docs/scaling.md]
 
 The liquid is that of melt.py; the stars are those of the group plummer-100000. Runs on one and on more threads take
 turns. A speed-up is the median of the ratios of neighbouring turns. ``scaling_model`` predicts the same numbers from
@@ -20,13 +20,8 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.forces.bound.forces import most_threads
-from kickdrift_validation.claim import where
-from kickdrift_validation.docs_tables import deliver, outputs, table
-from kickdrift_validation.performance import scaling_engine
-from kickdrift_validation.performance.bodies import by_tree, tree_stars
-from kickdrift_validation.performance.melt import again, melt
-from kickdrift_validation.performance.scaling_model import (
+from docs.studies import scaling_engine
+from docs.studies.scaling_model import (
     AWAKE,
     Delays,
     Log,
@@ -37,6 +32,11 @@ from kickdrift_validation.performance.scaling_model import (
     memory_rate,
     predicted,
 )
+from kickdrift.forces.bound.forces import most_threads
+from kickdrift_validation.claim import where
+from kickdrift_validation.docs_tables import deliver, outputs, table
+from kickdrift_validation.performance.bodies import by_tree, tree_stars
+from kickdrift_validation.performance.melt import again, melt
 from kickdrift_validation.performance.turns import Missing, Native, ratio_of, turns
 
 BEGIN, END = "<!-- scaling.py writes from here -->", "<!-- to here -->"

@@ -1,6 +1,6 @@
 """Short runs of every kind that matters, each in a process of its own: arm.py compares two machines by them.
 
-    python -m kickdrift_validation.arm_kinds KIND
+    python -m docs.studies.arm_kinds KIND
 
 The last line of output is JSON: what the run gave, and what it ran with.
 """

@@ -1,6 +1,6 @@
 """Speed of LAMMPS alone and through the engine: in one process, in two, and in two on two machines.
 
-    python -m kickdrift_validation.performance.scaling_engine [--turns 5] [--seconds 0.5]
+    python -m docs.studies.scaling_engine [--turns 5] [--seconds 0.5]
 
 Two network namespaces stand for the machines: they share no address and reach each other by a virtual cable. This
 needs root and the command ip; without them the row is left out. Prints JSON.
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.engines import ENGINES
+from kickdrift_validation.folders import checkout
 from kickdrift_validation.performance.liquids import Lammps
 from kickdrift_validation.performance.melt import liquid
 from kickdrift_validation.performance.turns import Native, Runner, ratio_of, turns
@@ -95,7 +96,7 @@ def measured(count: int = 5, seconds: float = 0.5) -> dict[str, Any]:
     found: dict[str, Any] = {"particles": SIDE**3, "rows": [], "left_out": []}
     if ENGINES["lammps"].version is None:
         return found | {"left_out": [f"LAMMPS: {ENGINES['lammps'].install}"]}
-    words = [sys.executable, "-m", "kickdrift_validation.performance.scaling_engine", "--turns", str(count)]
+    words = [sys.executable, "-m", "docs.studies.scaling_engine", "--turns", str(count)]
     words += ["--seconds", str(seconds)]
     if os.geteuid() == 0 and shutil.which("ip"):
         with tempfile.TemporaryDirectory(prefix="kickdrift-") as name:
@@ -116,7 +117,8 @@ def measured(count: int = 5, seconds: float = 0.5) -> dict[str, Any]:
 
 def printed(words: list[str], more: dict[str, str]) -> Any:
     """What a command prints as JSON."""
-    done = subprocess.run(words, env={**os.environ, **more}, stdout=subprocess.PIPE, check=True, timeout=LIMIT)
+    environment = {**os.environ, **more}
+    done = subprocess.run(words, cwd=checkout(), env=environment, stdout=subprocess.PIPE, check=True, timeout=LIMIT)
     return json.loads(done.stdout)
 
 

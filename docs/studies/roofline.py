@@ -1,6 +1,6 @@
 """Speed of each kernel beside the processor's peaks, and the limit of each kernel.
 
-    python -m kickdrift_validation.performance.roofline [--turns 7] [--json FILE] [--page docs/roofline.md]
+    python -m docs.studies.roofline [--turns 7] [--json FILE] [--page docs/roofline.md]
 
 Each kernel runs by itself on one core, many times, and its best turn counts. The operations of a unit of work (a pair,
 a list entry of eight pairs, a body, …) are counted by hand from the formulas, see KERNELS. A multiply-add counts as
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.peaks import measure, per_second
 from kickdrift.analysis.compare.bench import processor
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.bound.table import accelerate
@@ -37,7 +38,6 @@ from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.exact_reversal import solar_system
 from kickdrift_validation.performance.bodies import planets, stars
 from kickdrift_validation.performance.melt import CUTOFF, melt
-from kickdrift_validation.performance.peaks import measure, per_second
 from kickdrift_validation.wisdom_holman import MERCURY
 
 BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"

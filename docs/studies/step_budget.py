@@ -1,6 +1,6 @@
 """Time of each part of a Lennard-Jones step, by size: nanoseconds per particle and step.
 
-    python -m kickdrift_validation.performance.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
+    python -m docs.studies.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
         [--precision double mixed]
 
 The liquid is that of melt.py. Each part of a step runs by itself, many times over, on the state of a real run. The
@@ -26,6 +26,8 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.peaks import caches, measure
+from docs.studies.roofline import KERNELS
 from kickdrift.forces.lists.clusters import N_CLUSTERS
 from kickdrift.forces.lists.pairlist import prune
 from kickdrift.forces.lists.search import search
@@ -38,8 +40,6 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import each_chunk
 from kickdrift_validation.claim import Claim, at_most, claim, show, where
 from kickdrift_validation.performance.melt import melt
-from kickdrift_validation.performance.peaks import caches, measure
-from kickdrift_validation.performance.roofline import KERNELS
 
 SIZES, MELT = (10**3, 22**3, 46**3, 10**6), 60
 STEP, PRUNING, SEARCH = "step", "pruning", "search"

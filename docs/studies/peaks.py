@@ -1,6 +1,6 @@
 """Peaks of one core of this machine: fused multiply-adds a second, and bytes a second from each cache.
 
-    python -m kickdrift_validation.performance.peaks [--turns 7] [--seconds 0.05]
+    python -m docs.studies.peaks [--turns 7] [--seconds 0.05]
 
 The script uses kickdrift's own eight-lane vectors, so kernels could reach these peaks. It runs ten independent chains
 of multiply-adds, and one chain alone. The time of an operation in one chain is the latency for which a step of a few

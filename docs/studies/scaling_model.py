@@ -22,6 +22,8 @@ import numpy as np
 from numba import types
 
 import kickdrift as kd
+from docs.studies.peaks import MEMORY, caches
+from docs.studies.peaks import read as sum_of
 from kickdrift.forces.bound.forces import most_threads
 from kickdrift.forces.lists.clusters import N_CLUSTERS
 from kickdrift.jit.callback import callback
@@ -33,8 +35,6 @@ from kickdrift.jit.threads.atomic import nanoseconds, read, write
 from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
 from kickdrift.jit.threads.task import call_task
 from kickdrift.jit.threads.team import AWAKE, CODE, CROWDED, TASK_PLACE, Team, team_of
-from kickdrift_validation.performance.peaks import MEMORY, caches
-from kickdrift_validation.performance.peaks import read as sum_of
 from kickdrift_validation.performance.turns import Missing
 
 ENTRIES = 2**20  # room of the log

@@ -1,6 +1,6 @@
 """Which solver for which problem: the table of docs/which-integrator.md, from a comparison on a system for each row.
 
-    python -m kickdrift_validation.solver_guide [--docs docs/which-integrator.md] [--json guide.json]
+    python -m docs.studies.solver_guide [--docs docs/which-integrator.md] [--json guide.json]
 
 Each row is `kickdrift compare SYSTEM --accuracy X`: every method over a ladder of steps or tolerances, errors against a
 closed form or a reference run (of liquids: the energy's), and the cheapest that meets the error wanted. Beside it stand
@@ -22,7 +22,7 @@ from kickdrift.analysis.compare.work_precision import equilibrated, work_precisi
 from kickdrift_validation.claim import where
 from kickdrift_validation.docs_tables import put, table
 
-BEGIN, END = "<!-- guide: kickdrift_validation.solver_guide --docs writes it -->", "<!-- end of the guide -->"
+BEGIN, END = "<!-- guide: docs.studies.solver_guide --docs writes it -->", "<!-- end of the guide -->"
 
 
 class Problem(NamedTuple):

@@ -1,6 +1,6 @@
 """Predicted and measured speeds of the groups of `kickdrift bench speed` that are not among the usual ones.
 
-    python -m kickdrift_validation.performance.predictions [--from FILE.json] [--page docs/roofline.md]
+    python -m docs.studies.predictions [--from FILE.json] [--page docs/roofline.md]
 
 The predictions follow from the step budget of one thread, from counted operations and from bytes. They were written
 before the measurement beside which the table shows them, but earlier measurements of most groups were known. With

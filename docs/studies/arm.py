@@ -1,6 +1,6 @@
 """Does kickdrift run on ARM (aarch64), and to the numbers of this machine? A processor of that kind is emulated.
 
-    python -m kickdrift_validation.arm FOLDER [--only TEXT …] [--processor generic] [--page docs/machines.md]
+    python -m docs.studies.arm FOLDER [--only TEXT …] [--processor generic] [--page docs/machines.md]
 
 FOLDER takes all that is fetched and made, about 1 GB, and is used again: the emulator (qemu's user mode), Debian's
 Python for arm64 with the libraries that it needs, the wheels of kickdrift's dependencies in the versions that run here,
@@ -39,20 +39,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from docs.studies.arm_kinds import KINDS
 from kickdrift.analysis.compare.bench import processor
 from kickdrift_validation import processors
-from kickdrift_validation.arm_kinds import KINDS
 from kickdrift_validation.docs_tables import put, table
 from kickdrift_validation.folders import checkout
 
-RUNS = "kickdrift_validation.arm_kinds"
+RUNS = Path(__file__).with_name("arm_kinds.py")
 PACKAGES = ("python3", "libstdc++6", "libgomp1")  # for arm64: Python, and what the wheels load
 EPS = float(np.finfo(np.float64).eps)
 FEATURES = "NUMBA_CPU_FEATURES"  # what LLVM may use beside, or instead of, what a processor of that name has
 THREADS = {"NUMBA_NUM_THREADS": "2"}
 TIMES = 10  # as far as the older processors are
 LIMIT = 3600.0  # seconds of a kind, most of them for compiling
-BEGIN, END = "<!-- kickdrift_validation.arm --page writes from here -->", "<!-- to here -->"
+BEGIN, END = "<!-- docs.studies.arm --page writes from here -->", "<!-- to here -->"
 
 
 class Failure(Exception):
@@ -76,7 +76,7 @@ class Machine(NamedTuple):
     def found(self, kind: str) -> dict[str, Any]:
         """What a kind of run gave, and the seconds that it took."""
         began = perf_counter()
-        lines = self.output("-m", RUNS, kind).splitlines()
+        lines = self.output(RUNS, kind).splitlines()
         return json.loads(lines[-1]) | {"seconds": perf_counter() - began}
 
 
