@@ -6,8 +6,6 @@ many turns over that of the first: a reversible method whose steps follow the mo
 (Hairer, Lubich & Wanner 2006, XI.3, doi:10.1007/3-540-30666-8).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

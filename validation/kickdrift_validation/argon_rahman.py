@@ -16,8 +16,6 @@ independent components (Allen & Tildesley 2017, eq. 2.118, doi:10.1093/oso/97801
 Rahman's D is of the same box.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path

@@ -5,8 +5,6 @@ sqrt(m / epsilon), worked out here from printed constants. Both must go the same
 CODATA 2022's (Mohr et al. 2025, doi:10.1103/RevModPhys.97.025002).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

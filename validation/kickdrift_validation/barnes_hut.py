@@ -13,8 +13,6 @@ come in Morton's order, which more than doubles its speed. Memory is the peak of
 particles, and for 10^7 (half an hour of one core, all in all).
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

@@ -17,8 +17,6 @@ its box: with edges that change apart the runs are short, or the box large.
 Total energy less heat and work is conserved, with an error of second order in the step.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@ make it grow as the number itself. Root mean squares over 200 oscillators of dif
 where the method is implicit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Chromium without a window, for the scripts that look at pages."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

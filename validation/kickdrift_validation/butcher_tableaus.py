@@ -5,8 +5,6 @@ A method has order p where sum_i b_i Phi_i(t) = 1 / gamma(t) for every rooted tr
 that 1 is a rounding. One tree of p + 1 vertices must fail by far, else the order stated is too low.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -10,8 +10,6 @@ to the bits of the run that was not killed. EMT keeps a neighbour list with a sk
 was made: a run that begins anew from positions and velocities alone has other bits, which a claim shows.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import tempfile
 from collections import Counter

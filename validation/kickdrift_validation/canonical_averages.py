@@ -12,8 +12,6 @@ The heat capacity is the variance of the energy over k_B T^2, and the slope of t
 temperatures. Both have errors by blocks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

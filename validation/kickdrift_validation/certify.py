@@ -10,8 +10,6 @@ A mass of the barostat that is three times too large everywhere changes the peri
 fault is a noise that does not belong to the mass.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -8,8 +8,6 @@ the secular motion of planets takes that long. The short set has the first plane
 Besides, the exponent of Lagrange's triangle against its closed form.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

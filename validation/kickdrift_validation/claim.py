@@ -6,8 +6,6 @@ that argument out. The script ends with ``main(claims, __doc__)`` and has a row 
 is for whoever runs it alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import math

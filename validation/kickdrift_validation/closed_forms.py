@@ -7,8 +7,6 @@ variables, so the two share nothing. A step of wisdom-holman on two bodies is no
 length. Two atoms that swing along their line have the period 2 ∫ dr / sqrt(2 (E - U) / mu) between the turning points.
 """
 
-from __future__ import annotations
-
 import math
 from importlib.util import find_spec
 from typing import Any

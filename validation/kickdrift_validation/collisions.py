@@ -8,8 +8,6 @@ that fall together lose nothing that is not booked. The tree that searches many 
 of all pairs finds.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

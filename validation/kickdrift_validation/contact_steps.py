@@ -6,8 +6,6 @@ gauss-radau15. A run fails if a contact is missing or extra, if its time is wron
 the energy error exceeds 1 %. Pairs that miss have their least distances beside those of gauss-radau15.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

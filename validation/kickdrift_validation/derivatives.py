@@ -6,8 +6,6 @@ one more direction over that of a step. Transits of TRAPPIST-1's planets: reboun
 derivatives: differences of times in 33 digits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from time import process_time
 from types import FunctionType

@@ -5,8 +5,6 @@ mpmath. The tangent map of wisdom-holman with other forces and kernels: is it sy
 cost? Lyapunov spectra: Lorenz's published one, and sums of exponents that the divergence of the flow gives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from time import process_time
 from typing import Any

@@ -3,8 +3,6 @@
 python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md)
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter

@@ -10,8 +10,6 @@ hold 0 and may do so always.  A series called too short has no interval (infinit
 claimed for it.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

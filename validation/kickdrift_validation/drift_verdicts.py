@@ -14,8 +14,6 @@ A secular drift that does not go on so is false. A slope has the wrong sign wher
 either the verdict is a secular drift or the run changes the energy by more than 1 %.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ times. In the end all members must be done, and the table must be that of an ens
 done to, to the last bit, but for the wall time.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

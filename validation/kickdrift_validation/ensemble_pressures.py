@@ -23,8 +23,6 @@ md_nve_lj (the GUIDE of their examples, see data/lj-eos), with the centre of mas
 That points to the equation, as does the finding about the other one in equation_of_state.py; the cause is open.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

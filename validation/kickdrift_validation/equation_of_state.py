@@ -29,8 +29,6 @@ seeds. LAMMPS shows the same from four starts of its own: 0.0062 (0.0013). The c
 cutoff does to the structure; a longer run would miss the bound, which stays.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -10,8 +10,6 @@ with random zeros show whether every zero of an event's function is found: y' = 
 so that the solution is exact in steps of any length.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ runs in a process of its own, which is given the whole numbers of its start and 
 second one those of the first one's end, momenta negated.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from multiprocessing import get_context

@@ -8,8 +8,6 @@ fails, which is printed. Last of all, or alone with ``--control``, come the same
 where all must pass. Exit status 1 if a fault is not caught, or a claim fails without one.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

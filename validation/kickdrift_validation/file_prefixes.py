@@ -11,8 +11,6 @@ For comparison the order of the writes is left to HDF5: that loses frames, which
 and shows that these tests see it.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import warnings

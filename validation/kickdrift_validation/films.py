@@ -5,8 +5,6 @@ have the right number of pictures, the right size, and no blank picture. In a fi
 where the frames say: perspective is computed here once more.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess

@@ -5,8 +5,6 @@ cases are forces of kickdrift and the NumPy force, with other positions each. Th
 set 200.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import cycle, islice

@@ -10,8 +10,6 @@ against direct sums over all pairs in NumPy at every step of a hot fluid, in whi
 misses pairs. This does not see chaos: each step is on its own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

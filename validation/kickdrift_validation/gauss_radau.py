@@ -13,8 +13,6 @@ them. Where close encounters multiply what the rounding of the starting values d
 than some factor of that; all run with default settings.
 """
 
-from __future__ import annotations
-
 import json
 from importlib.util import find_spec
 from time import perf_counter

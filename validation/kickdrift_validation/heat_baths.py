@@ -14,8 +14,6 @@ The Lennard-Jones fluid, cut and shifted at 2.5 sigma, is compared with the equa
 (equation_of_state.py). The bound is three standard errors of the run; two numbers of each of eight baths are tried.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

@@ -7,8 +7,6 @@ over one turn and ten, in closed form. Burrau's Pythagorean problem against stat
 meeting.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from time import perf_counter

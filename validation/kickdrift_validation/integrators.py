@@ -9,8 +9,6 @@ what 1000 steps there and back leave; evaluations; and where the method blows up
 its coefficients say. Methods that choose their steps: the power of the tolerance that the error is proportional to.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import sys

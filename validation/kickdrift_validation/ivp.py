@@ -11,8 +11,6 @@ Backward Euler is not accurate enough to be held against such values; its error 
 t = 40. --long adds the 11 decades of ROBER.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -11,8 +11,6 @@ term, 90 m of Venus' 99 km in a year. SciPy's DOP853 on the same equations gives
 with the Sun's terms of those equations 12 m for Venus and 0.71 km for Mercury, ours 0.44 km, after ten years.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -5,8 +5,6 @@ power of dt in its energy error says, which is worked out here in rational numbe
 method gets wrong stays as it is (Hairer, Lubich & Wanner 2006, IX.8, doi:10.1007/3-540-30666-8), but for rounding.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from pathlib import Path

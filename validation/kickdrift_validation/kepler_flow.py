@@ -6,8 +6,6 @@ where the closed form does: steps from a thousandth of a turn to ten turns, ecce
 of 2 / r0 in 1 / a = 2 / r0 - v^2 turns the phase by 3/2 t 2 / r0 of it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

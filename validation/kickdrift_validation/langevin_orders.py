@@ -14,8 +14,6 @@ sqrt(dt k_B T / (2 g m)), so their strong order is 1/2; their weak order at a gi
 (Leimkuhler, Matthews & Tretyakov 2014, doi:10.1098/rspa.2014.0120).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import ClassVar, NamedTuple

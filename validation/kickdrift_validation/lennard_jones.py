@@ -3,8 +3,6 @@
 Nothing here comes from the compiled kernels. epsilon = sigma = 1; truncation "shift" (of the energy) or "cut".
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

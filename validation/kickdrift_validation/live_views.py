@@ -7,8 +7,6 @@ MDAnalysis reads a run by IMDv3 in a process of its own, and has to find the fra
 Chromium opens the live page, and a notebook in JupyterLab whose widget follows a run.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import socket

@@ -14,8 +14,6 @@ multiplies any difference by exp(lambda t). That this is all there is to it is s
 Energies and forces are compared at the same positions, which leaves chaos out.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter

@@ -11,8 +11,6 @@ logs; here its list is checked at every step. What the log of its benchmark in.l
 energy and virial of the lattice of 32,000 particles, which are a sum over the neighbours of one site.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

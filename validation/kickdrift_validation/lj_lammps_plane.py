@@ -10,8 +10,6 @@ its samples, (2 K + W) / (2 A) with the area A. The standard error of a mean is 
 root of their number, whatever the memory of a run. The bound is three standard errors of the difference.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

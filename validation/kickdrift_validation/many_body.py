@@ -7,8 +7,6 @@ the cubics that kickdrift uses too; ASE joins it by other ones, so forces differ
 Lattice constants come from energies of a perfect crystal by parabolas through three lattice constants.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ of copper. Their second derivatives are differences in 60 digits. The motion alo
 silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec

@@ -8,8 +8,6 @@ that as velocities and a hundredth as forces. Its box leans and changes from fra
 trajectory, and no test may fail.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import Counter
 from importlib.util import find_spec

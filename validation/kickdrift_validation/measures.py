@@ -3,8 +3,6 @@
 Both the contract tests and kickdrift_validation.integrators measure with these functions.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

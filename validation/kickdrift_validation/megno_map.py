@@ -16,8 +16,6 @@ A planet that is thrown out early leaves a MEGNO that falls back towards 2, late
 follows an encounter for long: two programs can find 3 and 30 there, but neither finds regular motion.
 """
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -10,8 +10,6 @@ relax to forces of 1e-6 and equilibrate at constant energy. A hundred relax to f
 bath (baoab).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations, permutations, product
 

@@ -12,8 +12,6 @@ A user's law with the formula of a law that ships gives the same bits. Its speed
 evaluations, one law after the other.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from importlib.util import find_spec

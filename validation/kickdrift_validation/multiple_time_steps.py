@@ -9,8 +9,6 @@ slow step, and the slow forces of the melt are almost as stiff as its bonds. ``-
 each group's forces, which needs an idle machine.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -6,8 +6,6 @@ Configurations 2 (200 particles) and 4 (30 particles) of the NIST Standard Refer
 The same numbers recomputed in double precision stand in the data too, and are met to round-off.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

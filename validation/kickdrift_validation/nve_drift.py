@@ -5,8 +5,6 @@ then velocity Verlet at dt* = 0.005 without any thermostat. The verdict on the e
 `kickdrift.statistics.drift`, whose own error rate drift_statistics.py measures: at most one wrong verdict in twenty.
 """
 
-from __future__ import annotations
-
 from time import perf_counter
 
 import numpy as np

@@ -7,8 +7,6 @@ kickdrift's must be M, and 20,000 steps M^20000. For velocity Verlet that is the
 2 arcsin(dt / 2) (Hairer, Lubich & Wanner 2006, I.5, doi:10.1007/3-540-30666-8): the phase is early by dt^2 / 24 of it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from decimal import Decimal, localcontext

@@ -1,7 +1,5 @@
 """What came of a validation script."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Laws of bonds and angles as a user would write them, with the formulas of laws that ship."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

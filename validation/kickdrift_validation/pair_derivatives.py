@@ -5,8 +5,6 @@ deviation in a fluid of 1000 particles: differences of runs by LAMMPS. Is the ma
 Lyapunov spectrum of a fluid: its sum, its pairs and its zeros. What does a direction cost?
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import process_time

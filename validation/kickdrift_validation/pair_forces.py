@@ -6,8 +6,6 @@ against differences of the energy, to the sixth order. force_gradients.py
 has the other forces, mixtures, and the lists of a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -6,8 +6,6 @@ same phase of the orbit, so that the periodic changes of the elements drop out, 
 theories of first order hold. At last, the energy of a run less the work of the force must stay.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec

@@ -4,8 +4,6 @@ Three (marked small) change no result by more than a millionth: digits swapped i
 mass, a series used past its range.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

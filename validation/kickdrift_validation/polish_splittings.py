@@ -12,8 +12,6 @@ tree's branches. From rest at time 0 its exact solution is a power of t, and a m
 every tree of order p or less, and the position of every tree of order p - 1 or less, exact after one step of any size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import chain, pairwise

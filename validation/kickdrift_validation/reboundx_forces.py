@@ -10,8 +10,6 @@ the end of the step, and the bodies feel the spins of the step's start. So its e
 its angular momentum is conserved to this order. Spins of four steps, extrapolated to the step 0, are compared.
 """
 
-from __future__ import annotations
-
 import ctypes
 import warnings
 from collections.abc import Callable, Iterator

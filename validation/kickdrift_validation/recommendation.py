@@ -6,8 +6,6 @@ square relative energy error of the liquid, the largest error over the samples a
 for the others. Asked of each system: at least 9 of 10 within the wanted error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Every validation script: what it shows, the peers that it compares with, and about how long its short set takes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The report of a validation: what was claimed, measured and found, and with what, as one page of Markdown."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -6,8 +6,6 @@ positions and velocities, and the means over replicas differ by some standard er
 show graphs, and no numbers could be checked against them; ring_thermal.py has a published number for another ring.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

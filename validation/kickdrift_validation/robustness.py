@@ -7,8 +7,6 @@ frames or an error. A run that is killed goes on to the same bits.
 ``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats a case.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ a method has order p if sum_i b_i Phi_i(t) = 1 / gamma(t) for every rooted tree 
 A tree is the sorted tuple of the trees that hang on its root; the one with a single vertex is ().
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache

@@ -7,8 +7,6 @@ and each method with two systems; the long set takes all pairs that are allowed.
 catch a planted fault: on several threads, the chunks' forces are added in the other order.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json

@@ -7,8 +7,6 @@ dt = 0.01 and 1,340,000 steps at 0.005 differ by 0.00612 (0.00031) per particle:
 runs cost for the same error follows from the block averages of the fine paths.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

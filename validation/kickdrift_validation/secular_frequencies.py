@@ -10,8 +10,6 @@ planets is chaotic with a Lyapunov time of 5 million years (Laskar 1989, doi:10.
 are compared over the first 20 million years, as in La2004's table. Our Earth and Moon are one body.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from importlib.util import find_spec

@@ -4,8 +4,6 @@ The pendulum let go at 2 rad, over 50 units of time: H oscillates by dt^2, H + d
 H + dt^2 H2 + dt^4 H4 by dt^6 (Hairer, Lubich & Wanner 2006, IX.3; Skeel & Hardy 2001, 10.1137/S1064827599350204).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -8,8 +8,6 @@ heats up or cools down as kinetic theory says: see ring_thermal.py. ``--long`` t
 larger rings of two optical depths.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any

@@ -5,8 +5,6 @@
 Without --output the two shipped files are compared with the ephemeris; needs jplephem and de421.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -8,8 +8,6 @@ away. --long goes on to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004
 doi:10.1093/mnras/stv1257; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter

@@ -9,8 +9,6 @@ the two samples are independent. Their number and seeds were fixed before the fi
 turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from time import process_time
 from typing import Any

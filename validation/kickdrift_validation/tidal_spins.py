@@ -4,8 +4,6 @@ Two bodies feel the force tides-spin. Rates come from runs of whole orbits under
 order hold. The accelerations and torques stand in planetary_forces and reboundx_forces.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

@@ -7,8 +7,6 @@ the same state, a step of both differs by their inner methods alone; longer runs
 Speeds are processor times in turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from time import process_time
 from typing import Any

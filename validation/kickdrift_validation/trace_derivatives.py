@@ -6,8 +6,6 @@ with differences of trace's own runs, with the variational equations under gauss
 symplectic across encounters, and what does a direction cost?
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple

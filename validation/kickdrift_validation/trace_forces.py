@@ -6,8 +6,6 @@ same map with all other forces at both ends of each step, as rebound's TRACE has
 gauss-radau15 and the closed form of the pericentre's advance, 6 pi G M / (c^2 a (1 - e^2)) (Einstein 1915).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -8,8 +8,6 @@ the first run. As a control, TRACE runs a second time from places one rounding a
 doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

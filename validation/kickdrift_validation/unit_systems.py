@@ -6,8 +6,6 @@ gravitational constant k = 0.01720209895 (Gauss 1809; IAU 1976) and the nominal 
 has eight digits.
 """
 
-from __future__ import annotations
-
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift_validation.claim import Claim, at_most, main, not_run

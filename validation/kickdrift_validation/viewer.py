@@ -9,8 +9,6 @@ The comparison takes the particles, the box and the orbits alone, since letters 
 shows the pages of the mixture and of the planets.
 """
 
-from __future__ import annotations
-
 import base64
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The runs that the script ``viewer`` looks at: a liquid, a mixture, planets, a collision and a leaning box."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

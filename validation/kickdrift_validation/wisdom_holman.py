@@ -7,8 +7,6 @@ against itself, started one unit of rounding away (every position times 1 + 2^-5
 doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015, doi:10.1093/mnras/stv1257.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

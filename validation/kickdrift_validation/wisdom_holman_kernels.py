@@ -6,8 +6,6 @@ errors that rounding does not hide. Wisdom, Holman & Touma 1996, Fields Inst. Co
 others, where epsilon is the planets' mass. ``--long`` adds 10^6 steps with each kernel.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import kickdrift as kd

@@ -3,8 +3,6 @@
 python -m kickdrift_validation.claims [--long] [--figures FOLDER]
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kickdrift_validation.claim import of

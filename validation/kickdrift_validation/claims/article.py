@@ -5,8 +5,6 @@ hold, read so? ``verdict``, pass or fail: is our measurement what theory says (a
 number), so that it may judge the words at all?
 """
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterable

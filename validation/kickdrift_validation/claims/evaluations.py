@@ -4,8 +4,6 @@ Counted by the run itself, per step under way, against published counts and SciP
 plain Python loops of the same methods, and SciPy's DOP853.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -6,8 +6,6 @@ for its step's error of fifth order averages out and that of sixth does not (on 
 72). Short runs measure both; what lies beyond is extrapolated by these powers and says so. --long goes 10^6 steps.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from pathlib import Path

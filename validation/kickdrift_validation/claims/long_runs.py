@@ -5,8 +5,6 @@ interval are those of `kickdrift.statistics.drift`, carried on to 10^9 steps. Ro
 eps sqrt(n) after n steps (Brouwer 1937, doi:10.1086/105423).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ G M = a = 1, so that a period is 2 pi. The laws on the circle are those of ../ke
 is compared with a plain Python loop.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from pathlib import Path

@@ -5,8 +5,6 @@ weights in rational numbers, nothing may; in floats rounding differs, and chaos 
 no bit (Levesque & Verlet 1993, doi:10.1007/BF01048022).
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -5,8 +5,6 @@ the real stability interval, the one number that the measured steps are compared
 doi:10.1007/978-3-642-05221-7). Implicit: Radau IIA of order 5.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ steps go as the error estimate's power of the tolerance, so the error goes as th
 not decide (Hairer, Nørsett & Wanner 1993, II.4, doi:10.1007/978-3-540-78862-1).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import kickdrift as kd

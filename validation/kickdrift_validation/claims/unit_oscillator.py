@@ -4,8 +4,6 @@ x'' = -x and, for the last, y' = -y. On both a step of any of these methods is a
 reference, worked out here by NumPy alone (Hairer & Wanner 1996, IV.2, doi:10.1007/978-3-642-05221-7).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 An archive has no checksums, so that a flipped digit may be read as another number.
 """
 
-from __future__ import annotations
-
 import random
 import struct
 import tempfile

@@ -1,7 +1,5 @@
 """The child of a worker: one command, run as the program runs it, and an eye on what it touches."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

@@ -1,7 +1,5 @@
 """Command lines of every command, option and argument that the program has, with values that nobody wants."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Dicts given to `kickdrift.load`: the tables of files that ship, with values and keys that no file can hold."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Run files with flipped bits, overwritten or lost bytes: what is read is right, or one line says what is wrong."""
 
-from __future__ import annotations
-
 import io
 import random
 from functools import cache

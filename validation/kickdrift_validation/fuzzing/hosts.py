@@ -1,7 +1,5 @@
 """Hosts files with odd lines, and what is no file: a run is set up for them, and nothing is started."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import NUMBERS, TEXTS, Case, dice

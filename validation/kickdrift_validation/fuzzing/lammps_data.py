@@ -1,7 +1,5 @@
 """Data files of LAMMPS with changed numbers, lines and letters, as the particles of a system file and by themselves."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import Case, dice

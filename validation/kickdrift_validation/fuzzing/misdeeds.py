@@ -1,7 +1,5 @@
 """What a program must not do, done on purpose: so that a test sees whether the zygote notices."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The commands certify, view, movie, ensemble and transits, with values that nobody wants and with damaged files."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Operations of h5py that damage a run file's structure, forge its record, or lead out of it."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Run files that are damaged, forged, or lead out of the file: one to three of `operations` on a whole one."""
 
-from __future__ import annotations
-
 import os
 import random
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """System files that are broken: every file that ships, made small, with one to four mutations of its text."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Tables of ensembles and their journals, damaged: what is read is right, or one line says what is wrong."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import Case, dice

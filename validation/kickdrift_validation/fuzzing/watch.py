@@ -1,7 +1,5 @@
 """The watch over a child: memory, processor time without that of compiling, and time without any work."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -4,8 +4,6 @@ Cases come as pickles through a socket, each a generator, a number and a seed; t
 nothing of a case themselves.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os

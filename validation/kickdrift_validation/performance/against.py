@@ -8,8 +8,6 @@ A ratio is the median over the turns of this build's speed over the other's. Run
 time. The other commit uses its own groups.py.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

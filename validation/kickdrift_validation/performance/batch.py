@@ -7,8 +7,6 @@ compilation; BLAS has one thread. The figure is the median of the ratios in the 
 without reports, with only the first and the last sample.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ GROUPS is the module of the build's groups. The program runs as its own file, so
 scripts were no package.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -7,8 +7,6 @@ same run on one and on two threads takes turns (A B A B …) in one process. A f
 neighbouring turns.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

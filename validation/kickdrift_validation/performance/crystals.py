@@ -4,8 +4,6 @@ Both take velocity Verlet's steps from the same numbers. LAMMPS checks at every 
 Its skin is 1 angstrom, and 0.5 in another style. Among 0.5, 1 and 2 (the default for metals), LAMMPS was fastest with
 0.5 in cold crystals."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

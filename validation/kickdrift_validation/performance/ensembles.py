@@ -8,8 +8,6 @@ cost includes reading the file, setting up, the samples' report, and Dask. 10,00
 a tenth of the way and at the end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from time import perf_counter

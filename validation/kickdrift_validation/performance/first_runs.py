@@ -6,8 +6,6 @@ methods run the system whose force is compiled. The script times the making of t
 processor time.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

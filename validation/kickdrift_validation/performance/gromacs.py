@@ -10,8 +10,6 @@ stand in its files unchanged. Forces and coordinates of the usual builds are flo
 begins at the same start. Its time is the time that GROMACS itself reports for its steps, without start-up.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

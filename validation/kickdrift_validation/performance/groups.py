@@ -1,7 +1,5 @@
 """Groups of `kickdrift bench speed`: a system for several programs. Another program is another contestant."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from math import inf

@@ -7,8 +7,6 @@ paths must have the same bits. The body law is an exception, because its formula
 is compiled before the first turn.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -5,8 +5,6 @@ every step. LAMMPS checks at every step whether its list must be made anew, whic
 while it runs. Programs that compute energies at the start and at the end of a turn include this in their time.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stderr
 from importlib.metadata import version

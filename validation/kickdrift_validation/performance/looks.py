@@ -9,8 +9,6 @@ look of nine bodies comes from 100,000 further looks in one run. The cost of a v
 looks that show 40 waves.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

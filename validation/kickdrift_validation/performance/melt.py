@@ -1,7 +1,5 @@
 """The Lennard-Jones melt that the performance scripts time."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ T* = 1.44 in 10 units of time. Velocity Verlet at dt* = 0.005 then runs once in 
 with the edge of the box. Both reports compute the energy in float64.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import kickdrift as kd

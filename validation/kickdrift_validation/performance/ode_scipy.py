@@ -12,8 +12,6 @@ second or more, because it compiles the right-hand side for the step loop. The s
 time of a solve with the default of a thousand looks.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from time import perf_counter

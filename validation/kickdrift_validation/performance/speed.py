@@ -16,8 +16,6 @@ Timings exclude compilation, set-up and file reading, for every program. groups.
 Among several styles of one program the fastest counts.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

@@ -5,8 +5,6 @@
 The numbers go to data/speed.json of this package. With --from the script reads them from a file and measures nothing.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
