@@ -210,7 +210,6 @@ def test_names():
     assert [s.name for s in runner.chosen(["nist_lj.py", "kickdrift_validation.nve_drift"])] == ["nist-lj", "nve-drift"]
     assert "argon-rahman" not in {s.name for s in runner.chosen([])}
     assert {s.name for s in runner.chosen([], long=True)} == {s.name for s in SCRIPTS}
-    assert [s.name for s in runner.chosen(["claims"], scripts=[Script("claims/a.py", ""), Script("b.py", "")])] == ["a"]
     with pytest.raises(InputError, match="did you mean nist-lj"):
         runner.chosen(["nist-jl"])
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Script(NamedTuple):
-    """A file of this package, or of its folder claims, with a function ``claims`` (claim.py says which)."""
+    """A file of this package with a function ``claims`` (claim.py says which)."""
 
     file: str
     shows: str
@@ -18,14 +18,9 @@ class Script(NamedTuple):
         return Path(self.file).stem.replace("_", "-")
 
     @property
-    def group(self) -> str:
-        """Name of the package's folder that the file is in, "" for none. It stands for all scripts of the folder."""
-        return Path(self.file).parent.name
-
-    @property
     def module(self) -> str:
         """Name of the module inside the package."""
-        return self.file.removesuffix(".py").replace("/", ".")
+        return self.file.removesuffix(".py")
 
 
 SCRIPTS = (
@@ -165,15 +160,6 @@ SCRIPTS = (
         peers=("rebound",),
     ),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
-    # what textbooks and web guides say
-    Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
-    Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
-    Script("claims/liquid.py", "the article: 1000 Lennard-Jones particles with leapfrog and RK4", 70),
-    Script("claims/reversal.py", "the article: leapfrog's way back"),
-    Script("claims/long_runs.py", "the article: leapfrog's drift after 10^9 steps"),
-    Script("claims/evaluations.py", "the article: evaluations a step, and what they buy"),
-    Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
-    Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # views
     Script("viewer.py", "pages of view in a browser: pictures, pace, keys, no request", 60, peers=("playwright",)),
     # statistics and files

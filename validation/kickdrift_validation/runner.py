@@ -45,13 +45,13 @@ class _Running(NamedTuple):
 
 
 def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
-    """The scripts of these names, or of a folder's name; without any all that have claims in the set asked for."""
+    """The scripts of these names; without any all that have claims in the set asked for."""
     if not names:
         return [script for script in scripts if long or not script.long_only]
     wanted = set()
     for name in names:
         plain = re.split(r"[/.]", name.removesuffix(".py").replace("_", "-"))[-1]
-        found = [script for script in scripts if plain in (script.name, script.group)]
+        found = [script for script in scripts if plain == script.name]
         if not found:
             known = [script.name for script in scripts]
             near = get_close_matches(plain, known, 3)
@@ -262,11 +262,11 @@ def verdicts(found: Counter[str]) -> str:
 
 def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
     rows = [
-        [script.name, script.group, "--long" if script.long_only else f"{script.seconds:.0f} s",
+        [script.name, "--long" if script.long_only else f"{script.seconds:.0f} s",
          ", ".join(script.peers), script.shows]
         for script in scripts
     ]  # fmt: skip
-    columns = ["name", "group", "time", "peers", "shows"]
+    columns = ["name", "time", "peers", "shows"]
     print_table(None, columns, rows)
 
 

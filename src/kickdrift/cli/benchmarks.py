@@ -122,7 +122,7 @@ def bench_speed(
 def validate(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAME", help="Scripts or groups of scripts (default: all). See --list."),
+        typer.Argument(metavar="NAME", help="Scripts (default: all). See --list."),
     ] = None,
     long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,
     jobs: Annotated[int, typer.Option(metavar="K", min=1, help="Scripts that run at once.")] = 2,

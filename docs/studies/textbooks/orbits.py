@@ -1,7 +1,7 @@
-"""The article on an orbit: the energy after 10,000 of them at dt = 0.01, with forward and symplectic Euler and RK4.
+"""On an orbit: the energy after 10,000 of them at dt = 0.01, with forward and symplectic Euler and RK4.
 
-G M = a = 1, so that a period is 2 pi. The laws on the circle are those of ../kepler_energies.py; another eccentricity
-is compared with a plain Python loop.
+G M = a = 1, so that a period is 2 pi. The laws on the circle are those of
+kickdrift_validation.kepler_energies; another eccentricity is compared with a plain Python loop.
 """
 
 import math
@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, digits, magnitude, near
 from kickdrift.odes import kepler
 from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
-from kickdrift_validation.claims.article import Claim, Reading, article, digits, magnitude, main, near
 from kickdrift_validation.kepler_energies import leading
 
 DT, COUNT = 0.01, 10_000
@@ -156,7 +156,3 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     if figures is not None:
         draw(figures)
     return rows
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

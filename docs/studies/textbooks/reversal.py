@@ -1,4 +1,4 @@
-"""The article on the way back: is leapfrog exactly reversible?
+"""On the way back: is leapfrog exactly reversible?
 
 A run, its velocities negated, as many steps more: what differs from the start. In exact arithmetic, with the registry's
 weights in rational numbers, nothing may; in floats rounding differs, and chaos multiplies it; whole numbers differ in
@@ -10,11 +10,11 @@ from fractions import Fraction
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article
 from kickdrift.integrators import integrator
 from kickdrift.integrators.exact.lattice import Lattice
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.odes import kepler
-from kickdrift_validation.claims.article import Claim, Reading, article, main
 from kickdrift_validation.measures import reversal_error
 
 STEPS, MELT_STEPS = 100_000, 3_000
@@ -79,7 +79,7 @@ def floats() -> list[Reading]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """All of this page; ../exact_reversal.py goes a million steps and through another process."""
+    """kickdrift_validation.exact_reversal goes a million steps and through another process."""
     rationals = rational("velocity-verlet", Fraction(1, 10), RATIONAL_STEPS)
     return article(
         "leapfrog is exactly reversible",
@@ -89,7 +89,3 @@ def claims(long: bool = False) -> list[Claim]:
         *floats(),
         zero(f"leapfrog-exact, 1000 LJ particles, {MELT_STEPS} steps", whole_numbers(MELT_STEPS), "of 9000 differ"),
     )
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

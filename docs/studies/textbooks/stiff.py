@@ -1,4 +1,4 @@
-"""The article on stiffness: how much longer an implicit method's steps are, and from which ratio of rates on.
+"""On stiffness: how much longer an implicit method's steps are, and from which ratio of rates on.
 
 Explicit: Dormand and Prince's method, whose steps a stiff problem holds at 3.3066 over its largest rate: the length of
 the real stability interval, the one number that the measured steps are compared with (Hairer & Wanner 1996, IV.2,
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, magnitude, near
 from kickdrift.errors import RunError
 from kickdrift.odes import hires, orego, robertson, van_der_pol
-from kickdrift_validation.claims.article import Claim, Reading, article, magnitude, main, near
 
 EXPLICIT, IMPLICIT, TOLERANCE = "dormand-prince45", "radau", 1e-6
 INTERVAL = 3.3066
@@ -190,7 +190,3 @@ def begins() -> list[Claim]:
 
 def claims(long: bool = False) -> list[Claim]:
     return [*wins(), *begins()]
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

@@ -1,4 +1,4 @@
-"""The article on cost: how often a step evaluates the force, and what the same number of evaluations buys elsewhere.
+"""On cost: how often a step evaluates the force, and what the same number of evaluations buys elsewhere.
 
 Counted by the run itself, per step under way, against published counts and SciPy's; the errors at equal cost against
 plain Python loops of the same methods, and SciPy's DOP853.
@@ -11,8 +11,8 @@ import numpy as np
 from scipy.integrate import RK23, RK45, solve_ivp
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, magnitude, near
 from kickdrift.odes import kepler
-from kickdrift_validation.claims.article import Claim, Reading, article, magnitude, main, near
 from kickdrift_validation.measures import evaluations
 
 ECCENTRICITY, ORBITS, MANY = 0.3, 10, 200
@@ -204,7 +204,3 @@ def pairs() -> list[Claim]:
 
 def claims(long: bool = False) -> list[Claim]:
     return [*counts(), *matches(), *pairs()]
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

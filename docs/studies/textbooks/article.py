@@ -1,4 +1,4 @@
-"""What a script of the article's claims gives: what is said, each way to read it, what we measure, and who is right.
+"""What each study of textbooks' words gives: what is said, each way to read it, what we measure, and who is right.
 
 Each reading is a row of its own with two verdicts that have nothing to do with each other. ``agrees``: do the words
 hold, read so? ``verdict``, pass or fail: is our measurement what theory says (a closed form, a count, a published
@@ -10,10 +10,10 @@ import textwrap
 from collections.abc import Iterable
 from decimal import Decimal
 from itertools import groupby
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
-from kickdrift_validation.claim import Claim, Claims, claim
-from kickdrift_validation.claim import main as run
+from kickdrift_validation.claim import Claim, claim
+from kickdrift_validation.report_file import SIGNS, cell
 
 WIDTH = 118  # of the printed table
 
@@ -87,12 +87,17 @@ def table(rows: Iterable[Claim]) -> str:
     return "\n".join(lines)
 
 
-def show(rows: Iterable[Claim]) -> int:
-    """Print the article's table; the exit status, 1 where a measurement failed."""
-    rows = list(rows)
-    print(table(rows))
-    return int(any(row["verdict"] == "fail" for row in rows))
-
-
-def main(study: Claims, doc: str | None) -> NoReturn:
-    run(study, doc, show)
+def markdown(rows: Iterable[Claim]) -> list[str]:
+    """The same as lines of a page."""
+    lines = []
+    for said, group in groupby(rows, lambda row: row["said"]):
+        readings = list(group)
+        words, why = (str(readings[0][key]) for key in ("words", "why"))
+        lines += ["", f"### “{said}”", "", f"**{words[0].upper()}{words[1:]}.** {why}", ""]
+        heads = ("read as", "then it", "value", "bound", "reference", "verdict")
+        lines += [f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
+        for row in readings:
+            holds = "holds" if row["agrees"] else "does not hold"
+            cells = (row["reading"], holds, row["value"], row["bound"], row["reference"])
+            lines.append(f"| {' | '.join(cell(str(each)) for each in cells)} | {SIGNS[str(row['verdict'])]} |")
+    return lines

@@ -1,4 +1,4 @@
-"""The article on long runs: has leapfrog no drift after 10^9 steps?
+"""On long runs: has leapfrog no drift after 10^9 steps?
 
 Kepler's ellipse of e = 0.5 at dt = 0.01, 10^7 steps, 10^9 with --long; the slope of the energy error and its 95 %
 interval are those of `kickdrift.statistics.drift`, carried on to 10^9 steps. Rounding makes the energy walk: by some
@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, near
 from kickdrift.odes import harmonic_oscillator, kepler
-from kickdrift_validation.claims.article import Claim, Reading, article, main, near
 
 STEPS, LONG_STEPS, SAID = 10_000_000, 1_000_000_000, 1e9
 DT, SAMPLES = 0.01, 1000
@@ -82,7 +82,3 @@ def claims(long: bool = False) -> list[Claim]:
         oscillator(steps),
         too_long(),
     )
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

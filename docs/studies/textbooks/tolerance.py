@@ -1,4 +1,4 @@
-"""The article on tolerances: is an rtol below 1e-12 meaningless?
+"""On tolerances: is an rtol below 1e-12 meaningless?
 
 Kepler's ellipse of e = 0.5 against its closed form, rtol = atol from 1e-10 down to the smallest that is taken. The
 steps go as the error estimate's power of the tolerance, so the error goes as the tolerance itself, where rounding does
@@ -8,8 +8,8 @@ not decide (Hairer, Nørsett & Wanner 1993, II.4, doi:10.1007/978-3-540-78862-1)
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article
 from kickdrift.odes import kepler
-from kickdrift_validation.claims.article import Claim, Reading, article, main
 
 TOLERANCES = 10.0 ** -np.array([10.0, 10.5, 11.0, 11.5, 12.0, 12.5, 13.0, 13.5])
 LIMIT = 1e-12
@@ -57,7 +57,3 @@ def claims(long: bool = False) -> list[Claim]:
         gained("dormand-prince45", 5.0),
         at_rounding(500.0),
     )
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

@@ -1,4 +1,4 @@
-"""The article on the unit oscillator: what halving a step brings, how fast forward Euler grows, and RK4 against it.
+"""On the unit oscillator: what halving a step brings, how fast forward Euler grows, and RK4 against it.
 
 x'' = -x and, for the last, y' = -y. On both a step of any of these methods is a matrix, R(dt A); its powers are the
 reference, worked out here by NumPy alone (Hairer & Wanner 1996, IV.2, doi:10.1007/978-3-642-05221-7).
@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, digits, magnitude, near
 from kickdrift.odes import harmonic_oscillator
-from kickdrift_validation.claims.article import Claim, Reading, article, digits, magnitude, main, near
 
 DT, LENGTH = 0.01, 10.0
 PERIOD = 2 * math.pi
@@ -167,7 +167,3 @@ def runge_kutta() -> list[Claim]:
 
 def claims(long: bool = False) -> list[Claim]:
     return [*halving(), *growth(), *runge_kutta()]
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)

@@ -1,4 +1,4 @@
-"""The article on a liquid: the energy of 1000 Lennard-Jones particles over 10^6 steps, with leapfrog and with RK4.
+"""On a liquid: the energy of 1000 Lennard-Jones particles over 10^6 steps, with leapfrog and with RK4.
 
 The shipped lj-1000-switch (rho* = 0.8442, T* near 1.3, switched off smoothly), melted first. Which dt is meant is not
 said, so several are tried: leapfrog's error goes as dt^2 and stays; RK4 takes energy out at a rate that goes as dt^5,
@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
+from docs.studies.textbooks.article import Claim, Reading, article, digits, magnitude
 from kickdrift.plots.runs import COLOURS, INK, checked_target, new_axes, new_figure, save_figure
-from kickdrift_validation.claims.article import Claim, Reading, article, digits, magnitude, main
 
 SAID = 1_000_000
 MELTING, SAMPLES = 2000, 200
@@ -180,7 +180,3 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     if figures is not None:
         draw(figures)
     return rows
-
-
-if __name__ == "__main__":
-    main(claims, __doc__)
