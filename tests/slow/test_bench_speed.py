@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from docs.studies import speed_page
 from kickdrift.cli import main as cli
 from kickdrift_validation.folders import DATA
-from kickdrift_validation.performance import bodies, groups, melt, speed, speed_page, turns
+from kickdrift_validation.performance import bodies, groups, melt, speed, turns
 from tests.folders import DOCS
 
 SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]

@@ -55,7 +55,7 @@ def child(method: str, law: bool) -> None:
 
 def seconds(path: str, method: str, law: bool = False) -> float:
     """Seconds of a run in its own process, with the packages and the law on this PYTHONPATH."""
-    command = [sys.executable, "-P", "-m", "kickdrift_validation.performance.first_runs", "--child", method]
+    command = [sys.executable, "-P", __file__, "--child", method]
     command += ["--law"] * law
     environment = {**os.environ, "PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

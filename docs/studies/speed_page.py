@@ -1,6 +1,6 @@
 """Write the tables, the figure and the numbers of docs/speed.md, measured by all usual groups of speed.py.
 
-    python -m kickdrift_validation.performance.speed_page [--from FILE.json] [--only GROUP …] [--turns 15]
+    python -m docs.studies.speed_page [--from FILE.json] [--only GROUP …] [--turns 15]
 
 The numbers go to data/speed.json of this package. With --from the script reads them from a file and measures nothing.
 """

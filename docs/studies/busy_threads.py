@@ -1,6 +1,6 @@
 """Two threads over one on a machine whose cores are all busy.
 
-    python -m kickdrift_validation.performance.busy_threads [--turns 15] [--seconds 0.2]
+    python -m docs.studies.busy_threads [--turns 15] [--seconds 0.2]
 
 Meanwhile as many processes as there are cores count without end. The liquid is that of melt.py, at three sizes. The
 same run on one and on two threads takes turns (A B A B …) in one process. A figure is the median of the ratios of

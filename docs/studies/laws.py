@@ -1,6 +1,6 @@
 """A user's field, pair and body law beside the shipped force of the same formula: speed and bits.
 
-    python -m kickdrift_validation.performance.laws [--turns 15]
+    python -m docs.studies.laws [--turns 15]
 
 Both run in turns (A B A B …) in one process, on one thread and on two. A ratio compares the fastest turn of each. The
 paths must have the same bits. The body law is an exception, because its formula is written in another way. Everything
