@@ -2,7 +2,7 @@
 
     python -m docs.studies.busy_threads [--turns 15] [--seconds 0.2]
 
-Meanwhile as many processes as there are cores count without end. The liquid is that of melt.py, at three sizes. The
+Meanwhile as many processes as there are cores count without end. The liquid is that of liquids.py, at three sizes. The
 same run on one and on two threads takes turns (A B A B …) in one process. A figure is the median of the ratios of
 neighbouring turns.
 """
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 
 from kickdrift.jit.threads.team import team_of
 from kickdrift_validation.claim import Claim, claim, show, where
-from kickdrift_validation.performance.melt import again, melt
+from kickdrift_validation.performance.liquids import again, melt
 from kickdrift_validation.performance.turns import Native, ratio_of, turns
 
 SIZES = (10**3, 22**3, 46**3)

@@ -19,7 +19,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import most_threads
 from kickdrift_validation.claim import Claim, claim, show
-from kickdrift_validation.performance.melt import liquid
+from kickdrift_validation.performance.liquids import liquid
 
 LEAST = 0.9  # bound: share of the shipped force's speed
 TURN = 0.01  # seconds of a turn

@@ -37,7 +37,7 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.exact_reversal import solar_system
 from kickdrift_validation.performance.bodies import planets, stars
-from kickdrift_validation.performance.melt import CUTOFF, melt
+from kickdrift_validation.performance.liquids import CUTOFF, melt
 from kickdrift_validation.wisdom_holman import MERCURY
 
 BEGIN, END = "<!-- roofline.py writes from here -->", "<!-- to here -->"

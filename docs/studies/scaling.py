@@ -2,7 +2,7 @@
 
     python -m docs.studies.scaling [--turns 5] [--json FILE] [--page docs/scaling.md]
 
-The liquid is that of melt.py; the stars are those of the group plummer-100000. Runs on one and on more threads take
+The liquid is that of liquids.py; the stars are those of the group plummer-100000. Runs on one and on more threads take
 turns. A speed-up is the median of the ratios of neighbouring turns. ``scaling_model`` predicts the same numbers from
 one thread and from the delays between two threads. ``scaling_engine`` times LAMMPS through the engine.
 """
@@ -36,7 +36,7 @@ from kickdrift.forces.bound.forces import most_threads
 from kickdrift_validation.claim import where
 from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.performance.bodies import by_tree, tree_stars
-from kickdrift_validation.performance.melt import again, melt
+from kickdrift_validation.performance.liquids import again, melt
 from kickdrift_validation.performance.turns import Missing, Native, ratio_of, turns
 
 BEGIN, END = "<!-- scaling.py writes from here -->", "<!-- to here -->"

@@ -24,8 +24,7 @@ import numpy as np
 
 from kickdrift.engines import ENGINES
 from kickdrift_validation.folders import checkout
-from kickdrift_validation.performance.liquids import Lammps
-from kickdrift_validation.performance.melt import liquid
+from kickdrift_validation.performance.liquids import Lammps, liquid
 from kickdrift_validation.performance.turns import Native, Runner, ratio_of, turns
 
 SIDE, MELT = 22, 500

@@ -3,7 +3,7 @@
     python -m docs.studies.step_budget [--threads 1 2] [--sizes 1000 10648] [--turns 5]
         [--precision double mixed]
 
-The liquid is that of melt.py. Each part of a step runs by itself, many times over, on the state of a real run. The
+The liquid is that of liquids.py. Each part of a step runs by itself, many times over, on the state of a real run. The
 median turn counts; on one thread a turn is measured in processor time. Parts of a new pair list, and the change of
 order for its search, count as often as the run makes and prunes its list. The last rows are the sum of the parts and
 a whole step of `Simulation.run`. With ``--shuffled`` the particles have a random order in memory.
@@ -39,7 +39,7 @@ from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import each_chunk
 from kickdrift_validation.claim import Claim, at_most, claim, show, where
-from kickdrift_validation.performance.melt import melt
+from kickdrift_validation.performance.liquids import melt
 
 SIZES, MELT = (10**3, 22**3, 46**3, 10**6), 60
 STEP, PRUNING, SEARCH = "step", "pruning", "search"

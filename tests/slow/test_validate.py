@@ -16,7 +16,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift_validation import faults, report_file, runner
-from kickdrift_validation.planted import FAULTS
+from kickdrift_validation.faults import FAULTS
 from kickdrift_validation.registry import SCRIPTS, Script
 from tests.folders import TOP
 

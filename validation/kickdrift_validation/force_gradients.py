@@ -23,7 +23,7 @@ from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift_validation.claim import Claim, at_most, claim, main
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.lennard_jones import direct, frames_of
-from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT, melt
+from kickdrift_validation.performance.liquids import CUTOFF, DENSITY, DT, melt
 
 EDGE, LATTICE, H = 6.0, 3, 2e-3
 CLEAR = 0.01  # what no pair's distance is nearer than to the cutoff, or to where a switch begins

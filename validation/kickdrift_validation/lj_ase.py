@@ -24,7 +24,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 from kickdrift_validation.lennard_jones import apart, direct, draw, frames_of, nudged, rate, tangent
-from kickdrift_validation.performance.melt import CUTOFF, DT, melt
+from kickdrift_validation.performance.liquids import CUTOFF, DT, melt
 
 PARTICLES, MELT, STEPS, PAIRS = 216, 2000, 1000, 8
 SETTLED = 400  # steps until the fastest direction has won

@@ -23,7 +23,7 @@ from kickdrift.engines.lammps_world import Model, World
 from kickdrift.model.starts.builders import lattice
 from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.lennard_jones import apart, draw, frames_of, nudged
-from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT
+from kickdrift_validation.performance.liquids import CUTOFF, DENSITY, DT
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000

@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,30 @@ import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.molecules.internal import measured
 from kickdrift_validation.claim import Claim, at_least, at_most, claim, main, not_run
-from kickdrift_validation.own_laws import OwnCosine, OwnFene
+
+
+@kd.bond_law
+class OwnFene(NamedTuple):
+    """The formula of `Fene` without a core."""
+
+    k: float = 30.0
+    longest: float = 1.5
+
+    def law(p, r):
+        rest = 1.0 - (r / p.longest) ** 2
+        rest = rest if rest > 0.0 else math.nan
+        return -0.5 * p.k * p.longest**2 * math.log(rest), p.k * r / rest
+
+
+@kd.angle_law
+class OwnCosine(NamedTuple):
+    """The formula of `CosineAngle`."""
+
+    k: float
+
+    def law(p, angle):
+        return p.k * (1.0 + math.cos(angle)), -p.k * math.sin(angle)
+
 
 MELT = "kremer-grest-1000"
 CHAINS, LENGTH = 20, 50

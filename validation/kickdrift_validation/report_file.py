@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import NamedTuple
 
 from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.outputs import written_whole
@@ -17,8 +18,21 @@ from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation.claim import Claim, text_of
 from kickdrift_validation.folders import CHECKOUT
-from kickdrift_validation.outcome import Outcome
-from kickdrift_validation.registry import SCRIPTS
+from kickdrift_validation.registry import SCRIPTS, Script
+
+
+class Outcome(NamedTuple):
+    """A script's claims, its seconds and the figures that it saved."""
+
+    script: Script
+    claims: list[Claim]
+    seconds: float
+    figures: list[Path]
+
+    def count(self) -> Counter[str]:
+        """The number of claims by their verdict."""
+        return Counter(str(row["verdict"]) for row in self.claims)
+
 
 MARK = "<!-- written by `kickdrift validate`: not to be edited -->"
 REPORT = Kind("a report of kickdrift validate", (), lambda head, tail: head.startswith(MARK.encode()), streams=False)

@@ -26,8 +26,8 @@ from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation import report_file
 from kickdrift_validation.claim import INSTALL, Claim, claim, not_run, text_of
-from kickdrift_validation.outcome import Outcome
 from kickdrift_validation.registry import SCRIPTS, Script
+from kickdrift_validation.report_file import Outcome
 
 PACKAGE = __name__.rpartition(".")[0]
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -280,8 +280,7 @@ def compared(listed: list[Case]) -> tuple[list[Case], list[str]]:
 
 def caught() -> list[str]:
     """The systems for which the planted fault changes bits between thread counts."""
-    from kickdrift_validation.faults import copied
-    from kickdrift_validation.planted import Fault
+    from kickdrift_validation.faults import Fault, copied
 
     large = [Case(name, "velocity-verlet") for name in LARGE]
     with tempfile.TemporaryDirectory() as folder:

@@ -18,13 +18,13 @@ from kickdrift_validation import (
     chaos,
     claim,
     equation_of_state,
+    faults,
     integrators,
     kepler_energies,
     lj_lammps_melt,
     lj_lammps_plane,
     mdanalysis_readers,
     nist_lj,
-    planted,
 )
 from kickdrift_validation.folders import DATA, HERE
 from kickdrift_validation.registry import SCRIPTS
@@ -255,9 +255,9 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
 def test_each_fault_has_one_place():
     """A planted fault must replace exactly one place of the source."""
     package = Path(kd.__file__).parent
-    faults = planted.FAULTS
-    assert len({fault.name for fault in faults}) == len(faults) == 10
-    assert sum(fault.small for fault in faults) == 3
-    for fault in faults:
+    planted = faults.FAULTS
+    assert len({fault.name for fault in planted}) == len(planted) == 10
+    assert sum(fault.small for fault in planted) == 3
+    for fault in planted:
         assert (package / fault.file).read_text(encoding="utf-8").count(fault.text) == 1, fault.name
         assert fault.wrong != fault.text

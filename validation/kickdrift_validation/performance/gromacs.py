@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift_validation.performance.melt import CUTOFF, Liquid
+from kickdrift_validation.performance.liquids import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Phase, Runner
 
 INSTALL = "gmx is not on PATH; Debian and Ubuntu: apt install gromacs"

@@ -10,8 +10,7 @@ from kickdrift_validation.performance.batch import SYSTEMS, Together, Whfast512T
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
-from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm
-from kickdrift_validation.performance.melt import liquid
+from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm, liquid
 from kickdrift_validation.performance.turns import Runner
 
 MERCURY = 0.2408467  # years
