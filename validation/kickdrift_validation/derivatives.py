@@ -17,6 +17,7 @@ import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
+from kickdrift_validation.rebounds import simulation
 
 DAY = 1 / 365.25
 MASSES = [1.0, 1e-3, 3e-4]
@@ -168,14 +169,12 @@ def transit_times() -> Iterator[Claim]:
     text, bound = "transit times of TRAPPIST-1's seven planets in 40 days, in days", "at most 1e-9"
     reference, system = "rebound's IAS15 and bisection", kd.load("trappist-1")
     try:
-        import rebound
+        import rebound  # noqa: F401
     except ImportError:
         yield not_run(text, bound, reference)
     else:
         found = [kd.transits(system, name, until=40 * DAY, direction=SIGHT, bodies=name) for name in system.names[1:]]
-        errors = [
-            abs(time - bisected(rebound, system, ours.planet, time)) / DAY for ours in found for time in ours.times
-        ]
+        errors = [abs(time - bisected(system, ours.planet, time)) / DAY for ours in found for time in ours.times]
         value = largest(*errors)
         yield claim(f"{len(errors)} {text}", value, bound, value <= 1e-9, reference)
     text, bound = "derivatives of transit times in 5 days, each relative to itself", "at most 1e-8"
@@ -240,12 +239,9 @@ def _pull(gm: Any, x: Any, body: int) -> Any:
     return (gm[others, None] * d / (square * np.sqrt(square))[:, None]).sum(axis=0)
 
 
-def bisected(rebound: Any, system: kd.System, planet: str, near: float) -> float:
+def bisected(system: kd.System, planet: str, near: float) -> float:
     """The transit nearest to a time, seen from -y, by bisection of rebound's run."""
-    sim = rebound.Simulation()
-    sim.G, sim.integrator = system.units.gravity, "ias15"
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+    sim = simulation(system, "ias15")
     star, own = sim.particles[0], sim.particles[system.names.index(planet)]
     low, high = near - 0.05 * DAY, near + 0.05 * DAY
     sim.integrate(low)

@@ -22,6 +22,7 @@ import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 from kickdrift_validation.problems import kepler
+from kickdrift_validation.rebounds import simulation
 
 SHORT, LONG, ECCENTRICITY = 200, 1000, 0.5  # orbits
 STEPS = {"velocity-verlet": 400, "blanes-moan4": 400, "yoshida8": 200}  # in a period
@@ -177,12 +178,8 @@ def against_rebound() -> list[Claim]:
                 [[-1, 0, 0], [1, 0.04, 0.02]], [[1, 0, 0], [-1, 0, 0]], [2, 1], forces=[kd.Gravity(G=1e-3)],
                 units="nbody", radii=[0.06, 0.05],
             )  # fmt: skip
-        theirs = rebound.Simulation()
-        theirs.G, theirs.integrator, theirs.dt = 1e-3, "leapfrog", REBOUND_DT
+        theirs = simulation(system, "leapfrog", REBOUND_DT, 1e-3)
         theirs.collision, theirs.collision_resolve = "direct", resolve
-        state = system.state
-        for m, x, v, r in zip(state.masses, state.positions, state.velocities, system.radii, strict=True):
-            theirs.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2], r=r)
         theirs.integrate(REBOUND_TIME, exact_finish_time=0)
         ours = kd.Simulation(system, "leapfrog-dkd", REBOUND_DT, events=[kd.Collision(action=action)])
         ours.run(until=REBOUND_TIME)

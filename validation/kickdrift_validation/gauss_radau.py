@@ -24,6 +24,7 @@ import kickdrift as kd
 from kickdrift.odes import arenstorf
 from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 from kickdrift_validation.folders import DATA
+from kickdrift_validation.rebounds import energy, simulation
 
 NBODY = DATA / "nbody"
 NAME = "gauss-radau15"
@@ -59,50 +60,31 @@ def shifted(system: kd.System, count: int) -> list[kd.System]:
     ]
 
 
-def energy(x: np.ndarray, v: np.ndarray, masses: np.ndarray, G: float) -> Any:
-    """In extended precision, of positions and velocities (n, 3)."""
-    x, v, masses = (np.asarray(part, dtype=np.longdouble) for part in (x, v, masses))
-    i, j = np.triu_indices(len(masses), 1)
-    distances = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=1))
-    return 0.5 * (masses * (v**2).sum(axis=1)).sum() - G * (masses[i] * masses[j] / distances).sum()
-
-
 def ours(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, int]:
     """Relative energy errors at the first step points from these times on; steps."""
     sim = kd.Simulation(system, NAME)
-    found = [energy(sim.state.positions, sim.state.velocities, sim.state.masses, G)]
+    found = [energy(sim.state.masses, sim.state.positions, sim.state.velocities, G)]
     for time in times:
         while sim.time < time:
             sim.run(until=time, every=2**40)
         sim.run(1, every=2**40)  # a step point, and no look between two
-        found.append(energy(sim.state.positions, sim.state.velocities, sim.state.masses, G))
+        found.append(energy(sim.state.masses, sim.state.positions, sim.state.velocities, G))
     return np.array([float(one / found[0] - 1) for one in found[1:]]), sim.steps_done
 
 
 def rebounds(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, int]:
-    sim = ias15(system, G)
+    sim = simulation(system, "ias15", G=G)
     masses = system.state.masses
 
     def now() -> Any:
         x, v = np.array([p.xyz for p in sim.particles]), np.array([p.vxyz for p in sim.particles])
-        return energy(x, v, masses, G)
+        return energy(masses, x, v, G)
 
     found = [now()]
     for time in times:
         sim.integrate(time, exact_finish_time=0)
         found.append(now())
     return np.array([float(one / found[0] - 1) for one in found[1:]]), int(sim.steps_done)
-
-
-def ias15(system: kd.System, G: float) -> Any:
-    """rebound's Simulation of the system, default settings."""
-    import rebound
-
-    sim = rebound.Simulation()
-    sim.G, sim.integrator = G, "ias15"
-    for mass, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=mass, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
-    return sim
 
 
 def brouwer(starts: int, years: float) -> list[Claim]:

@@ -22,6 +22,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
+from kickdrift_validation.rebounds import simulation
 
 BOUND, NEEDS = 1e-13, "pip install reboundx"
 MASSES = [1.0, 1e-2, 3e-3, 0.0]
@@ -163,13 +164,9 @@ LENGTH, STEPS = 6.0, (0.02, 0.01, 0.005, 0.0025)
 
 def turned(system: Any, dt: float) -> np.ndarray:
     """Spins (2, 3) after a time by REBOUNDx, with steps of one length by IAS15."""
-    import rebound
     import reboundx
 
-    sim = rebound.Simulation()
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
-    sim.integrator, sim.dt = "ias15", dt
+    sim = simulation(system, "ias15", dt, 1.0)
     sim.integrator.epsilon = 0.0
     extras = reboundx.Extras(sim)
     force = extras.load_force("tides_spin")

@@ -16,6 +16,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.rebounds import simulation
 from kickdrift_validation.ring_patch import beside_rebound as rings_beside_rebound
 from kickdrift_validation.ring_patch import centre_of_mass, one_bounce
 from kickdrift_validation.ring_thermal import thermal_balance
@@ -124,14 +125,9 @@ def distant_encounter() -> Claim:
 
 def beside_rebound() -> list[Claim]:
     """The same patch under rebound's SEI, which takes the same kicks at the same times."""
-    import rebound
-
-    sim = rebound.Simulation()
-    sim.G, sim.dt, sim.softening, sim.integrator = 1.0, 0.02, 0.05, "sei"
-    sim.OMEGA = 1.0
     system = moonlets()
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+    sim = simulation(system, "sei", 0.02)
+    sim.softening, sim.OMEGA = 0.05, 1.0
     sim.steps(300)
     there = np.array([p.xyz for p in sim.particles])
     off = float(np.abs(moved(system, 0.02, 6.0).positions - there).max())

@@ -11,15 +11,14 @@ doi:10.1093/mnras/stv1257; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164.
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.exact_reversal import solar_system
-from kickdrift_validation.gauss_radau import ias15
-from kickdrift_validation.wisdom_holman import MERCURY, energy, theirs, whfast
+from kickdrift_validation.rebounds import phase, simulation
+from kickdrift_validation.wisdom_holman import MERCURY, energy, whfast
 
 YEARS, LONG_YEARS, LOOKS = 1e3, 1e5, 20
 LAST = LOOKS // 4  # looks, of which the farthest counts: the ways of roundings cross each other
@@ -89,12 +88,12 @@ def rebounds(system: kd.System, name: str, years: float) -> Track:
         each, sim = round(years / LOOKS / dt), whfast(system, dt, "jacobi")
         for _ in range(LOOKS):
             sim.steps(each)
-            track.add(*theirs(sim))
+            track.add(*phase(sim))
         return track
-    sim: Any = ias15(system, float(system.units.gravity or 1.0))
+    sim = simulation(system, "ias15")
     for time in np.linspace(0.0, years, LOOKS + 1)[1:]:
         sim.integrate(float(time))
-        track.add(*theirs(sim))
+        track.add(*phase(sim))
     return track
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.batch import Batch
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.rebounds import energy, phase, put, simulation
 
 TURN = 2.0 * np.pi  # a year, with G = 1, au and the Sun's mass
 DT = 0.4 * TURN
@@ -33,7 +34,6 @@ LEAST = {  # speeds over TRACE on a loaded machine
 TURNS = 40  # systems side by side, between runs of the others
 OUTCOMES = ("survival", "ejection", "collision")
 SIGNIFICANT = 0.05
-L = np.longdouble
 
 
 def on_orbits(bodies: list[tuple[float, ...]], **given: Any) -> kd.System:
@@ -89,32 +89,7 @@ def burrau() -> kd.System:
 
 
 def theirs(system: kd.System, dt: float = DT, name: str = "trace") -> Any:
-    """A rebound Simulation of the same bodies, the massless ones last."""
-    import rebound
-
-    sim, state = rebound.Simulation(), system.state
-    radii = np.zeros(len(system)) if system.radii is None else system.radii
-    for m, x, v, r in zip(state.masses, state.positions, state.velocities, radii, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2], r=r)
-    sim.N_active = int((state.masses > 0.0).sum())
-    sim.integrator, sim.dt = name, dt
-    return sim
-
-
-def state_of(sim: Any) -> tuple[np.ndarray, np.ndarray]:
-    sim.synchronize()
-    x, v = np.zeros((2, sim.N, 3))
-    sim.serialize_particle_data(xyz=x, vxvyvz=v)
-    return x, v
-
-
-def energy(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
-    """In extended precision."""
-    m, x, v = m.astype(L), x.astype(L), v.astype(L)
-    total = (m[:, None] * v * v).sum() / 2
-    for i in range(1, len(m)):
-        total -= (m[i] * m[:i] / np.sqrt(((x[:i] - x[i]) ** 2).sum(axis=1))).sum()
-    return total
+    return simulation(system, name, dt, 1.0)
 
 
 def jacobi_constant(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
@@ -133,12 +108,10 @@ def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
         sim, flags = kd.Simulation(system, "trace", dt=DT), (0, 0)
         for _ in range(steps):
             before, after = sim.state, None
-            for p, x, v in zip(rebounds.particles, before.positions, before.velocities, strict=True):
-                p.x, p.y, p.z = x
-                p.vx, p.vy, p.vz = v
+            put(rebounds, before)
             sim.run(1)
             rebounds.steps(1)
-            after, (x, v) = sim.state, state_of(rebounds)
+            after, (x, v) = sim.state, phase(rebounds)
             apart = max(apart, float(np.abs(after.positions - x).max() / np.abs(x).max()))
             pairs, passages = (max(each) for each in zip(flags, sim.integration.stepper.flags, strict=True))
             flags = sim.integration.stepper.flags
@@ -192,7 +165,7 @@ def exchange_orbit() -> Claim:
         sim.run(100)
         rebounds.steps(100)
         state = sim.state
-        both = (state.positions, state.velocities), state_of(rebounds)
+        both = (state.positions, state.velocities), phase(rebounds)
         errors.append([jacobi_constant(m, *each) / start - 1 for each in both])
     ours, other = np.sqrt((np.array(errors) ** 2).mean(axis=0))
     text = "chaotic exchange orbit, dt = 8 d, 986 yr: RMS error of Jacobi's constant"
@@ -236,7 +209,7 @@ def scattered(count: int) -> Iterator[Claim]:
         began = process_time()
         rebounds.steps(steps)
         times["TRACE"] += process_time() - began
-        errors["TRACE"].append(float(abs(energy(m, *state_of(rebounds)) / start - 1)))
+        errors["TRACE"].append(float(abs(energy(m, *phase(rebounds)) / start - 1)))
     other = np.array(errors["TRACE"])
     for name in ours:
         found = np.array(errors[name])
@@ -260,7 +233,7 @@ def pythagorean() -> Iterator[Claim]:
             every = round(1.0 / dt)
             sim.run(every)
             rebounds.steps(every)
-            both = (sim.state.positions, sim.state.velocities), state_of(rebounds)
+            both = (sim.state.positions, sim.state.velocities), phase(rebounds)
             errors.append([float(abs(energy(m, *each) / start - 1)) for each in both])
         ours, other = np.array(errors).max(axis=0)
         text = f"Pythagorean problem, dt = {dt:g}, t = 70: largest energy error"
@@ -288,7 +261,7 @@ def test_particles(count: int) -> Iterator[Claim]:
             began = process_time()
             go(steps)
             best[k] = min(best[k], process_time() - began)
-    far = np.abs(sim.state.positions - state_of(rebounds)[0]).max(axis=1)
+    far = np.abs(sim.state.positions - phase(rebounds)[0]).max(axis=1)
     text = f"Sun, 8 planets, {count} massless: largest difference of a planet after {4 * steps + 1} steps"
     yield claim(text, float(far[:9].max()), "at most 1e-11", bool(far[:9].max() <= 1e-11), "TRACE")
     text = "the same: median difference of a massless body"
@@ -316,7 +289,7 @@ def their_outcome(system: kd.System, years: float, name: str) -> str:
             sim.integrate(time, exact_finish_time=0)
         except rebound.Collision:
             return "collision"
-        x, v = state_of(sim)
+        x, v = phase(sim)
         if (np.linalg.norm(x, axis=1) > FAR).any():
             far = int(np.argmax(np.linalg.norm(x, axis=1)))
             rest = np.arange(4) != far

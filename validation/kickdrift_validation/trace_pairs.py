@@ -16,7 +16,8 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.batch import Batch
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
-from kickdrift_validation.trace import DT, INNER, SIGNIFICANT, TURN, YEARS, energy, giants, state_of, theirs
+from kickdrift_validation.rebounds import energy, phase, put
+from kickdrift_validation.trace import DT, INNER, SIGNIFICANT, TURN, YEARS, giants, theirs
 
 OWN = 7_000_000  # first seed of the systems
 COUNT = 200
@@ -37,11 +38,9 @@ def steps_from_the_same_states(seeds: range) -> Iterator[Claim]:
             stepper: Any = sim.integration.stepper
             again, meets = stepper._twice > twice, max(*flags, *stepper.flags) > 0 or stepper._twice > twice
             if meets or k % SELDOM == 0:
-                for p, x, v in zip(rebounds.particles, before.positions, before.velocities, strict=True):
-                    p.x, p.y, p.z = x
-                    p.vx, p.vy, p.vz = v
+                put(rebounds, before)
                 rebounds.steps(1)
-                x, v = state_of(rebounds)
+                x, v = phase(rebounds)
                 start, after = energy(m, before.positions, before.velocities), sim.state
                 ends = energy(m, after.positions, after.velocities), energy(m, x, v)
                 row, far = int(meets), float(np.abs(after.positions - x).max() / np.abs(x).max())
@@ -69,7 +68,7 @@ def by_trace(system: kd.System, nudge: float) -> float:
     for body in sim.particles:
         body.x *= 1.0 + nudge
     sim.steps(STEPS)
-    return error(system, *state_of(sim))
+    return error(system, *phase(sim))
 
 
 def errors_in_pairs() -> Iterator[Claim]:

@@ -10,7 +10,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
-from kickdrift_validation.wisdom_holman import energy, scaled, theirs, whfast
+from kickdrift_validation.rebounds import phase
+from kickdrift_validation.wisdom_holman import energy, scaled, whfast
 
 KERNELS = {"standard": "default", "lazy": "lazy", "composition": "composition", "modified-kick": "modifiedkick"}
 POWERS = {"standard": 2} | dict.fromkeys(list(KERNELS)[1:], 4)  # of dt
@@ -35,7 +36,7 @@ def rebounds_curve(system: kd.System, dt: float, kernel: str) -> np.ndarray:
     sim.integrator.keep_unsynchronized = 1
     for _ in range(round(YEARS / dt)):
         sim.steps(1)
-        found.append(energy(system, *theirs(sim)))
+        found.append(energy(system, *phase(sim)))
     return np.array(found)
 
 
@@ -65,7 +66,7 @@ def beside_rebound(system: kd.System, kernel: str) -> list[Claim]:
     for sim in (rebounds, nudged):
         sim.integrator.kernel = KERNELS[kernel]
         sim.steps(1000)
-    x, shifted = theirs(rebounds)[0], theirs(nudged)[0]
+    x, shifted = phase(rebounds)[0], phase(nudged)[0]
     off, growth = (float(np.abs(y - x).max() / np.abs(x).max()) for y in (ours.state.positions, shifted))
     heavy = scaled(system, 10.0)
     over = largest(curve(heavy, FINE, kernel)) / largest(rebounds_curve(heavy, FINE, kernel))
