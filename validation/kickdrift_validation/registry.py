@@ -94,7 +94,6 @@ SCRIPTS = (
     Script("tidal_spins.py", "spins that tides change", 15),
     Script("reboundx_forces.py", "forces of planetary science beside REBOUNDx", 15, peers=("rebound", "reboundx")),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
-    Script("contact_steps.py", "contacts of fixed steps beside gauss-radau15: none lost, none late", long_only=True),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
     Script("derivatives.py", "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",

@@ -98,7 +98,6 @@ def test_a_failed_claim_is_exit_status_one(capsys):
     "name",
     [
         *(row.module for row in SCRIPTS if row.name not in PEERS_AT_IMPORT),
-        "performance.looks",
         "performance.ode_scipy",
         "performance.speed",
     ],

@@ -1,6 +1,6 @@
 """Cost of default samples beside the bare loop, and speed of default runs beside rebound.
 
-    python -m kickdrift_validation.performance.looks [--turns 7]
+    python -m docs.studies.looks [--turns 7]
 
 The bare loop looks only at the start and at the end. Both take turns (A B A B …) in one process, each with its own
 Simulation, and are timed in processor time. A ratio is the median over the turns. No system sets ``every``. The same

@@ -1,7 +1,7 @@
 """Speed of kickdrift beside another build: an earlier commit, or code for another processor.
 
-    python -m kickdrift_validation.performance.against COMMIT [--turns 9] [--only NAME …]
-    python -m kickdrift_validation.performance.against --processor haswell
+    python -m docs.studies.against COMMIT [--turns 9] [--only NAME …]
+    python -m docs.studies.against --processor haswell
 
 Each build runs in its own process, on the systems of groups.py, from the same numbers. The two take turns (A B A B …).
 A ratio is the median over the turns of this build's speed over the other's. Runs on one thread are timed in processor
