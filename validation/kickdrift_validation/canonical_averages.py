@@ -22,8 +22,8 @@ import kickdrift as kd
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.equation_of_state import FORCES, STATES, equation
-from kickdrift_validation.heat_baths import EQUATION, OPTIONS, SIGMAS, SIGNIFICANT, STATE, STRONG, fluid, options_of
+from kickdrift_validation.equation_of_state import FORCES, STATES, equation, fluid
+from kickdrift_validation.heat_baths import EQUATION, OPTIONS, SIGMAS, SIGNIFICANT, STATE, STRONG, options_of
 
 OTHERS = ("brownian", "respa-baoab")  # without velocities; for forces in groups
 BATHS = tuple(dict.fromkeys(row.name for row in INTEGRATORS.values() if row.bath and row.name not in OTHERS))

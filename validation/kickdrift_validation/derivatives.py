@@ -45,10 +45,10 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from transit_times()
 
 
-def planets() -> kd.System:
+def planets(*forces: Any) -> kd.System:
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
-    return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
+    return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0), *forces], units="nbody", names=["star", "b", "c"])
 
 
 def laws() -> Iterator[Claim]:

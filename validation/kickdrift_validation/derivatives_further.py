@@ -13,9 +13,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
-from kickdrift_validation.derivatives import cost_of_a_direction
+from kickdrift_validation.derivatives import MASSES, cost_of_a_direction, planets
 
-MASSES = [1.0, 1e-3, 3e-4]
 ELEMENTS = {"a": 1.1, "e": 0.2, "inc": 20.0, "Omega": 50.0, "omega": 100.0, "M": 130.0}
 SETS = {
     "a, e, inc, Omega, omega, M, mass": ("a", "e", "inc", "Omega", "omega", "M", "mass"),
@@ -202,12 +201,6 @@ def orbit_in_mpmath(mpmath: Any, state: list[Any]) -> dict[str, Any]:
         "ix": tilt * mpmath.cos(of["Omega"] * turn), "iy": tilt * mpmath.sin(of["Omega"] * turn),
         "lambda": of["M"] + of["omega"] + of["Omega"], "mass": mpmath.mpf(MASSES[1]),
     }  # fmt: skip
-
-
-def planets(*forces: Any) -> kd.System:
-    x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
-    v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
-    return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0), *forces], units="nbody", names=["star", "b", "c"])
 
 
 FLAT = kd.Oblateness(j2=1e-3, radius=0.1, G=1.0)

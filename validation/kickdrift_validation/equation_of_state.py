@@ -32,7 +32,7 @@ cutoff does to the structure; a longer run would miss the bound, which stays.
 import json
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,11 +106,16 @@ class Run(NamedTuple):
     energy: np.ndarray  # potential, per particle
 
 
+def fluid(count: int, temperature: float, density: float, **law: Any) -> kd.System:
+    """A Lennard-Jones fluid on a lattice, not yet at equilibrium."""
+    positions, edges = lattice("sc", count, density)
+    velocities = maxwell_boltzmann(np.ones(count), temperature, 1.0, seed=1)
+    return kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**law)])
+
+
 def simulate(job: tuple[str, float, float], steps: int) -> Run:
     name, temperature, density = job
-    positions, edges = lattice("sc", PARTICLES, density)
-    velocities = maxwell_boltzmann(np.ones(PARTICLES), temperature, 1.0, seed=1)
-    system = kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**FORCES[name])])
+    system = fluid(PARTICLES, temperature, density, **FORCES[name])
     sim = kd.Simulation(system, integrator="velocity-verlet", dt=DT)
     sim.equilibrate(temperature, EQUILIBRATION_TIME)
     sim.run(steps, every=EVERY)
@@ -148,15 +153,15 @@ def judged(job: tuple[str, float, float], run: Run) -> list[Claim]:
     """The claims of one run; prints a line for each quantity."""
     name, temperature, density = job
     mean_temperature = float(run.temperature.mean())
-    fluid = equation(name, mean_temperature, density)
+    wanted = equation(name, mean_temperature, density)
     state = f"rho* = {density}, T* = {mean_temperature:.4f}, {FORCES[name]['truncation']} at {FORCES[name]['cutoff']}"
     published = nist(temperature, density) if "tail" in FORCES[name] else None
     rows = []
     for quantity in ("pressure", "energy"):
-        slope = getattr(fluid, f"{quantity}_slope")
+        slope = getattr(wanted, f"{quantity}_slope")
         shared = slope * (run.temperature - mean_temperature)
         mean, error = mean_and_error(getattr(run, quantity) - shared)
-        references = [(NAMES[name], getattr(fluid, quantity), EQUATION_ERROR.get((name, quantity), 0.0))]
+        references = [(NAMES[name], getattr(wanted, quantity), EQUATION_ERROR.get((name, quantity), 0.0))]
         if published:
             moved = published[quantity] + slope * (mean_temperature - temperature)
             references.append(("NIST Monte Carlo", moved, NIST_ERROR[quantity]))

@@ -16,7 +16,6 @@ The Lennard-Jones fluid, cut and shifted at 2.5 sigma, is compared with the equa
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -25,10 +24,9 @@ from scipy.linalg import solve_discrete_lyapunov
 import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.splitting.method import Splitting
-from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.equation_of_state import FORCES, equation
+from kickdrift_validation.equation_of_state import FORCES, equation, fluid
 
 CLOSED = {"baoab": (1, 3 / 4), "aboba": (1, 4 / 3), "obabo": (4 / 3, 1), "oabao": (3 / 4, 1), "baoa": (1, 1)}
 GRID = ((0.2, 1.0), (0.5, 0.3), (1.0, 2.0), (1.5, 1.0), (1.8, 0.5))  # omega dt and friction
@@ -106,13 +104,6 @@ def oscillator_claims() -> Iterator[Claim]:
         value, bound = float(np.max(apart)), f"at most {SIGMAS:g}"
         text = f"{name}: covariance of x and v at {len(GRID)} steps and frictions: farthest, in standard errors"
         yield claim(text, value, bound, value <= SIGMAS, LYAPUNOV)
-
-
-def fluid(count: int, temperature: float, density: float, **law: Any) -> kd.System:
-    """A Lennard-Jones fluid on a lattice, not yet at equilibrium."""
-    positions, edges = lattice("sc", count, density)
-    velocities = maxwell_boltzmann(np.ones(count), temperature, 1.0, seed=1)
-    return kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**law)])
 
 
 def kinetic_claims(long: bool) -> Iterator[Claim]:

@@ -22,7 +22,7 @@ from kickdrift.engines.lammps_library import lammps_class
 from kickdrift.engines.lammps_world import Model, World
 from kickdrift.model.starts.builders import lattice
 from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
-from kickdrift_validation.lennard_jones import apart, draw, frames_of, nudged
+from kickdrift_validation.lennard_jones import FACTOR, apart, draw, frames_of, nudged, parting
 from kickdrift_validation.performance.liquids import CUTOFF, DENSITY, DT
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
@@ -32,7 +32,6 @@ COLUMNS = ("PotEng", "KinEng", "Temp", "Press")
 FIRST = 20  # steps in which rounding has not grown
 SAME = 1e-12  # relative, with numbers summed in another order
 ADDED = 1e-11  # of PotEng: LAMMPS adds up to 10^6 pairs' energies one by one; on a lattice equal ones round one way
-FACTOR = 10.0  # between two differences that began as rounding
 PAIRS = 4
 SOURCE = "LAMMPS, lj/cut, `neigh_modify every 1 delay 0 check yes`"
 
@@ -164,16 +163,7 @@ def positions(figures: Path | None) -> list[Claim]:
     print("RMS distance after 1, 10, 100, 1000 steps:")
     for name, curve in (("kickdrift and itself", own[0]), ("kickdrift and LAMMPS", distances)):
         print(f"  {name:24} {', '.join(f'{curve[k]:.1e}' for k in (1, 10, 100, 1000))}")
-    rows, rounding = [], float(np.spacing(np.abs(ours).max()))
-    for k in (1, 10):
-        off, bound = float(np.abs(ours[k] - other[k]).max()), (k + 1) * rounding
-        text = f"positions of {SMALL} particles after {k} steps"
-        rows.append(claim(text, off, f"at most {bound:.1e}", off <= bound,
-                          f"{SOURCE}; a rounding of the largest coordinate a step"))  # fmt: skip
-    for k in (100, 1000):
-        off, largest = float(distances[k]), max(float(one[k]) for one in own)
-        text = f"positions after {k} steps: {off:.1e} RMS, over what one rounding becomes"
-        rows.append(claim(text, off / largest, f"at most {FACTOR:g}", off <= FACTOR * largest, SOURCE))
+    rows = parting(ours, other, own, SOURCE, f" of {SMALL} particles")
     if figures:
         curves = {"kickdrift and LAMMPS": distances}
         print(draw(figures / "lj_lammps_melt.png", own, curves, DT, "Lennard-Jones: the same start in two programs"))

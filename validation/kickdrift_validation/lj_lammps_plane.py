@@ -63,16 +63,9 @@ def of_lammps(fluid: Fluid, seed: int) -> list[float]:
     """LAMMPS' means, with its own code in double precision and no accelerator package."""
     system, one = start(fluid, seed), ((1, 1, 1.0, 1.0),)
     model = Model(
-        system.box,
-        np.ones(fluid.particles, np.int32),
-        (1.0,),
-        one,
-        CUTOFF,
-        shifted=True,
-        tail=False,
-        dt=DT,
+        system.box, np.ones(fluid.particles, np.int32), (1.0,), one, CUTOFF, shifted=True, tail=False, dt=DT,
         dimensions=2,
-    )
+    )  # fmt: skip
     world = World(flags=())
     world.reset(model, system.box.wrap(system.state.positions), np.array(system.state.velocities))
     world.run(MELT)

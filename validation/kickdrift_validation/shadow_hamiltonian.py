@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift.analysis.shadow import ShadowRun, pendulum_potential, shadow_run
+from kickdrift.analysis.shadow import pendulum_potential, shadow_run
 from kickdrift.odes import pendulum
 from kickdrift.plots.shadow import plot_shadow
 from kickdrift_validation.claim import Claim, claim, main
@@ -18,15 +18,10 @@ LENGTH = 50.0
 WITHIN = 0.15  # of the slope
 
 
-def runs() -> list[ShadowRun]:
-    """From the longest step to the shortest."""
-    problem = pendulum()
-    return [shadow_run(problem, pendulum_potential(), dt, LENGTH) for dt in STEPS]
-
-
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
     """The three slopes, and how much flatter the shadow is at dt = 0.1."""
-    found = runs()
+    problem = pendulum()
+    found = [shadow_run(problem, pendulum_potential(), dt, LENGTH) for dt in STEPS]
     if figures:
         drawn = next(run for run in found if run.dt == 0.2)
         plot_shadow(drawn, found, str(figures / "shadow_hamiltonian.png"), overwrite=True)

@@ -66,9 +66,10 @@ def packed(seed: int) -> kd.System:
     return on_orbits(rows, radii=RADII)
 
 
-def diver() -> kd.System:
+def diver(*forces: Any) -> kd.System:
     """A giant that passes at 0.1 au from the star, and another one."""
-    return on_orbits([(1e-3, 5.0, 0.98, 0.0, 0.0, 0.0, np.pi), (1e-3, 12.0, 0.05, 0.1, 0.0, 0.0, 1.0)])
+    system = on_orbits([(1e-3, 5.0, 0.98, 0.0, 0.0, 0.0, np.pi), (1e-3, 12.0, 0.05, 0.1, 0.0, 0.0, 1.0)])
+    return system.with_forces(*system.forces, *forces)
 
 
 def exchange() -> kd.System:

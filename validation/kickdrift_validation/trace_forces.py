@@ -13,7 +13,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, at_most, claim, main
-from kickdrift_validation.trace import on_orbits
+from kickdrift_validation.trace import diver, on_orbits
 
 C = 10065.32  # au per year over 2 pi
 STRONG = {
@@ -21,12 +21,6 @@ STRONG = {
     "1PN": kd.PostNewtonian(c=300.0),
     "1PN potential": kd.PostNewtonian(c=300.0, form="potential"),
 }
-
-
-def diver(*forces: Any) -> kd.System:
-    """A giant that passes at 0.1 au from the star, and another one."""
-    bodies = [(1e-3, 5.0, 0.98, 0.0, 0.0, 0.0, np.pi), (1e-3, 12.0, 0.05, 0.1, 0.0, 0.0, 1.0)]
-    return on_orbits(bodies).with_forces(kd.Gravity(), *forces)
 
 
 def moon(*forces: Any) -> kd.System:

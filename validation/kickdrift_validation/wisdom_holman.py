@@ -20,7 +20,6 @@ from kickdrift_validation.rebounds import phase, simulation
 MERCURY = 0.2408467  # years
 COORDINATES = {"jacobi": "jacobi", "democratic-heliocentric": "democraticheliocentric"}
 SHORT, LONG = 100_000, 1_000_000  # steps of the comparison of energies
-NEEDED = INSTALL
 
 
 def whfast(system: kd.System, dt: float, coordinates: str, factor: float = 1.0) -> Any:
@@ -142,7 +141,7 @@ def claims(long: bool = False) -> list[Claim]:
     try:
         import rebound  # noqa: F401
     except ImportError:
-        return [not_run("the same positions as WHFast", "at most 1e-11", "rebound", NEEDED), *orders(system)]
+        return [not_run("the same positions as WHFast", "at most 1e-11", "rebound", INSTALL), *orders(system)]
     return [*trajectories(system), *curves(system, LONG if long else SHORT), *orders(system)]
 
 

@@ -7,9 +7,8 @@ from functools import cache
 import h5py
 
 from kickdrift_validation.fuzzing.case import Case, dice
-from kickdrift_validation.fuzzing.operations import datasets
 from kickdrift_validation.fuzzing.places import WHOLE
-from kickdrift_validation.fuzzing.run_files import NAME, base, commands
+from kickdrift_validation.fuzzing.run_files import NAME, base, commands, datasets
 
 KIND = "flipped-bytes"
 FRAMES = tuple(f"particles/trajectory/{name}" for name in ("position/value", "velocity/value", "position/step"))

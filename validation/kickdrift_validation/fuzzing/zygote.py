@@ -32,13 +32,9 @@ from kickdrift_validation.fuzzing.watch import Limits, watch
 READY = "ready"
 NOTHING = {"seconds": 0.0, "megabytes": 0.0}
 WARM = (
-    "kickdrift.ensemble",
-    "kickdrift.plots.runs",
-    "kickdrift.plots.orbits",
-    "kickdrift.trajectory.export.export",
-    "kickdrift.trajectory.read.info",
-    "kickdrift.cli.printing_ensemble",
-)
+    "kickdrift.ensemble", "kickdrift.plots.runs", "kickdrift.plots.orbits", "kickdrift.trajectory.export.export",
+    "kickdrift.trajectory.read.info", "kickdrift.cli.printing_ensemble",
+)  # fmt: skip
 
 
 def run(command: tuple[str, ...], home: Path, limits: Limits, tolerated: tuple[str, ...], may_compute: bool = False,
@@ -168,16 +164,8 @@ def main() -> None:
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 TOUCHES = {
-    "os.remove",
-    "os.rename",
-    "os.mkdir",
-    "os.rmdir",
-    "os.link",
-    "os.symlink",
-    "os.truncate",
-    "os.chmod",
-    "os.chown",
-}
+    "os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate", "os.chmod", "os.chown",
+}  # fmt: skip
 STARTS = {"os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "os.spawn", "pty.spawn", "socket.connect"}
 
 

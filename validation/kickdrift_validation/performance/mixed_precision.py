@@ -10,9 +10,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE
+from kickdrift_validation.nve_drift import DT, liquid
 
 STEPS, SAMPLES = 20_000, 500
 SMALL, LARGE = 1000, 46**3
@@ -20,17 +19,8 @@ FORCE_ERROR = 1e-5  # bound: share of a typical force, for an edge of ten sigma
 REFERENCE = "float64, from the same start"
 
 
-def start(particles: int) -> kd.Simulation:
-    positions, edges = lattice("sc", particles, DENSITY)
-    velocities = maxwell_boltzmann(np.ones(particles), TEMPERATURE, 1.0, seed=1)
-    force = kd.LennardJones(cutoff=CUTOFF, truncation="switch")
-    sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[force]), dt=DT)
-    sim.equilibrate(TEMPERATURE, EQUILIBRATION_TIME)
-    return sim
-
-
 def study(particles: int, steps: int) -> list[Claim]:
-    sim = start(particles)
+    sim = liquid(1, "switch", particles)
     state, edge = sim.state, sim.system.box.lengths[0]
     phase = np.array(state.phase)
     double, mixed = (BoundForces(sim.system, mixed=mixed).measure(0.0, phase) for mixed in (False, True))
