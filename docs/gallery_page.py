@@ -24,7 +24,7 @@ LIQUIDS = (
     Shown("structure_and_diffusion", "Structure and diffusion of a liquid", "notebooks/structure_and_diffusion.md"),
     Shown("heat_baths", "Four heat baths and the exact distribution", "notebooks/heat_baths.md"),
     Shown("own_potential", "A potential of your own", "notebooks/own_potential.md"),
-    Shown("validation/figures/lj_energy_error.png", "Energy errors of a liquid", "lj-benchmark.md"),
+    Shown("docs/lj_energy_error.png", "Energy errors of a liquid", "textbooks.md"),
     Shown("validation/figures/ensemble_pressures.png", "Pressures from ensembles of replicas", "report.md"),
     Shown("docs/own-forces.png", "One run under each kind of force", "your-own-force.md"),
 )

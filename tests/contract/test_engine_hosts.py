@@ -13,9 +13,9 @@ from multiprocessing import AuthenticationError
 import pytest
 
 import kickdrift as kd
+from docs.studies.scaling_engine import two_namespaces, way_there
 from kickdrift.engines import hosts as other_machines
 from kickdrift.engines import lammps_processes
-from kickdrift_validation.performance.scaling_engine import two_namespaces, way_there
 
 HOW = {"engine": "lammps", "integrator": "velocity-verlet"}
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from docs.studies import same_bits
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
@@ -26,7 +27,6 @@ from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.integrators.stepping.step_control import CONTROLLERS
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
-from kickdrift_validation import same_bits
 from kickdrift_validation.example_forces import crystal, example, topology
 from kickdrift_validation.problems import pendulum
 from tests.long import rest, shortened

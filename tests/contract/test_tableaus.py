@@ -14,7 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta import method as runge_kutta
 from kickdrift.integrators.runge_kutta.method import Tableau, interpolant
-from kickdrift_validation.rooted_trees import Conditions, gamma, trees
+from kickdrift_validation.butcher_tableaus import Conditions, gamma, trees
 
 NAMES = [row.name for row in runge_kutta.ROWS]
 ADAPTIVE = [row.name for row in runge_kutta.ROWS if row.adaptive]

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from docs.studies import speed_page
 from kickdrift.cli import main as cli
 from kickdrift_validation.folders import DATA
-from kickdrift_validation.performance import bodies, groups, melt, speed, speed_page, turns
+from kickdrift_validation.performance import bodies, groups, liquids, speed, turns
 from tests.folders import DOCS
 
 SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]
@@ -70,7 +71,7 @@ def test_planets_in_short(command, tmp_path):
 def test_liquids_are_the_same_in_every_program(monkeypatch):
     """For all installed programs, including those outside the test extra."""
     monkeypatch.setenv("KICKDRIFT_GMX", shutil.which("gmx") or "")
-    group = small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2)
+    group = small(groups, "lj-1000", start=partial(liquids.liquid, 512, 200), horizon=20, looks=2)
     assert [c.name for c in group.contestants if c.name.startswith("kickdrift")] == ["kickdrift", "kickdrift mixed"]
     found = speed.measure([group], 2, 0.01)["groups"][0]
     names = {row["name"] for row in found["rows"]}
@@ -95,7 +96,7 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("KICKDRIFT_GMX", raising=False)
     entries = [
-        small(groups, "lj-1000", start=partial(melt.liquid, 512, 200), horizon=20, looks=2),
+        small(groups, "lj-1000", start=partial(liquids.liquid, 512, 200), horizon=20, looks=2),
         small(groups, "planets", start=lambda: bodies.planets()._replace(pilot=0.1), horizon=1.0, starts=1, looks=2),
     ]
     entries[1] = entries[1]._replace(contestants=entries[1].contestants[:3])

@@ -79,11 +79,11 @@ def test_forged_files_carry_the_hash_of_what_they_say(tried):
 
 def test_what_a_case_must_not_do_is_noticed():
     with session(2, Limits(seconds=2, blocked=3, memory=2**28), warm=False) as quick:
-        results = {each["number"]: each for each in quick((misdeeds.case, k) for k in range(len(misdeeds.SAID)))}
-    for number, (deed, said) in enumerate(misdeeds.SAID.items()):
+        results = {each["number"]: each for each in quick((misdeeds.case, k) for k in range(len(misdeeds.DEEDS)))}
+    for number, (deed, (_, said)) in enumerate(misdeeds.DEEDS.items()):
         found = results[number]["found"]
-        assert bool(found) == bool(said), deed.__name__
-        assert not said or any(said in text for text in found), (deed.__name__, found)
+        assert bool(found) == bool(said), deed
+        assert not said or any(said in text for text in found), (deed, found)
 
 
 def test_a_run_that_was_interrupted_is_right_where_it_may_be_long():

@@ -16,7 +16,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift_validation import faults, report_file, runner
-from kickdrift_validation.planted import FAULTS
+from kickdrift_validation.faults import FAULTS
 from kickdrift_validation.registry import SCRIPTS, Script
 from tests.folders import TOP
 
@@ -208,9 +208,7 @@ def test_where_the_report_goes(folder):
 
 def test_names():
     assert [s.name for s in runner.chosen(["nist_lj.py", "kickdrift_validation.nve_drift"])] == ["nist-lj", "nve-drift"]
-    assert "argon-rahman" not in {s.name for s in runner.chosen([])}
-    assert {s.name for s in runner.chosen([], long=True)} == {s.name for s in SCRIPTS}
-    assert [s.name for s in runner.chosen(["claims"], scripts=[Script("claims/a.py", ""), Script("b.py", "")])] == ["a"]
+    assert {s.name for s in runner.chosen([])} == {s.name for s in SCRIPTS}
     with pytest.raises(InputError, match="did you mean nist-lj"):
         runner.chosen(["nist-jl"])
 
@@ -277,7 +275,7 @@ def test_a_fault_is_planted_in_a_copy_and_nowhere_else(tmp_path):
 def test_the_order_has_every_short_script_once():
     names = [script.name for script in faults.in_order()]
     assert names[: len(faults.FIRST)] == list(faults.FIRST)
-    assert sorted(names) == sorted(script.name for script in SCRIPTS if not script.long_only)
+    assert sorted(names) == sorted(script.name for script in SCRIPTS)
 
 
 def test_the_first_claim_that_fails_ends_the_search(folder, monkeypatch):
@@ -301,6 +299,6 @@ def test_the_report_in_the_repository_is_of_a_whole_run():
     """If this fails, run: kickdrift validate"""
     text = (VALIDATION / "REPORT.md").read_text(encoding="utf-8")
     assert re.search(r"^\*\*\d+ claims: \d+ pass, 0 fail, 0 not run\.\*\*$", text, flags=re.MULTILINE)
-    assert all(f"## {row.name}\n" in text for row in SCRIPTS if not row.long_only)
+    assert all(f"## {row.name}\n" in text for row in SCRIPTS)
     for figure in re.findall(r"\(figures/(\S+\.png)\)", text):
         assert (VALIDATION / "figures" / figure).is_file()

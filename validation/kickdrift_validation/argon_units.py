@@ -1,21 +1,16 @@
 """Is argon in units metal (angstrom, ps, eV, u) the reduced fluid, with the constants that CODATA prints?
 
-    python -m kickdrift_validation.argon_units
-
 Rahman's 864 atoms run for 100 steps in metal, and as a reduced fluid with lengths in sigma and times in sigma
 sqrt(m / epsilon), worked out here from printed constants. Both must go the same way. k and e are exact since 2019; u is
 CODATA 2022's (Mohr et al. 2025, doi:10.1103/RevModPhys.97.025002).
 """
 
-from __future__ import annotations
-
 import math
-import sys
 
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 BOLTZMANN, CHARGE, ATOMIC_MASS = 1.380649e-23, 1.602176634e-19, 1.66053906892e-27  # J/K, C, kg
 CODATA = "CODATA 2022"
@@ -43,9 +38,8 @@ def claims(long: bool = False) -> list[Claim]:
         x, y = (np.array(sim.state.positions) for sim in runs)
         moved = float(np.abs(y - reduced.state.positions).max())
         off = float(np.abs(x / sigma - y).max()) / moved
-        bound = YEARS_APART
         text = f"argon, metal beside reduced units: positions after {step} steps, over the way gone"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, f"scaled with the constants of {CODATA}"))
+        rows.append(at_most(text, off, YEARS_APART, f"scaled with the constants of {CODATA}"))
     samples = [sim.sample() for sim in runs]
     scales = {"energy": epsilon, "temperature": 120.0, "pressure": epsilon / sigma**3}
     for name, scale in scales.items():
@@ -57,4 +51,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

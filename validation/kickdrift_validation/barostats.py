@@ -1,7 +1,5 @@
 """Barostats: the volume of an ideal gas and of a fluid at constant pressure, and conserved quantities.
 
-    python -m kickdrift_validation.barostats [--long]
-
 At constant pressure P the volume of an ideal gas with f degrees of freedom in d dimensions has the density
 V^(f / d) exp(-P V / k_B T), a gamma distribution. Nothing else is exact for every barostat and coupling, so the whole
 distribution is tested.
@@ -19,10 +17,7 @@ its box: with edges that change apart the runs are short, or the box large.
 Total energy less heat and work is conserved, with an error of second order in the step.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -73,11 +68,7 @@ RUNS = (
 
 
 def freedom_of(bath: str, count: int) -> int:
-    """Degrees of freedom."""
     return 3 * count - 3 * (not integrator(bath).drags)
-
-
-# --- an ideal gas ---
 
 
 def ideal_claims(long: bool) -> Iterator[Claim]:
@@ -112,9 +103,6 @@ def ideal_claims(long: bool) -> Iterator[Claim]:
                 yield claim(text, p, f"above {SIGNIFICANT}", p > SIGNIFICANT, GAMMA)
 
 
-# --- a fluid ---
-
-
 def exact(bath: str, count: int, pressure: float) -> tuple[float, float]:
     """Mean and variance of the volume of the fluid at a pressure."""
     temperature, density = STATE
@@ -141,7 +129,6 @@ def fluid(count: int) -> kd.System:
 
 
 def volumes_of(run: Run, pressure: float, time: float) -> tuple[np.ndarray, kd.Report]:
-    """Volumes of a run, and its report."""
     temperature = STATE[0]
     own = options_of(run.bath, temperature) | FLUID[run.barostat]
     own |= {} if run.coupling == "isotropic" else SLOW[run.barostat]
@@ -179,9 +166,6 @@ def fluid_claims(long: bool) -> Iterator[Claim]:
             yield claim(f"{name}: {quantity}", text, bound, off <= SIGMAS, reference)
 
 
-# --- conserved quantities ---
-
-
 def conserved_claims(long: bool) -> Iterator[Claim]:
     """Energy less heat and work: order two, and no drift."""
     start, steps = fluid(100), 1_000_000 if long else 300_000
@@ -210,11 +194,10 @@ def conserved_claims(long: bool) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All parts; with ``long``, longer runs."""
     yield from ideal_claims(long)
     yield from fluid_claims(long)
     yield from conserved_claims(long)
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

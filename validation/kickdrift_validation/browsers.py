@@ -1,7 +1,5 @@
 """Chromium without a window, for the scripts that look at pages."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +18,6 @@ GIVEN = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 
 @contextmanager
 def opened(width: int = 1200, height: int = 800) -> Iterator[Any]:
-    """An empty page."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as tools:

@@ -1,7 +1,5 @@
 """Every heat bath: Maxwell's velocities, averages of a fluid, its heat capacity, and conservation over 10^6 steps.
 
-    python -m kickdrift_validation.canonical_averages [--long]
-
 Velocities of 16 replicas of a liquid of 64 particles, ten times each, are compared with Maxwell's law (Kolmogorov and
 Smirnov). A bath that conserves the total momentum leaves the share 1 - 1/N of the variance.
 
@@ -14,10 +12,7 @@ The heat capacity is the variance of the energy over k_B T^2, and the slope of t
 temperatures. Both have errors by blocks.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -27,8 +22,8 @@ import kickdrift as kd
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.equation_of_state import FORCES, STATES, equation
-from kickdrift_validation.heat_baths import EQUATION, OPTIONS, SIGMAS, SIGNIFICANT, STATE, STRONG, fluid, options_of
+from kickdrift_validation.equation_of_state import FORCES, STATES, equation, fluid
+from kickdrift_validation.heat_baths import EQUATION, OPTIONS, SIGMAS, SIGNIFICANT, STATE, STRONG, options_of
 
 OTHERS = ("brownian", "respa-baoab")  # without velocities; for forces in groups
 BATHS = tuple(dict.fromkeys(row.name for row in INTEGRATORS.values() if row.bath and row.name not in OTHERS))
@@ -126,7 +121,6 @@ def conserved_claims() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All parts; with ``long``, longer runs."""
     yield from velocity_claims()
     yield from state_claims(long)
     yield from capacity_claims(long)
@@ -134,4 +128,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

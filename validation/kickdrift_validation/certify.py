@@ -1,7 +1,5 @@
 """Does `kickdrift certify` pass right heat baths, and does it fail wrong ones?
 
-    python -m kickdrift_validation.certify [--long]
-
 27 Lennard-Jones particles at T* = 1, 24,000 steps of dt* = 0.004, twice as many in pairs, and a sample every 20 steps.
 Clean runs use four heat baths. Wrong runs have one planted fault each: most in kickdrift's own baths, the others in
 small simulations in NumPy (wrong_baths.py), which also have a barostat. The short set has 200 clean runs, 8 pairs at
@@ -12,9 +10,6 @@ A mass of the barostat that is three times too large everywhere changes the peri
 fault is a noise that does not belong to the mass.
 """
 
-from __future__ import annotations
-
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -74,12 +69,8 @@ def simulation(name: str, seed: int, temperature: float = 1.0, system: kd.System
 
 
 def written(sim: kd.Simulation, path: Path, steps: int = STEPS) -> Path:
-    """The file of a run."""
     sim.run(steps, every=EVERY, output=path, overwrite=True)
     return path
-
-
-# --- faults: each returns the verdicts on a run of a seed ---
 
 
 @contextmanager
@@ -288,4 +279,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

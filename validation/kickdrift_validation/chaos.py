@@ -1,7 +1,5 @@
 """Regular or chaotic: do MEGNO's verdicts agree with those of another program?
 
-    python -m kickdrift_validation.chaos [--long]
-
 Two planets (Jupiter, and Saturn moved to other orbits), asteroids in Jupiter's reach as massless particles, and the
 figure-eight, each with one deviation of ours (dop853) and three of rebound's (WHFast; IAS15 where there are encounters
 and for the figure-eight, which a Wisdom-Holman map cannot follow). A case counts where rebound's three say the same.
@@ -10,10 +8,7 @@ the secular motion of planets takes that long. The short set has the first plane
 Besides, the exponent of Lagrange's triangle against its closed form.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -102,7 +97,6 @@ def cases() -> list[Case]:
 
 
 def theirs(rebound: Any, case: Case, length: float, seed: int) -> float:
-    """rebound's mean MEGNO."""
     sim = case.make(rebound)
     sim.integrator = case.integrator
     if case.integrator == "ias15":
@@ -114,7 +108,6 @@ def theirs(rebound: Any, case: Case, length: float, seed: int) -> float:
 
 
 def ours(rebound: Any, case: Case, length: float) -> kd.ChaosReport:
-    """kickdrift's, from the same state."""
     bodies = case.make(rebound).particles
     x, v = np.array([body.xyz for body in bodies]), np.array([body.vxyz for body in bodies])
     system = kd.System(x, v, [body.m for body in bodies], forces=[kd.Gravity(G=1.0)], units="nbody", name=case.name)
@@ -139,7 +132,6 @@ def compared(rebound: Any, chosen: list[Case]) -> list[Found]:
 
 
 def judged(found: list[Found], least: int = AGREED) -> list[Claim]:
-    """The claims about a table."""
     rows = []
     for each in ("regular", "chaotic"):
         both = sum(row.theirs_agree == row.ours.verdict == each for row in found)
@@ -177,4 +169,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -5,8 +5,6 @@
 Standard output is for the claims alone; what the script prints goes where its messages go. Figures go to FOLDER.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

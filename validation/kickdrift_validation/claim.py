@@ -2,19 +2,19 @@
 
 A script has ``claims(long=False, figures=None)``, which returns or yields Claims: the short set, or with ``long`` all
 of them. One that draws saves PNG files in the folder ``figures``, where it is given one; one that does not may leave
-that argument out. The script ends with ``sys.exit(main(claims, __doc__))`` and has a row in registry.py. What it prints
+that argument out. The script ends with ``main(claims, __doc__)`` and has a row in registry.py. What it prints
 is for whoever runs it alone.
 """
-
-from __future__ import annotations
 
 import argparse
 import inspect
 import math
+import sys
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -33,6 +33,21 @@ def claim(text: str, value: object, bound: str, holds: bool, reference: str) -> 
     return {"claim": text, "value": value, "bound": bound, "reference": reference, "verdict": verdict}
 
 
+def at_most(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is at most another."""
+    return claim(text, value, f"at most {bound:g}", value <= bound, reference)
+
+
+def under(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is less than another."""
+    return claim(text, value, f"under {bound:g}", value < bound, reference)
+
+
+def at_least(text: str, value: float, bound: float, reference: str) -> Claim:
+    """A claim that a number is another or more."""
+    return claim(text, value, f"at least {bound:g}", value >= bound, reference)
+
+
 def largest(*values: float) -> float:
     """The largest; nan where one is, which ``max`` may pass over."""
     return float(np.max(values))
@@ -44,22 +59,8 @@ def not_run(text: str, bound: str, reference: str, needs: str = INSTALL) -> Clai
 
 
 def of(claims: Claims, long: bool = False, figures: Path | None = None) -> Iterable[Claim]:
-    """What a script's ``claims`` gives."""
     draws = {"figures": figures} if "figures" in inspect.signature(claims).parameters else {}
     return claims(long=long, **draws)
-
-
-def main(claims: Claims, doc: str | None) -> int:
-    """Run a script by itself: print its claims; the exit status, 1 where one failed."""
-    lines = (doc or "").strip().splitlines() or [""]
-    parser = argparse.ArgumentParser(description=lines[0])
-    parser.add_argument("--long", action="store_true", help="all claims, not the short set")
-    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the script's figures there, if it has any")
-    given = parser.parse_args()
-    if given.figures:
-        given.figures.mkdir(parents=True, exist_ok=True)
-    print(where("numpy", "scipy"), flush=True)
-    return show(of(claims, given.long, given.figures))
 
 
 def show(claims: Iterable[Claim]) -> int:
@@ -73,6 +74,19 @@ def show(claims: Iterable[Claim]) -> int:
     for row in table:
         print("  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[4]]))
     return int(any(row[0] == "fail" for row in rows))
+
+
+def main(claims: Claims, doc: str | None) -> NoReturn:
+    """Run a script by itself: print its claims, and end with the exit status, 1 where one failed."""
+    lines = (doc or "").strip().splitlines() or [""]
+    parser = argparse.ArgumentParser(description=lines[0])
+    parser.add_argument("--long", action="store_true", help="all claims, not the short set")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw the script's figures there, if it has any")
+    given = parser.parse_args()
+    if given.figures:
+        given.figures.mkdir(parents=True, exist_ok=True)
+    print(where("numpy", "scipy"), flush=True)
+    sys.exit(show(of(claims, given.long, given.figures)))
 
 
 def where(*packages: str) -> str:

@@ -1,7 +1,5 @@
 """Motions with a closed form: Kepler's on every conic, free particles, two Lennard-Jones atoms, Mercury's perihelion.
 
-    python -m kickdrift_validation.closed_forms
-
 Two bodies start at pericentre on a circle, on ellipses with e = 0.9 and 0.999, a parabola and hyperbolas. Where they
 are later follows from the classical anomalies in 40 digits (Kepler's equation, Barker's for the parabola; Danby 1988,
 Fundamentals of Celestial Mechanics, ch. 6), from the very numbers of the start; kickdrift's solver has universal
@@ -9,17 +7,14 @@ variables, so the two share nothing. A step of wisdom-holman on two bodies is no
 length. Two atoms that swing along their line have the period 2 ∫ dr / sqrt(2 (E - U) / mu) between the turning points.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 
 EPSILON = float(np.finfo(float).eps)
 HEAVY, LIGHT = 0.875, 0.125  # G (m1 + m2) = 1, in numbers without rounding
@@ -35,9 +30,6 @@ TIMES = (0.01, 0.3, 1.0, 2.0, 2.7, 3.5, 5.0, 9.0, 40.0, 300.0)
 ROUNDINGS = 5.0  # of the start
 DIGITS = 40
 RATE = 1e-6  # G M / (c^2 a) is 2.6e-8, and the ellipse that fits at pericentre is off by some tens of that
-
-
-# --- Kepler ---
 
 
 def pair(q: float, v: float) -> kd.System:
@@ -101,7 +93,6 @@ def norm(vector: np.ndarray) -> float:
 
 
 def kepler() -> list[Claim]:
-    """The conics."""
     text = "two bodies after a time, on circle, ellipses, parabola and hyperbolas"
     if find_spec("mpmath") is None:
         return [not_run(text, f"{ROUNDINGS:g} roundings", "classical anomalies")]
@@ -131,20 +122,15 @@ def kepler() -> list[Claim]:
                 ("gauss-radau15", runs, ROUNDINGS),
             ):
                 if found:
-                    worst = largest(*found)
                     rows.append(
-                        claim(
+                        at_most(
                             f"{name}, {method}: error in roundings, largest of times {times}",
-                            worst,
-                            f"at most {most:g}",
-                            worst <= most,
+                            largest(*found),
+                            most,
                             "classical anomalies in 40 digits",
                         )
                     )
     return rows
-
-
-# --- free particles ---
 
 
 def free() -> list[Claim]:
@@ -161,9 +147,6 @@ def free() -> list[Claim]:
         text = f"free particles, {name}: largest error after 4096 steps"
         rows.append(claim(text, off, f"at most {most:.2g}" if most else "0", off <= most, reference))
     return rows
-
-
-# --- two atoms ---
 
 
 def swing(r: float, speed: float, points: int = 400) -> float:
@@ -184,7 +167,6 @@ def swing(r: float, speed: float, points: int = 400) -> float:
 
 
 def atoms() -> list[Claim]:
-    """Two atoms, ten periods."""
     r, speed, periods = 1.2, 0.5, 10
     period = swing(r, speed)
     x, v = np.zeros((2, 2, 3))
@@ -197,9 +179,6 @@ def atoms() -> list[Claim]:
     off, bound = abs(late) / (periods * period), 1e-11
     text = f"two Lennard-Jones atoms: period {period:.12f}, relative difference, yoshida8"
     return [claim(text, off, f"at most {bound:g}", off <= bound, "quadrature of the radial motion")]
-
-
-# --- relativity ---
 
 
 def to_pericentre(r: np.ndarray, u: np.ndarray, gm: float) -> float:
@@ -233,14 +212,13 @@ def perihelion() -> list[Claim]:
         century = math.degrees(found) * 3600 * 100 / (length / turns)
         off, bound = abs(found / wanted - 1), RATE
         text = f"Mercury's perihelion, {form} form: {century:.4f} arcseconds a century, relative difference"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "6 pi G M / (c^2 a (1 - e^2))"))
+        rows.append(at_most(text, off, bound, "6 pi G M / (c^2 a (1 - e^2))"))
     return rows
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     return [*kepler(), *free(), *atoms(), *perihelion()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Do collisions book what they take, and do fragments follow Leinhardt and Stewart's laws?
 
-    python -m kickdrift_validation.collisions [--long]
-
 24 bodies reach a heavy one at the same time and merge with it. Hard spheres in a line are Newton's cradle: spheres of
 equal mass exchange their velocities. A bounce with restitution e takes (1 - e^2) mu v_n^2 / 2. The scaling laws of
 Leinhardt & Stewart 2012 (ApJ 745, 79, doi:10.1088/0004-637X/745/1/79) stand beside the paper's second form, which
@@ -9,8 +7,6 @@ begins with the critical velocity (eqs. 22 and 30), in 30 digits; their geometry
 that fall together lose nothing that is not booked. The tree that searches many bodies finds the pairs that the search
 of all pairs finds.
 """
-
-from __future__ import annotations
 
 import math
 import sys
@@ -280,7 +276,6 @@ def search() -> list[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All of it, with fewer or more bodies that collapse."""
     yield from mergers()
     yield from bounces()
     yield from laws()
@@ -291,4 +286,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,16 +1,11 @@
 """Derivatives of a motion: are they those of other programs, and of formulas in forty digits?
 
-    python -m kickdrift_validation.derivatives [--long]
-
 Slopes of every shipped field and body law: its own formula in mpmath, differentiated there. Columns of the transition
 matrix: heyoka's variational equations of three bodies. Symplectic matrices after long Wisdom-Holman runs. The time of
 one more direction over that of a step. Transits of TRAPPIST-1's planets: rebound's IAS15 with bisection. Their
 derivatives: differences of times in 33 digits.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from time import process_time
 from types import FunctionType
@@ -21,7 +16,8 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.slopes.variations import varied
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
+from kickdrift_validation.rebounds import simulation
 
 DAY = 1 / 365.25
 MASSES = [1.0, 1e-3, 3e-4]
@@ -49,14 +45,10 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from transit_times()
 
 
-def planets() -> kd.System:
-    """Two planets that meet."""
+def planets(*forces: Any) -> kd.System:
     x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]]
     v = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]]
-    return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
-
-
-# --- laws ---
+    return kd.System(x, v, MASSES, forces=[kd.Gravity(G=1.0), *forces], units="nbody", names=["star", "b", "c"])
 
 
 def laws() -> Iterator[Claim]:
@@ -117,9 +109,6 @@ def _array(value: Any) -> Any:
     return np.array(value) if isinstance(value, tuple) else value
 
 
-# --- columns ---
-
-
 def columns() -> Iterator[Claim]:
     text = "transition matrix of three bodies after 5 units of time, relative to its largest element"
     bound, reference = "at most 1e-11", "heyoka's variational equations"
@@ -142,9 +131,6 @@ def columns() -> Iterator[Claim]:
         yield claim(f"{name}: {text}", value, bound, value <= 1e-11, reference)
 
 
-# --- Wisdom-Holman ---
-
-
 def maps(long: bool) -> Iterator[Claim]:
     steps = 100_000 if long else 10_000
     for system, dt in ((planets(), 0.05), (kd.load("trappist-1"), 0.06 * DAY)):
@@ -152,18 +138,14 @@ def maps(long: bool) -> Iterator[Claim]:
         value = found.symplectic_error
         assert value is not None
         text = f"M^T J M - J after {steps} steps of wisdom-holman, {len(system)} bodies, over the largest of M^2"
-        yield claim(text, value, "at most 1e-12", value <= 1e-12, "a symplectic map")
-
-
-# --- cost ---
+        yield at_most(text, value, 1e-12, "a symplectic map")
 
 
 def costs() -> Iterator[Claim]:
     system = kd.load("trappist-1")
     for name, dt, steps in (("wisdom-holman", 0.06 * DAY, 20_000), ("yoshida6", 0.02 * DAY, 5000)):
-        value = cost_of_a_direction(system, name, dt, steps, 3)
         text = f"{name}: time of one of 48 directions over that of a step, TRAPPIST-1"
-        yield claim(text, value, "at most 1.3", value <= 1.3, "the same run without directions")
+        yield at_most(text, cost_of_a_direction(system, name, dt, steps, 3), 1.3, "the same run without directions")
 
 
 def cost_of_a_direction(system: kd.System, name: str, dt: float, steps: int, rounds: int) -> float:
@@ -183,21 +165,16 @@ def cost_of_a_direction(system: kd.System, name: str, dt: float, steps: int, rou
     return float(np.median(ratios))
 
 
-# --- transits ---
-
-
 def transit_times() -> Iterator[Claim]:
     text, bound = "transit times of TRAPPIST-1's seven planets in 40 days, in days", "at most 1e-9"
     reference, system = "rebound's IAS15 and bisection", kd.load("trappist-1")
     try:
-        import rebound
+        import rebound  # noqa: F401
     except ImportError:
         yield not_run(text, bound, reference)
     else:
         found = [kd.transits(system, name, until=40 * DAY, direction=SIGHT, bodies=name) for name in system.names[1:]]
-        errors = [
-            abs(time - bisected(rebound, system, ours.planet, time)) / DAY for ours in found for time in ours.times
-        ]
+        errors = [abs(time - bisected(system, ours.planet, time)) / DAY for ours in found for time in ours.times]
         value = largest(*errors)
         yield claim(f"{len(errors)} {text}", value, bound, value <= 1e-9, reference)
     text, bound = "derivatives of transit times in 5 days, each relative to itself", "at most 1e-8"
@@ -262,12 +239,9 @@ def _pull(gm: Any, x: Any, body: int) -> Any:
     return (gm[others, None] * d / (square * np.sqrt(square))[:, None]).sum(axis=0)
 
 
-def bisected(rebound: Any, system: kd.System, planet: str, near: float) -> float:
+def bisected(system: kd.System, planet: str, near: float) -> float:
     """The transit nearest to a time, seen from -y, by bisection of rebound's run."""
-    sim = rebound.Simulation()
-    sim.G, sim.integrator = system.units.gravity, "ias15"
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+    sim = simulation(system, "ias15")
     star, own = sim.particles[0], sim.particles[system.names.index(planet)]
     low, high = near - 0.05 * DAY, near + 0.05 * DAY
     sim.integrate(low)
@@ -295,4 +269,4 @@ def _rate(planet: Any, star: Any) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -3,8 +3,6 @@
 python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md)
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter
@@ -39,7 +37,6 @@ def deliver(given: argparse.Namespace, found: dict[str, Any], text: str, begin: 
 
 
 def table(heading: list[str], rows: list[list[str]]) -> str:
-    """In Markdown."""
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [heading, ["---"] * len(heading), *rows])
 
 

@@ -1,7 +1,5 @@
 """Does `kickdrift.statistics.drift.drift` keep its word?  Synthetic series of known slope and kind, 1000 of each class.
 
-    python -m kickdrift_validation.drift_statistics [--long]
-
 prints coverage of the 95 % interval, the verdicts and the share of wrong ones; with --long those of the classes too
 that lie outside the promise, which are shown and not judged.
 
@@ -12,9 +10,6 @@ hold 0 and may do so always.  A series called too short has no interval (infinit
 claimed for it.
 """
 
-from __future__ import annotations
-
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -162,7 +157,6 @@ def study(kind: Class, series: int, seed: int) -> Outcome:
 
 
 def judged(outcome: Outcome) -> Iterator[Claim]:
-    """One claim a bound."""
     name, asked = f"drift, {outcome.kind.name}", outcome.kind.coverage
     reference = f"{outcome.verdicts.total()} synthetic series of known slope"
     if asked is not None:
@@ -188,4 +182,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Is the verdict on the energy's drift right on genuine runs?  Five systems, ten methods, ten starts.
 
-    python -m kickdrift_validation.drift_verdicts [--long]
-
 The short set has two starts of each system and method, 100 runs; the long set has ten, 500 runs. The systems: the
 Kepler problem, the pendulum, Sun and Jupiter, a choreography of three bodies, and 108 Lennard-Jones particles whose
 potential is cut with a force shift or a switch. Each start has its own eccentricity, amplitude, disturbance or seed,
@@ -16,9 +14,6 @@ A secular drift that does not go on so is false. A slope has the wrong sign wher
 either the verdict is a secular drift or the run changes the energy by more than 1 %.
 """
 
-from __future__ import annotations
-
-import sys
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -246,7 +241,6 @@ def windows(times: np.ndarray, errors: np.ndarray, length: float) -> tuple[float
 
 
 def judged(found: list[Found]) -> Iterator[Claim]:
-    """The claims."""
     runs = f"{len(found)} runs, each beside one {LENGTHS} times as long"
     wrong = [each.name for each in found if each.wrong_sign]
     yield claim("slopes with the wrong sign", len(wrong), "none", not wrong, runs)
@@ -281,4 +275,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

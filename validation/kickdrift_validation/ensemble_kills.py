@@ -1,14 +1,10 @@
 """Does an ensemble end in the same table when workers are killed while it runs?
 
-    python -m kickdrift_validation.ensemble_kills [--long]
-
 A scheduler and two nannies of Dask's are started as programs of their own, as on a cluster, and an ensemble runs
 through them by its address. Meanwhile one of the worker processes that the nannies keep is killed by SIGKILL at random
 times. In the end all members must be done, and the table must be that of an ensemble on this machine that nothing was
 done to, to the last bit, but for the wall time.
 """
-
-from __future__ import annotations
 
 import json
 import os
@@ -119,4 +115,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Mean pressures of the Lennard-Jones fluid from ensembles of replicas, beside its equation of state.
 
-    python -m kickdrift_validation.ensemble_pressures [--long] [--figures FOLDER]
-
 Cut and shifted at 2.5 sigma, beside Thol et al. 2015 as in equation_of_state.py, at the first of its states with 8
 replicas, or at all three with 32 each. A replica is 512 particles that melt from a lattice with velocities of their own
 and run at constant energy for 24 units of time, after 8 at the temperature. Replicas know nothing of each other, so
@@ -25,10 +23,7 @@ md_nve_lj (the GUIDE of their examples, see data/lj-eos), with the centre of mas
 That points to the equation, as does the finding about the other one in equation_of_state.py; the cause is open.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,17 +49,14 @@ class Mean(NamedTuple):
 
     @property
     def pressure(self) -> float:
-        """The mean."""
         return float(self.pressures.mean())
 
     @property
     def error(self) -> float:
-        """Its standard error."""
         return float(self.pressures.std(ddof=1) / np.sqrt(len(self.pressures)))
 
 
 def ensemble(temperature: float, density: float, replicas: int) -> kd.Ensemble:
-    """The replicas at a state."""
     keys = {"velocities.temperature": temperature, "equilibrate.temperature": temperature, "particles.density": density}
     vary = {key: [value] for key, value in keys.items()}
     return kd.Ensemble(FLUID / "fluid.toml", vary, replicas=replicas, seed=SEED)
@@ -91,7 +83,6 @@ def mean_of(table: Any, density: float) -> Mean:
 
 
 def judged(mean: Mean) -> Claim:
-    """The claim about one state."""
     bound = SIGMAS * math.hypot(mean.error, EQUATION_ERROR[EQUATION, "pressure"])
     text = f"pressure, rho* = {mean.density}, T* = {mean.temperature:.4f}, {len(mean.pressures)} replicas"
     value, within = f"{mean.pressure:.4f} ({mean.error:.4f})", f"within {bound:.4f} of {mean.expected:.4f}"
@@ -136,4 +127,4 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

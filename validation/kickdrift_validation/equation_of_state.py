@@ -1,7 +1,5 @@
 """Pressure and energy of the Lennard-Jones fluid against its equations of state, at a state or three.
 
-    python -m kickdrift_validation.equation_of_state [--long]
-
 Cut and shifted at 2.5 sigma: Thol et al., Int. J. Thermophys. 36, 25 (2015), doi:10.1007/s10765-014-1764-4, which is
 for that potential and needs no tail. Cut at 3 sigma with tail corrections: Thol et al., J. Phys. Chem. Ref. Data 45,
 023101 (2016), doi:10.1063/1.4945000, and the Monte Carlo of the NIST Standard Reference Simulation Website at its
@@ -31,13 +29,10 @@ seeds. LAMMPS shows the same from four starts of its own: 0.0062 (0.0013). The c
 cutoff does to the structure; a longer run would miss the bound, which stays.
 """
 
-from __future__ import annotations
-
 import json
 import math
-import sys
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -111,12 +106,16 @@ class Run(NamedTuple):
     energy: np.ndarray  # potential, per particle
 
 
+def fluid(count: int, temperature: float, density: float, **law: Any) -> kd.System:
+    """A Lennard-Jones fluid on a lattice, not yet at equilibrium."""
+    positions, edges = lattice("sc", count, density)
+    velocities = maxwell_boltzmann(np.ones(count), temperature, 1.0, seed=1)
+    return kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**law)])
+
+
 def simulate(job: tuple[str, float, float], steps: int) -> Run:
-    """One state with one truncation."""
     name, temperature, density = job
-    positions, edges = lattice("sc", PARTICLES, density)
-    velocities = maxwell_boltzmann(np.ones(PARTICLES), temperature, 1.0, seed=1)
-    system = kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**FORCES[name])])
+    system = fluid(PARTICLES, temperature, density, **FORCES[name])
     sim = kd.Simulation(system, integrator="velocity-verlet", dt=DT)
     sim.equilibrate(temperature, EQUILIBRATION_TIME)
     sim.run(steps, every=EVERY)
@@ -154,15 +153,15 @@ def judged(job: tuple[str, float, float], run: Run) -> list[Claim]:
     """The claims of one run; prints a line for each quantity."""
     name, temperature, density = job
     mean_temperature = float(run.temperature.mean())
-    fluid = equation(name, mean_temperature, density)
+    wanted = equation(name, mean_temperature, density)
     state = f"rho* = {density}, T* = {mean_temperature:.4f}, {FORCES[name]['truncation']} at {FORCES[name]['cutoff']}"
     published = nist(temperature, density) if "tail" in FORCES[name] else None
     rows = []
     for quantity in ("pressure", "energy"):
-        slope = getattr(fluid, f"{quantity}_slope")
+        slope = getattr(wanted, f"{quantity}_slope")
         shared = slope * (run.temperature - mean_temperature)
         mean, error = mean_and_error(getattr(run, quantity) - shared)
-        references = [(NAMES[name], getattr(fluid, quantity), EQUATION_ERROR.get((name, quantity), 0.0))]
+        references = [(NAMES[name], getattr(wanted, quantity), EQUATION_ERROR.get((name, quantity), 0.0))]
         if published:
             moved = published[quantity] + slope * (mean_temperature - temperature)
             references.append(("NIST Monte Carlo", moved, NIST_ERROR[quantity]))
@@ -189,4 +188,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Are events found where closed forms have them, and do collisions conserve what they must?
 
-    python -m kickdrift_validation.events [--long]
-
 Pericentres of a Kepler ellipse (G (m1 + m2) = 1, semi-major axis 1, e = 0.5, from pericentre at t = 0) stand at whole
 numbers of periods, 2 pi; what is found is off by the phase error of the method, which falls with the step as its order
 says, and in the time of one step no interpolation adds to it. The closest point of a hyperbola with v = 1 at infinity
@@ -11,8 +9,6 @@ the same bodies with its direct collision search, which looks at the ends of ste
 with random zeros show whether every zero of an event's function is found: y' = 1, and the event is a polynomial of y,
 so that the solution is exact in steps of any length.
 """
-
-from __future__ import annotations
 
 import math
 import sys
@@ -26,6 +22,7 @@ import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
 from kickdrift_validation.problems import kepler
+from kickdrift_validation.rebounds import simulation
 
 SHORT, LONG, ECCENTRICITY = 200, 1000, 0.5  # orbits
 STEPS = {"velocity-verlet": 400, "blanes-moan4": 400, "yoshida8": 200}  # in a period
@@ -181,12 +178,8 @@ def against_rebound() -> list[Claim]:
                 [[-1, 0, 0], [1, 0.04, 0.02]], [[1, 0, 0], [-1, 0, 0]], [2, 1], forces=[kd.Gravity(G=1e-3)],
                 units="nbody", radii=[0.06, 0.05],
             )  # fmt: skip
-        theirs = rebound.Simulation()
-        theirs.G, theirs.integrator, theirs.dt = 1e-3, "leapfrog", REBOUND_DT
+        theirs = simulation(system, "leapfrog", REBOUND_DT, 1e-3)
         theirs.collision, theirs.collision_resolve = "direct", resolve
-        state = system.state
-        for m, x, v, r in zip(state.masses, state.positions, state.velocities, system.radii, strict=True):
-            theirs.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2], r=r)
         theirs.integrate(REBOUND_TIME, exact_finish_time=0)
         ours = kd.Simulation(system, "leapfrog-dkd", REBOUND_DT, events=[kd.Collision(action=action)])
         ours.run(until=REBOUND_TIME)
@@ -274,7 +267,6 @@ def polynomials(count: int) -> list[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All of it, over fewer or more orbits."""
     yield from pericentres(LONG if long else SHORT)
     yield from flybys()
     yield from mergers()
@@ -283,4 +275,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

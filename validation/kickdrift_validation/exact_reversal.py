@@ -1,14 +1,10 @@
 """Does leapfrog-exact come back to the very same bits, over 5000 steps or a million, and in another process?
 
-    python -m kickdrift_validation.exact_reversal [--long]
-
 Two systems: lj-1000 (a simple cubic lattice of 1000 Lennard-Jones particles that melts, dt* = 0.005) and the Sun with
 eight planets (JPL DE421 at J2000, the Earth with the Moon; dt = 0.004 years, 60 steps to an orbit of Mercury). Each leg
 runs in a process of its own, which is given the whole numbers of its start and nothing else of the other leg's: the
 second one those of the first one's end, momenta negated.
 """
-
-from __future__ import annotations
 
 import json
 import sys
@@ -39,7 +35,6 @@ def solar_system() -> kd.System:
 
 
 def start(name: str) -> kd.System:
-    """A system at its start."""
     return solar_system() if name == "solar-system" else kd.load(name)
 
 
@@ -111,4 +106,4 @@ def _in_new_process(name: str, begin: Path, end: Path, steps: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """One of each force that ships, for scripts and tests that loop over the registry."""
 
-from __future__ import annotations
-
 import inspect
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Is a run's file whole wherever a kill falls between two writes to it?
 
-    python -m kickdrift_validation.file_prefixes [--long]
-
 Every write that a run makes to its file is recorded: the first flush, ordinary ones in which the index of the frames'
 chunks grows to three levels, events, the report, the close, the same file taken up again, and taken up after a kill.
 Then the writes are done again one by one, each cut wherever it crosses a page of 4096 bytes, which is where the system
@@ -13,10 +11,7 @@ For comparison the order of the writes is left to HDF5: that loses frames, which
 and shows that these tests see it.
 """
 
-from __future__ import annotations
-
 import os
-import sys
 import tempfile
 import warnings
 from collections import Counter
@@ -315,4 +310,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

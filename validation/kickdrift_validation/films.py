@@ -1,18 +1,13 @@
 """Do films hold what they should?
 
-    python -m kickdrift_validation.films
-
 Films of ten seconds of a liquid and of planets, as MP4, WebM and GIF, are read back by ffmpeg and by Pillow. They must
 have the right number of pictures, the right size, and no blank picture. In a film of one particle, the disc must be
 where the frames say: perspective is computed here once more.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from itertools import pairwise
@@ -23,7 +18,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.plots.movie import Film
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, claim, main, under
 
 FPS, SECONDS, SIZE = 25, 10, (640, 480)
 PICTURES = FPS * SECONDS
@@ -55,7 +50,6 @@ def read_gif(path: Path) -> np.ndarray:
 
 
 def checked(what: str, found: Film, pictures: np.ndarray, size: tuple[int, ...] | None) -> Iterator[Claim]:
-    """The claims about one film."""
     reader = "Pillow" if found.path.suffix == ".gif" else "ffmpeg"
     yield claim(f"{what}: pictures", len(pictures), f"{PICTURES}", len(pictures) == PICTURES == found.frames, reader)
     yield claim(f"{what}: size", f"{size[0]}x{size[1]}" if size else "none", "640x480", size == SIZE, reader)
@@ -91,7 +85,7 @@ def one_particle(folder: Path) -> Claim:
         if inside:
             worst = max(worst, math.dist(expected, middle_of_disc))
     text = "one particle: largest distance of its disc from its place, in pixels"
-    return claim(text, worst, "under 2.5", worst < 2.5, "perspective, computed apart")
+    return under(text, worst, 2.5, "perspective, computed apart")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
@@ -118,4 +112,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

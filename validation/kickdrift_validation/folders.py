@@ -1,7 +1,5 @@
 """Where the scripts find their data, and the checkout that they belong to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent

@@ -1,15 +1,10 @@
 """Does `kickdrift certify` pass right forces, and does it find and name planted faults?
 
-    python -m kickdrift_validation.force_faults [--long]
-
 The faults are planted in a Lennard-Jones force in NumPy: 32 particles in a periodic box, or 8 in open space. The clean
 cases are forces of kickdrift and the NumPy force, with other positions each. The short set has 40 clean cases, the long
 set 200.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import cycle, islice
@@ -98,9 +93,6 @@ def system(force: Callable[..., Any], seed: int, space: bool = False, mixed: boo
 def certified(subject: kd.System, seed: int) -> ForceChecks:
     """The page of a system, with a short run."""
     return kd.analysis.force_checks(subject, dt=0.002, steps=STEPS, seed=seed)
-
-
-# --- faults: what changes, and the test that must name it ---
 
 
 def _list_once() -> Force:
@@ -263,4 +255,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Does gauss-radau15 reach what IAS15 reaches: Brouwer's law, and references in binary128?
 
-    python -m kickdrift_validation.gauss_radau [--long]
-
 Energy: Hairer's outer solar system (Hairer, Lubich & Wanner 2006, I.2.4) from 16 starts whose coordinates differ by a
 part in 1e15, in the barycentre's frame: in another one rounding grows with the way that the centre of mass has gone.
 Root mean square relative energy errors of kickdrift's gauss-radau15 and rebound's IAS15 (its wheel, default settings;
@@ -15,10 +13,7 @@ them. Where close encounters multiply what the rounding of the starting values d
 than some factor of that; all run with default settings.
 """
 
-from __future__ import annotations
-
 import json
-import sys
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
@@ -27,8 +22,9 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.odes import arenstorf
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 from kickdrift_validation.folders import DATA
+from kickdrift_validation.rebounds import energy, simulation
 
 NBODY = DATA / "nbody"
 NAME = "gauss-radau15"
@@ -48,14 +44,10 @@ def record(name: str) -> dict[str, Any]:
 
 
 def system_of(name: str) -> kd.System:
-    """The same as a System."""
     found = record(name)
     start = np.array(found["initial_state"], dtype=float).reshape(-1, 6)
     gravity, masses = kd.Gravity(G=float(found["G"])), np.array(found["masses"], dtype=float)
     return kd.System(start[:, :3], start[:, 3:], masses, forces=[gravity], units="nbody", name=name)
-
-
-# --- Brouwer's law ---
 
 
 def shifted(system: kd.System, count: int) -> list[kd.System]:
@@ -68,51 +60,31 @@ def shifted(system: kd.System, count: int) -> list[kd.System]:
     ]
 
 
-def energy(x: np.ndarray, v: np.ndarray, masses: np.ndarray, G: float) -> Any:
-    """In extended precision, of positions and velocities (n, 3)."""
-    x, v, masses = (np.asarray(part, dtype=np.longdouble) for part in (x, v, masses))
-    i, j = np.triu_indices(len(masses), 1)
-    distances = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=1))
-    return 0.5 * (masses * (v**2).sum(axis=1)).sum() - G * (masses[i] * masses[j] / distances).sum()
-
-
 def ours(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, int]:
     """Relative energy errors at the first step points from these times on; steps."""
     sim = kd.Simulation(system, NAME)
-    found = [energy(sim.state.positions, sim.state.velocities, sim.state.masses, G)]
+    found = [energy(sim.state.masses, sim.state.positions, sim.state.velocities, G)]
     for time in times:
         while sim.time < time:
             sim.run(until=time, every=2**40)
         sim.run(1, every=2**40)  # a step point, and no look between two
-        found.append(energy(sim.state.positions, sim.state.velocities, sim.state.masses, G))
+        found.append(energy(sim.state.masses, sim.state.positions, sim.state.velocities, G))
     return np.array([float(one / found[0] - 1) for one in found[1:]]), sim.steps_done
 
 
 def rebounds(system: kd.System, times: np.ndarray, G: float) -> tuple[np.ndarray, int]:
-    """The same of IAS15."""
-    sim = ias15(system, G)
+    sim = simulation(system, "ias15", G=G)
     masses = system.state.masses
 
     def now() -> Any:
         x, v = np.array([p.xyz for p in sim.particles]), np.array([p.vxyz for p in sim.particles])
-        return energy(x, v, masses, G)
+        return energy(masses, x, v, G)
 
     found = [now()]
     for time in times:
         sim.integrate(time, exact_finish_time=0)
         found.append(now())
     return np.array([float(one / found[0] - 1) for one in found[1:]]), int(sim.steps_done)
-
-
-def ias15(system: kd.System, G: float) -> Any:
-    """rebound's Simulation of the system, default settings."""
-    import rebound
-
-    sim = rebound.Simulation()
-    sim.G, sim.integrator = G, "ias15"
-    for mass, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=mass, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
-    return sim
 
 
 def brouwer(starts: int, years: float) -> list[Claim]:
@@ -147,9 +119,6 @@ def brouwer(starts: int, years: float) -> list[Claim]:
     return [*found, claim("power of the time that it grows with", power, bound, holds, f"Brouwer; IAS15: {theirs:.2f}")]
 
 
-# --- binary128 ---
-
-
 def errors_of(name: str, seed: int) -> list[float]:
     """Largest difference of any coordinate or velocity from the reference, at each time; of the start itself (seed 0),
     or of one whose coordinates are a rounding away."""
@@ -180,7 +149,7 @@ def against_binary128() -> list[Claim]:
         bounds = [max(ENCOUNTERS * them, ROUNDING) for them in np.maximum.accumulate(theirs)]
         worst = largest(*(us / bound for us, bound in zip(errors, bounds, strict=True)))
         text = f"{name}: error over {ENCOUNTERS:g} times the largest of IAS15's so far, or {ROUNDING:g}"
-        found.append(claim(text, worst, "at most 1", worst <= 1.0, "binary128, Taylor's method"))
+        found.append(at_most(text, worst, 1.0, "binary128, Taylor's method"))
     return [*found, arenstorfs()]
 
 
@@ -213,7 +182,6 @@ def sensitivity(of: dict[str, Any]) -> float:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """Both parts."""
     found = against_binary128()
     years = LONG if long else SHORT
     print(f"energy errors of the outer solar system, {STARTS} starts, to {years:g} years")
@@ -221,4 +189,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Heat baths: averages of a harmonic well, kinetic energies, conserved quantities, and a fluid at constant temperature.
 
-    python -m kickdrift_validation.heat_baths [--long]
-
 A step of a word over A, B and O on an oscillator (m = omega = k_B T = 1) is a linear map of (x, v) with normal noise.
 So its stationary covariance solves a discrete Lyapunov equation, which SciPy solves here from the word alone. At
 omega dt = 1 the mean squares of x and v are rational numbers (Leimkuhler & Matthews 2013, doi:10.1093/amrx/abs010;
@@ -16,12 +14,8 @@ The Lennard-Jones fluid, cut and shifted at 2.5 sigma, is compared with the equa
 (equation_of_state.py). The bound is three standard errors of the run; two numbers of each of eight baths are tried.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -30,10 +24,9 @@ from scipy.linalg import solve_discrete_lyapunov
 import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.splitting.method import Splitting
-from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.equation_of_state import FORCES, equation
+from kickdrift_validation.equation_of_state import FORCES, equation, fluid
 
 CLOSED = {"baoab": (1, 3 / 4), "aboba": (1, 4 / 3), "obabo": (4 / 3, 1), "oabao": (3 / 4, 1), "baoa": (1, 1)}
 GRID = ((0.2, 1.0), (0.5, 0.3), (1.0, 2.0), (1.5, 1.0), (1.8, 0.5))  # omega dt and friction
@@ -52,12 +45,8 @@ ORDERED, CONSERVED = ("nose-hoover", "csvr"), ("nose-hoover", "csvr", "baoab")
 
 
 def options_of(name: str, temperature: float, values: dict[str, float] | None = None) -> dict[str, float]:
-    """Options of a bath."""
     known = {"temperature": temperature, **(values or OPTIONS)}
     return {key: value for key, value in known.items() if key in integrator(name).tunable}
-
-
-# --- oscillators ---
 
 
 def covariance(word: str, dt: float, friction: float) -> np.ndarray:
@@ -115,16 +104,6 @@ def oscillator_claims() -> Iterator[Claim]:
         value, bound = float(np.max(apart)), f"at most {SIGMAS:g}"
         text = f"{name}: covariance of x and v at {len(GRID)} steps and frictions: farthest, in standard errors"
         yield claim(text, value, bound, value <= SIGMAS, LYAPUNOV)
-
-
-# --- a liquid ---
-
-
-def fluid(count: int, temperature: float, density: float, **law: Any) -> kd.System:
-    """A Lennard-Jones fluid on a lattice, not yet at equilibrium."""
-    positions, edges = lattice("sc", count, density)
-    velocities = maxwell_boltzmann(np.ones(count), temperature, 1.0, seed=1)
-    return kd.System(positions, velocities, box=edges, forces=[kd.LennardJones(**law)])
 
 
 def kinetic_claims(long: bool) -> Iterator[Claim]:
@@ -201,7 +180,6 @@ def state_claims(long: bool) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All parts; with ``long``, longer runs."""
     yield from oscillator_claims()
     yield from kinetic_claims(long)
     yield from conserved_claims(long)
@@ -209,4 +187,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

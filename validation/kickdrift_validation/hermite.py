@@ -1,7 +1,5 @@
 """What hermite4 conserves and reaches, in shared and in block steps.
 
-    python -m kickdrift_validation.hermite [--long]
-
 Plummer spheres in N-body units (Henon's: G = M = 1, E = -1/4), softened by 4 / n: the largest energy error over one
 crossing time, 2 sqrt 2, against eta, and the cost of block steps over shared ones. Kepler's orbit of eccentricity 0.9
 over one turn and ten, in closed form. Burrau's Pythagorean problem against states of 34 digits
@@ -9,11 +7,8 @@ over one turn and ten, in closed form. Burrau's Pythagorean problem against stat
 meeting.
 """
 
-from __future__ import annotations
-
 import json
 import math
-import sys
 from time import perf_counter
 
 import numpy as np
@@ -34,7 +29,6 @@ MASSES = np.array([0.6, 0.4])
 
 
 def spheres(counts: tuple[int, ...], timed: bool) -> list[Claim]:
-    """Energy and cost of clusters."""
     rows = []
     print(f"{'stars':>6} {'scheme':7} {'eta':>6} {'points':>7} {'evaluations':>11} {'energy error':>12} {'seconds':>8}")
     for n in counts:
@@ -131,4 +125,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Differential equations against SciPy and against the end values of the IVP test set.
 
-    python -m kickdrift_validation.ivp [--long]
-
 Not stiff: every problem of `kickdrift.odes` at 40 times, beside SciPy's DOP853 at rtol = 1e-13. How far a solver at
 rtol = 1e-10 may be off depends on the problem, so SciPy's own DOP853 at the same tolerance is the measure. Arenstorf's
 orbit and the Pleiades also at the states in binary128 and the end values of the test set.
@@ -13,10 +11,7 @@ Backward Euler is not accurate enough to be held against such values; its error 
 t = 40. --long adds the 11 decades of ROBER.
 """
 
-from __future__ import annotations
-
 import json
-import sys
 from typing import Any
 
 import numpy as np
@@ -24,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 import kickdrift as kd
 from kickdrift.odes import ODES
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 from kickdrift_validation.folders import DATA
 
 LOOKS = 40
@@ -66,7 +61,6 @@ def scipys(problem: kd.Problem, times: np.ndarray, method: str, rtol: float, ato
 
 
 def ours(problem: kd.Problem, times: np.ndarray, method: str, rtol: float, atol: float) -> np.ndarray:
-    """The same by kickdrift."""
     sim, found = kd.Simulation(problem, method, rtol=rtol, atol=atol), []
     for time in times:
         sim.run(until=float(time), every=2**40)
@@ -95,7 +89,6 @@ def dense() -> list[Claim]:
 
 
 def published() -> list[Claim]:
-    """Arenstorf's orbit and the Pleiades."""
     rows = []
     orbit = reference("nbody", "arenstorf")["arenstorf_4loop"]
     states = np.array(orbit["states_quad_x_y_vx_vy"], dtype=float)
@@ -106,7 +99,7 @@ def published() -> list[Claim]:
         off, bound = float(np.abs(found - states).max()), 1e-6
         text = f"Arenstorf's orbit, {method}, rtol {TIGHT:g}: largest error at {len(states)} times"
         source = "binary128, Taylor; 1e-13 a step for a thousand, and the Moon's passages multiply an error by 1e4"
-        rows.append(claim(text, off, f"at most {bound:g}", off <= bound, source))
+        rows.append(at_most(text, off, bound, source))
         found = ours(ODES["pleiades"](), np.array(stars["times"], dtype=float), method, TIGHT, TIGHT)
         exact = np.array(stars["reference_states_quad"], dtype=float)[:, order]
         for what, value, source in (
@@ -130,13 +123,13 @@ def stiff(long: bool) -> list[Claim]:
             y = ours(problem, end, method, RTOL, atol)[0]
             off, bound = float(np.abs(y / wanted - 1.0).max()), GLOBAL * RTOL
             text = f"{key.upper()}, {method}, rtol {RTOL:g}: largest relative error at t = {end[0]:g}"
-            rows.append(claim(text, off, f"at most {bound:g}", off <= bound, TEST_SET))
+            rows.append(at_most(text, off, bound, TEST_SET))
             line.append(f"{method} {off:.1e}")
             if theirs:
                 other = float(np.abs(scipys(problem, end, theirs, RTOL, atol)[0] / wanted - 1.0).max())
                 text = f"{key.upper()}, {method}: that error over SciPy's own"
                 ratio, source = off / other, f"SciPy's solve_ivp, {theirs}"
-                rows.append(claim(text, ratio, f"at most {BESIDE:g}", ratio <= BESIDE, source))
+                rows.append(at_most(text, ratio, BESIDE, source))
         print(f"  {key.upper():6} {', '.join(line)}", flush=True)
     return [*rows, *(decades(found["rober_decades"]) if long else [])]
 
@@ -148,7 +141,7 @@ def decades(table: dict[str, Any]) -> list[Claim]:
     for method in METHODS:
         off = float(np.abs(ours(ODES["robertson"](), times, method, RTOL, 1e-20) / wanted - 1.0).max())
         text = f"ROBER at {len(times)} decades of time, {method}: largest relative error"
-        rows.append(claim(text, off, f"at most {GLOBAL * RTOL:g}", off <= GLOBAL * RTOL, "SciPy's Radau at rtol 1e-12"))
+        rows.append(at_most(text, off, GLOBAL * RTOL, "SciPy's Radau at rtol 1e-12"))
     return rows
 
 
@@ -171,4 +164,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

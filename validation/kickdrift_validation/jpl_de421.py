@@ -1,7 +1,5 @@
 """The solar system as point masses, with and without the Sun's 1PN correction, against JPL's ephemeris DE421.
 
-    python -m kickdrift_validation.jpl_de421
-
 Starts from the shipped solar-system-moon (Sun, planets with Earth and Moon apart, Pluto, from DE421 at J2000) and
 prints how far each body is from where DE421 has it, seen from the Sun, in km. What is expected was found by others for
 the same two models from the same start. Newton's errors are the missing 1PN terms; what is left with them is what point
@@ -13,10 +11,7 @@ term, 90 m of Venus' 99 km in a year. SciPy's DOP853 on the same equations gives
 with the Sun's terms of those equations 12 m for Venus and 0.71 km for Mercury, ours 0.44 km, after ten years.
 """
 
-from __future__ import annotations
-
 import json
-import sys
 
 import numpy as np
 
@@ -42,7 +37,6 @@ TRUTH = DATA / "solar-system" / "de421_later.json"
 
 
 def models() -> dict[str, kd.System]:
-    """The two systems."""
     start = kd.load("solar-system-moon")
     assert isinstance(start, kd.System)
     x, v, m, names = start.state.positions, start.state.velocities, start.state.masses, start.names
@@ -87,4 +81,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

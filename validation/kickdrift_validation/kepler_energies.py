@@ -1,16 +1,11 @@
 """The energy of a planet on a circular orbit over 1000 periods or 10,000, for five methods at the same step.
 
-    python -m kickdrift_validation.kepler_energies [--long] [--figures FOLDER]
-
 G M = 1, semi-major axis 1, dt = 0.01: a period is 628 steps. Forward Euler spirals out, RK4 in, each as the leading
 power of dt in its energy error says, which is worked out here in rational numbers from the tableau; what a symplectic
 method gets wrong stays as it is (Hairer, Lubich & Wanner 2006, IX.8, doi:10.1007/3-540-30666-8), but for rounding.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from fractions import Fraction
 from pathlib import Path
 from time import perf_counter
@@ -23,7 +18,7 @@ from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.odes import kepler
 from kickdrift.plots.drawing import COLOURS, INK, new_axes, new_figure, save_figure
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 SHORT, LONG, DT = 1000, 10_000, 0.01
 EVERY = 389  # steps between samples, the golden section of a period: they come at ever other places of the orbit
@@ -100,7 +95,6 @@ def power(p: Series, exponent: Fraction) -> Series:
 
 
 def slopes(y: list[Series]) -> list[Series]:
-    """f of Kepler's problem."""
     r2 = [a + b for a, b in zip(product(y[0], y[0]), product(y[1], y[1]), strict=True)]
     pull = power(r2, Fraction(-3, 2))
     return [y[2], y[3], *([-c for c in product(x, pull)] for x in y[:2])]
@@ -131,9 +125,6 @@ def leading(method: str) -> tuple[int, Fraction]:
     series = energy_of_a_step(tableau)
     exponent = next(n for n, c in enumerate(series) if c)
     return exponent, series[exponent]
-
-
-# --- the study ---
 
 
 def study(periods: float, figures: Path | None = None) -> list[Claim]:
@@ -172,12 +163,10 @@ def rk4_slope() -> float:
 
 
 def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
-    """The claims."""
     rows = []
     for name in ("symplectic-euler", "velocity-verlet"):
-        growth = found[name].growth
         text = f"{name}: largest energy error of the last tenth over that of the first"
-        rows.append(claim(text, growth, f"at most {BOUNDED:g}", growth <= BOUNDED, HAIRER))
+        rows.append(at_most(text, found[name].growth, BOUNDED, HAIRER))
     roundings = periods * 2 * math.pi / DT * integrator("yoshida6").evaluations
     walk = WALKS * EPSILON * math.sqrt(roundings)
     for name, share, what in (
@@ -185,26 +174,18 @@ def judged(found: dict[str, Energies], periods: float) -> list[Claim]:
         ("yoshida6" + COMPENSATED, DT, "dt of that: of what is added to x and v"),
     ):
         largest, bound = found[name].largest, share * walk
-        holds = largest <= bound
         text = f"{name}: largest relative energy error"
-        rows.append(claim(text, largest, f"at most {bound:.2g}", holds, f"{what}, n = {roundings:.3g}"))
+        rows.append(claim(text, largest, f"at most {bound:.2g}", largest <= bound, f"{what}, n = {roundings:.3g}"))
     rk4, slope = found["rk4"], rk4_slope()
     off = abs(rk4.slope / slope - 1)
     exponent, c = leading("rk4")
     reference = f"{slope:.4e} = 4 pi c dt^{exponent - 1}, c = {c} of the tableau, exact"
-    rows.append(claim(f"rk4: slope {rk4.slope:.4e} per period, off by", off, f"at most {LAW:g}", off <= LAW, reference))
-    bent = rk4.curvature
-    text = "rk4: farthest from that straight line, over its end"
-    rows.append(claim(text, bent, f"at most {LAW:g}", bent <= LAW, "linear growth"))
+    rows.append(at_most(f"rk4: slope {rk4.slope:.4e} per period, off by", off, LAW, reference))
+    rows.append(at_most("rk4: farthest from that straight line, over its end", rk4.curvature, LAW, "linear growth"))
     axis, law = (1.0 / (1.0 - float(error)) for error in (found["euler"].error[-1], euler_law(periods)))
-    text = f"euler: the orbit's axis grew to {axis:.4g}, off by"
-    off = abs(axis / law - 1)
     reference = f"{law:.4g} = (1 + 6 dt t)^(1/3), its leading term on a circle"
-    rows.append(claim(text, off, f"at most {CIRCLE:g}", off <= CIRCLE, reference))
+    rows.append(at_most(f"euler: the orbit's axis grew to {axis:.4g}, off by", abs(axis / law - 1), CIRCLE, reference))
     return rows
-
-
-# --- the figure ---
 
 
 def draw(found: dict[str, Energies], target: Path) -> Path:
@@ -244,4 +225,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,23 +1,18 @@
 """Is a body without mass on a Kepler orbit exact in one step of wisdom-holman, however long, on every conic?
 
-    python -m kickdrift_validation.kepler_flow
-
 A star and eight bodies without mass have no interaction, so the map is Kepler's motion alone, and any step must end
 where the closed form does: steps from a thousandth of a turn to ten turns, eccentricities from 0 to 0.99, hyperbolas to
 3. Errors are in units of what one rounding of the start does by then: eps (|x| + |v| (1 + 3 t / r0)), since a rounding
 of 2 / r0 in 1 / a = 2 / r0 - v^2 turns the phase by 3/2 t 2 / r0 of it.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, main
 
 ELLIPSES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.99)
 HYPERBOLAS = (1.001, 1.01, 1.1, 1.3, 1.6, 2.0, 2.5, 3.0)
@@ -79,8 +74,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
         for turns in TURNS:
             value, e = worst(system, eccentricities, turns * 2 * math.pi)
             text = f"{kind}, a step of {turns:g} turns: farthest position, at e = {e:g}, in roundings"
-            yield claim(text, value, f"at most {ROUNDINGS:g}", value <= ROUNDINGS, "closed form, extended precision")
+            yield at_most(text, value, ROUNDINGS, "closed form, extended precision")
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Strong and weak order of every Langevin word: slopes of the differences between a step and half of it.
 
-    python -m kickdrift_validation.langevin_orders [--long]
-
 Two runs have the same noise, one with the step dt and one with dt / 2 and noise="refine". The root mean square of the
 difference of their paths at a time T goes as dt to the strong order, the difference of their means as dt to the weak
 order. Both are measured from many independent copies, with one start for all: oscillators, double wells, and
@@ -16,10 +14,7 @@ sqrt(dt k_B T / (2 g m)), so their strong order is 1/2; their weak order at a gi
 (Leimkuhler, Matthews & Tretyakov 2014, doi:10.1098/rspa.2014.0120).
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Callable, Iterator
 from typing import ClassVar, NamedTuple
 
@@ -63,7 +58,6 @@ class DoubleWells:
         """Nothing to check."""
 
     def bind(self, system: object, threads: int = 1) -> Wells:
-        """Numbers for the compiled body."""
         return Wells(0.25)
 
 
@@ -194,4 +188,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -3,14 +3,15 @@
 Nothing here comes from the compiled kernels. epsilon = sigma = 1; truncation "shift" (of the energy) or "cut".
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import kickdrift as kd
+from kickdrift_validation.claim import Claim, claim
+
+FACTOR = 10.0  # between two differences that began as rounding; their logarithms scatter by 0.3
 
 
 class Pairs(NamedTuple):
@@ -100,6 +101,21 @@ def frames_of(sim: kd.Simulation, steps: int) -> np.ndarray:
 def apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(frames,): the root mean square distance of the same particle in two runs."""
     return np.sqrt(((first - second) ** 2).sum(axis=2).mean(axis=1))
+
+
+def parting(ours: np.ndarray, theirs: np.ndarray, own: list[np.ndarray], source: str, of: str = "") -> list[Claim]:
+    """Claims on the frames of two programs: the first ones differ by rounding, later ones by what one rounding becomes
+    in ``own``, distances of kickdrift from itself one rounding away."""
+    rows, rounding, distances = [], float(np.spacing(np.abs(ours).max())), apart(ours, theirs)
+    for k in (1, 10):
+        off, bound = float(np.abs(ours[k] - theirs[k]).max()), (k + 1) * rounding
+        reference = f"{source}; a rounding of the largest coordinate a step"
+        rows.append(claim(f"positions{of} after {k} steps", off, f"at most {bound:.1e}", off <= bound, reference))
+    for k in (100, 1000):
+        off, largest = float(distances[k]), max(float(one[k]) for one in own)
+        text = f"positions after {k} steps: {off:.1e} RMS, over what one rounding becomes"
+        rows.append(claim(text, off / largest, f"at most {FACTOR:g}", off <= FACTOR * largest, source))
+    return rows
 
 
 def rate(size: np.ndarray, dt: float, begin: int) -> float:

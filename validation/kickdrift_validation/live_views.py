@@ -1,15 +1,11 @@
 """Runs that are watched: the speed and the bits that they keep, what MDAnalysis reads, and views in a browser.
 
-    python -m kickdrift_validation.live_views [--long]
-
 Another process reads the page of a run. What the page costs is the processor time of the frames and of the threads that
 serve them; the rest of the run's time is the speed that it keeps. With --long, runs with a page and without take turns
 as well, and the fastest turns are compared. Such ratios need a machine with nothing else to do.
 MDAnalysis reads a run by IMDv3 in a process of its own, and has to find the frames of the run's file. With --long,
 Chromium opens the live page, and a notebook in JupyterLab whose widget follows a run.
 """
-
-from __future__ import annotations
 
 import os
 import secrets
@@ -186,17 +182,12 @@ def streamed() -> Iterator[Claim]:
 
 
 def free_port() -> int:
-    """A port that nothing uses."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
-# --- in a browser ---
-
-
 def live_page() -> Iterator[Claim]:
-    """The live page in Chromium."""
     text = "the live page in Chromium"
     if CHROMIUM is None or not find_spec("playwright"):
         yield not_run(text, "steps rise", "Chromium", NEEDS)
@@ -298,7 +289,6 @@ def jupyterlab(folder: Path) -> Iterator[str]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All claims of this script."""
     yield from speeds(long)
     yield from streamed()
     if long:
@@ -307,4 +297,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Lennard-Jones against ASE: the same run, and its difference, which is rounding that chaos multiplies.
 
-    python -m kickdrift_validation.lj_ase [--long] [--figures FOLDER]
-
 216 particles, rho* = 0.8442, melted for 2000 steps, cut and shifted at 2.5 sigma, dt* = 0.005. From there kickdrift's
 velocity-verlet and ASE's VelocityVerlet with ASE's own LennardJones take 1000 steps each. The two must part: a fluid
 multiplies any difference by exp(lambda t). That this is all there is to it is shown three ways:
@@ -16,9 +14,6 @@ multiplies any difference by exp(lambda t). That this is all there is to it is s
 Energies and forces are compared at the same positions, which leaves chaos out.
 """
 
-from __future__ import annotations
-
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
@@ -28,14 +23,13 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim, largest, main, not_run
-from kickdrift_validation.lennard_jones import apart, direct, draw, frames_of, nudged, rate, tangent
-from kickdrift_validation.performance.melt import CUTOFF, DT, melt
+from kickdrift_validation.lennard_jones import apart, direct, draw, frames_of, nudged, parting, rate, tangent
+from kickdrift_validation.performance.liquids import CUTOFF, DT, melt
 
 PARTICLES, MELT, STEPS, PAIRS = 216, 2000, 1000, 8
 SETTLED = 400  # steps until the fastest direction has won
 FRAMES = (0, 1, 10, 100, 1000)
 SIGMAS = 4.0  # of one pair's rate, from eight
-FACTOR = 10.0  # between the sizes of two such differences; their logarithms scatter by 0.3
 SAME = 1e-12  # relative
 SOURCE = "ASE's LennardJones and VelocityVerlet"
 
@@ -61,7 +55,6 @@ def ase_frames(system: kd.System, steps: int) -> np.ndarray:
 
 
 def moved(system: kd.System, x: np.ndarray) -> kd.System:
-    """The system with its particles at x."""
     return kd.System(x, system.state.velocities, box=system.box, forces=system.forces)
 
 
@@ -89,17 +82,7 @@ def at_frames(system: kd.System, frames: np.ndarray) -> list[Claim]:
 
 
 def growth(curves: dict[str, np.ndarray], own: list[np.ndarray], ours: np.ndarray, theirs: np.ndarray) -> list[Claim]:
-    """What the curves say."""
-    rows = []
-    rounding = float(np.spacing(np.abs(ours).max()))
-    for k in (1, 10):
-        off, bound = float(np.abs(ours[k] - theirs[k]).max()), (k + 1) * rounding
-        reference = f"{SOURCE}; a rounding of the largest coordinate a step"
-        rows.append(claim(f"positions after {k} steps", off, f"at most {bound:.1e}", off <= bound, reference))
-    for k in (100, 1000):
-        off, largest = float(curves["kickdrift and ASE"][k]), max(float(one[k]) for one in own)
-        text = f"positions after {k} steps: {off:.1e} RMS, over what one rounding becomes"
-        rows.append(claim(text, off / largest, f"at most {FACTOR:g}", off <= FACTOR * largest, SOURCE))
+    rows = parting(ours, theirs, own, SOURCE)
     rates = np.array([rate(one, DT, SETTLED) for one in own])
     mean, error = float(rates.mean()), float(rates.std(ddof=1))
     reference = f"kickdrift and itself a rounding away: {mean:.2f}, {error:.2f} from pair to pair"
@@ -111,8 +94,8 @@ def growth(curves: dict[str, np.ndarray], own: list[np.ndarray], ours: np.ndarra
     return rows
 
 
-def study(long: bool, figures: Path | None) -> list[Claim]:
-    """All of it."""
+def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
+    """``long`` adds ASE against itself; ``figures`` is a folder for the figure."""
     if find_spec("ase") is None:
         return [not_run("positions after 1, 10, 100, 1000 steps", "rounding times exp(lambda t)", SOURCE)]
     state = (melted := melt(PARTICLES, MELT)).state
@@ -139,10 +122,5 @@ def study(long: bool, figures: Path | None) -> list[Claim]:
     return [*growth(curves, own, ours, theirs), *at_frames(system, ours)]
 
 
-def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """``long`` adds ASE against itself; ``figures`` is a folder for the figure."""
-    return study(long, figures)
-
-
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

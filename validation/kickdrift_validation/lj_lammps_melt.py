@@ -1,7 +1,5 @@
 """Lennard-Jones against LAMMPS: the classic melt step by step, and the positions of 1000 particles.
 
-    python -m kickdrift_validation.lj_lammps_melt [--figures FOLDER]
-
 The melt is LAMMPS' examples/melt: an fcc lattice of 4000 particles, rho* = 0.8442, velocities that LAMMPS draws for
 T* = 3, lj/cut at 2.5 sigma, neither shifted nor switched, dt* = 0.005, 250 steps. Both programs start from the same
 numbers, and PotEng, KinEng, Temp and Press are compared at every step. A run of 1000 steps and 1000 particles from a
@@ -13,9 +11,6 @@ logs; here its list is checked at every step. What the log of its benchmark in.l
 energy and virial of the lattice of 32,000 particles, which are a sum over the neighbours of one site.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -25,9 +20,9 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.engines.lammps_world import Model, World, lammps_class
 from kickdrift.model.starts.builders import lattice
-from kickdrift_validation.claim import Claim, claim, main, not_run
-from kickdrift_validation.lennard_jones import apart, draw, frames_of, nudged
-from kickdrift_validation.performance.melt import CUTOFF, DENSITY, DT
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
+from kickdrift_validation.lennard_jones import FACTOR, apart, draw, frames_of, nudged, parting
+from kickdrift_validation.performance.liquids import CUTOFF, DENSITY, DT
 
 MELT, HOT, SEED, MELT_STEPS = 4000, 3.0, 87287, 250
 SMALL, WARM, STEPS = 1000, 1.44, 1000
@@ -36,7 +31,6 @@ COLUMNS = ("PotEng", "KinEng", "Temp", "Press")
 FIRST = 20  # steps in which rounding has not grown
 SAME = 1e-12  # relative, with numbers summed in another order
 ADDED = 1e-11  # of PotEng: LAMMPS adds up to 10^6 pairs' energies one by one; on a lattice equal ones round one way
-FACTOR = 10.0  # between two differences that began as rounding
 PAIRS = 4
 SOURCE = "LAMMPS, lj/cut, `neigh_modify every 1 delay 0 check yes`"
 
@@ -68,7 +62,6 @@ def thermo(theirs: World) -> np.ndarray:
 
 
 def thermo_of(sim: kd.Simulation) -> list[float]:
-    """The same of ours."""
     sample, n = sim.sample(), len(sim.system)
     return [sample.energies.potential / n, sample.energies.kinetic / n, sample.temperature, sample.pressure]
 
@@ -106,11 +99,7 @@ def shells(cutoff: float) -> tuple[float, float]:
     return float(energy.sum() / 2), float(along.sum() / 2 * DENSITY / 3)
 
 
-# --- the claims ---
-
-
 def bench() -> list[Claim]:
-    """Step 0 of in.lj."""
     start, theirs = started("fcc", BENCH, WARM)
     ours, them = np.array(thermo_of(start.simulation())), thermo(theirs)
     energy, virial = shells(CUTOFF)
@@ -123,7 +112,7 @@ def bench() -> list[Claim]:
         for reference, wanted in ((SOURCE, of_lammps), ("sum over the neighbours of one site", lattice_sum)):
             off, bound = abs(value / wanted - 1.0), ADDED if (name, reference) == ("PotEng", SOURCE) else SAME
             text = f"in.lj, {BENCH} particles, step 0: {name} {value:.7f}, relative difference"
-            rows.append(claim(text, off, f"at most {bound:g}", off <= bound, reference))
+            rows.append(at_most(text, off, bound, reference))
     return rows
 
 
@@ -150,7 +139,7 @@ def melting() -> list[Claim]:
         off = np.abs(us - them)[:, k] / scale[k]
         early, bound = float(off[: FIRST + 1].max()), ADDED if name == "PotEng" else SAME
         text = f"melt, {MELT} particles: {name} of steps 0 to {FIRST}, largest relative difference"
-        rows.append(claim(text, early, f"at most {bound:g}", early <= bound, SOURCE))
+        rows.append(at_most(text, early, bound, SOURCE))
         late = float(off.max())
         bound = max(bound, FACTOR * float(np.abs(us - shifted)[:, k].max() / scale[k]))
         text = f"melt, {MELT} particles: {name} of steps 0 to {MELT_STEPS}, largest relative difference"
@@ -173,16 +162,7 @@ def positions(figures: Path | None) -> list[Claim]:
     print("RMS distance after 1, 10, 100, 1000 steps:")
     for name, curve in (("kickdrift and itself", own[0]), ("kickdrift and LAMMPS", distances)):
         print(f"  {name:24} {', '.join(f'{curve[k]:.1e}' for k in (1, 10, 100, 1000))}")
-    rows, rounding = [], float(np.spacing(np.abs(ours).max()))
-    for k in (1, 10):
-        off, bound = float(np.abs(ours[k] - other[k]).max()), (k + 1) * rounding
-        text = f"positions of {SMALL} particles after {k} steps"
-        rows.append(claim(text, off, f"at most {bound:.1e}", off <= bound,
-                          f"{SOURCE}; a rounding of the largest coordinate a step"))  # fmt: skip
-    for k in (100, 1000):
-        off, largest = float(distances[k]), max(float(one[k]) for one in own)
-        text = f"positions after {k} steps: {off:.1e} RMS, over what one rounding becomes"
-        rows.append(claim(text, off / largest, f"at most {FACTOR:g}", off <= FACTOR * largest, SOURCE))
+    rows = parting(ours, other, own, SOURCE, f" of {SMALL} particles")
     if figures:
         curves = {"kickdrift and LAMMPS": distances}
         print(draw(figures / "lj_lammps_melt.png", own, curves, DT, "Lennard-Jones: the same start in two programs"))
@@ -190,7 +170,6 @@ def positions(figures: Path | None) -> list[Claim]:
 
 
 def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
-    """The same with and without ``long``; ``figures`` is a folder for the figure."""
     try:
         lammps_class()
     except ImportError:
@@ -199,4 +178,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Two-dimensional Lennard-Jones beside LAMMPS' `dimension 2`: mean pressure and energy, each with its error.
 
-    python -m kickdrift_validation.lj_lammps_plane [--long]
-
 Two fluids, one from a hexagonal lattice and one from a square lattice, cut and shifted at 2.5 sigma, by velocity Verlet
 at dt* = 0.004. Replicas begin on the same lattice at the same kinetic energy, each with velocities of its own. So all
 replicas of both programs sample the same energy, number and area, and share no part of a trajectory. The first 30 units
@@ -12,10 +10,7 @@ its samples, (2 K + W) / (2 A) with the area A. The standard error of a mean is 
 root of their number, whatever the memory of a run. The bound is three standard errors of the difference.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -66,16 +61,9 @@ def of_lammps(fluid: Fluid, seed: int) -> list[float]:
     """LAMMPS' means, with its own code in double precision and no accelerator package."""
     system, one = start(fluid, seed), ((1, 1, 1.0, 1.0),)
     model = Model(
-        system.box,
-        np.ones(fluid.particles, np.int32),
-        (1.0,),
-        one,
-        CUTOFF,
-        shifted=True,
-        tail=False,
-        dt=DT,
+        system.box, np.ones(fluid.particles, np.int32), (1.0,), one, CUTOFF, shifted=True, tail=False, dt=DT,
         dimensions=2,
-    )
+    )  # fmt: skip
     world = World(flags=())
     world.reset(model, system.box.wrap(system.state.positions), np.array(system.state.velocities))
     world.run(MELT)
@@ -120,4 +108,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

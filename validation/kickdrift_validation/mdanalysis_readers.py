@@ -8,9 +8,6 @@ that as velocities and a hundredth as forces. Its box leans and changes from fra
 trajectory, and no test may fail.
 """
 
-from __future__ import annotations
-
-import sys
 import tempfile
 from collections import Counter
 from importlib.util import find_spec
@@ -103,4 +100,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -3,8 +3,6 @@
 Both the contract tests and kickdrift_validation.integrators measure with these functions.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 
@@ -51,9 +49,6 @@ def made(subject: kd.Problem | kd.System, name: str, dt: float, careful: bool = 
     return kd.Simulation(subject, name, dt=dt, compensated=careful and "compensated" in integrator(name).tunable)
 
 
-# --- order ---
-
-
 def error_of(name: str, problem: str, steps: int) -> float:
     """The largest of |y - exact| at the end of one of the four problems."""
     made_problem, length, end = measured()[problem]
@@ -81,9 +76,6 @@ def slope(name: str, problem: str) -> float:
     return -float(np.polyfit(np.log(steps[-POINTS:]), np.log(errors[-POINTS:]), 1)[0])
 
 
-# --- reversibility ---
-
-
 def reversal_error(name: str, subject: kd.Problem | kd.System, dt: float, steps: int, careful: bool = True) -> float:
     """What is left of a run after its velocities are negated and as many steps more."""
     sim = made(subject, name, dt, careful)
@@ -108,9 +100,6 @@ def negated(state):
     return kd.State(turned.reshape(state.phase.shape), state.masses, state.ids, state.box)
 
 
-# --- symplecticity ---
-
-
 @cache
 def symplecticity_error(name: str) -> float:
     """The largest entry of J^T S J - S, J the Jacobian of ten steps of Henon and Heiles' problem by central
@@ -133,18 +122,12 @@ def symplecticity_error(name: str) -> float:
     return float(np.abs(jacobian.T @ form @ jacobian - form).max())
 
 
-# --- cost ---
-
-
 def evaluations(name: str, subject: kd.Problem, dt: float = 0.01) -> tuple[float, int]:
     """Evaluations of the force for each step under way, and further ones at the start."""
     sim = kd.Simulation(subject, name, dt=dt)
     first = sim.run(10).force_evaluations
     then = sim.run(10).force_evaluations - first
     return then / 10, first - then
-
-
-# --- stability ---
 
 
 @cache
@@ -199,9 +182,6 @@ def first_blow_up(
     return float(rate[grown][0]) * dt if grown.any() else None
 
 
-# --- tolerance ---
-
-
 def error_at_tolerance(name: str, problem: str, tolerance: float) -> float:
     """The largest of |y - exact| at any of LOOKS times, with rtol = atol."""
     subject, exact, length = SOLVED[problem]
@@ -219,9 +199,6 @@ def tolerance_slope(name: str, problem: str) -> float:
     """The power of the tolerance that the error is proportional to: a line through TOLERANCES."""
     errors = [error_at_tolerance(name, problem, float(tolerance)) for tolerance in TOLERANCES]
     return float(np.polyfit(np.log(TOLERANCES), np.log(errors), 1)[0])
-
-
-# --- what the coefficients say ---
 
 
 def stable_steps(method: Method) -> tuple[float | None, float | None]:

@@ -1,7 +1,5 @@
 """A map of regular and chaotic motion made by one command: do its cells say what another program says of them?
 
-    python -m kickdrift_validation.megno_map [--long] [--figures FOLDER]
-
 MEGNO of the Sun, Jupiter and a Saturn that is moved from 7 to 10 AU and to eccentricities up to 0.5, over 10^4 years:
 16 x 16 cells, or the 64 x 64 of docs/ensembles.md with --long, by `kickdrift ensemble` on two workers and `kickdrift
 plot`. Some cells of each verdict, drawn at random, are run by rebound from the same starts, with three deviations each:
@@ -17,8 +15,6 @@ numbers there to 0.003, seed by seed.
 A planet that is thrown out early leaves a MEGNO that falls back towards 2, later by another program, since nobody
 follows an encounter for long: two programs can find 3 and 30 there, but neither finds regular motion.
 """
-
-from __future__ import annotations
 
 import math
 import subprocess
@@ -63,7 +59,6 @@ class Cell(NamedTuple):
 
     @property
     def our_verdict(self) -> str:
-        """The map's verdict."""
         return verdict(self.ours)
 
 
@@ -82,7 +77,6 @@ def made(cells: int, folder: Path) -> Any:
 
 
 def start(a: float, e: float) -> kd.System:
-    """A cell's system."""
     ensemble = kd.Ensemble("two-planets", {A: [a], E: [e]})
     return ensemble._recipe.system(ensemble.members[0])  # type: ignore[return-value]
 
@@ -153,4 +147,4 @@ def claims(long: bool = False, figures: Path | None = None) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

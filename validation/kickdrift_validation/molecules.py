@@ -1,7 +1,5 @@
 """Molecules: bonds, angles, dihedrals, impropers and exclusions beside LAMMPS and OpenMM, and Kremer and Grest's melt.
 
-    python -m kickdrift_validation.molecules [--long]
-
 Forces, energy and pressure of each law that ships are held against LAMMPS' and OpenMM's own formulas, on the chains of
 kremer-grest-1000 with all their angles and dihedrals, with impropers, and with pairs left out and scaled. A difference
 of forces is the largest over all particles and axes, relative to the largest force.
@@ -14,22 +12,42 @@ A user's law with the formula of a law that ships gives the same bits. Its speed
 evaluations, one law after the other.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.molecules.relatives import measured
-from kickdrift_validation.claim import Claim, claim, main, not_run
-from kickdrift_validation.own_laws import OwnCosine, OwnFene
+from kickdrift_validation.claim import Claim, at_least, at_most, claim, main, not_run
+
+
+@kd.bond_law
+class OwnFene(NamedTuple):
+    """The formula of `Fene` without a core."""
+
+    k: float = 30.0
+    longest: float = 1.5
+
+    def law(p, r):
+        rest = 1.0 - (r / p.longest) ** 2
+        rest = rest if rest > 0.0 else math.nan
+        return -0.5 * p.k * p.longest**2 * math.log(rest), p.k * r / rest
+
+
+@kd.angle_law
+class OwnCosine(NamedTuple):
+    """The formula of `CosineAngle`."""
+
+    k: float
+
+    def law(p, angle):
+        return p.k * (1.0 + math.cos(angle)), -p.k * math.sin(angle)
+
 
 MELT = "kremer-grest-1000"
 CHAINS, LENGTH = 20, 50
@@ -109,8 +127,7 @@ def engines() -> Iterator[Claim]:
             if find_spec(package) is None:
                 yield not_run(text, f"at most {CLOSE:g}", name)
                 continue
-            off = max(beside(system, name))
-            yield claim(text, off, f"at most {CLOSE:g}", off <= CLOSE, name)
+            yield at_most(text, max(beside(system, name)), CLOSE, name)
 
 
 def bits() -> Iterator[Claim]:
@@ -154,8 +171,7 @@ def speed(shipped: kd.System, own: kd.System) -> Iterator[Claim]:
                 begin = perf_counter()
                 bound.measure(0.0, shipped.state.phase)
                 best[side] = min(best[side], perf_counter() - begin)
-        ratio = best[0] / best[1]
-        yield claim(f"a user's {word} law: speed relative to ours", ratio, "at least 0.9", ratio >= 0.9, "our law")
+        yield at_least(f"a user's {word} law: speed relative to ours", best[0] / best[1], 0.9, "our law")
 
 
 def size(x: np.ndarray) -> tuple[float, float]:
@@ -202,7 +218,7 @@ def melt(long: bool) -> Iterator[Claim]:
         print(
             f"pressures: {mine:.3f} +- {report.pressure_error:.3f}, LAMMPS {theirs:.3f} +- {other.pressure_error:.3f}"
         )
-        yield claim(text, off, "at most 3", off <= 3.0, "LAMMPS")
+        yield at_most(text, off, 3.0, "LAMMPS")
     if long:
         yield from relaxed(system)
 
@@ -229,4 +245,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Are multiple time steps of order 2 and reversible, do they resonate where theory says, and what do they save?
 
-    python -m kickdrift_validation.multiple_time_steps [--long]
-
 Order and reversal: two particles on a stiff spring in a soft trap. Resonance: one particle in a stiff and a soft trap,
 whose propagation matrix is known. Savings: the Earth and the Moon, whose attraction is fast, beside the Sun's; and a
 Kremer-Grest melt, with bonded neighbours in the fast group. A saving is the ratio of force evaluations of velocity
@@ -11,10 +9,7 @@ slow step, and the slow forces of the melt are almost as stiff as its bonds. ``-
 each group's forces, which needs an idle machine.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import process_time
@@ -55,9 +50,6 @@ class Attraction(NamedTuple):
         return energy
 
 
-# --- order and reversal ---
-
-
 def sprung() -> kd.System:
     """Two particles on a stiff spring and one beside, in a soft trap."""
     x = np.array([[0.0, 0.0, 0.0], [1.1, 0.0, 0.0], [3.0, 1.0, 0.0]])
@@ -85,9 +77,6 @@ def orders() -> Iterator[Claim]:
     back.advance(1000)
     off = float(np.abs(back.state.positions - system.state.positions).max())
     yield claim("respa: distance from the start after 1000 steps there and back", off, "1e-10", off < 1e-10, "itself")
-
-
-# --- resonance ---
 
 
 def growth(dt: float) -> float:
@@ -125,9 +114,6 @@ def resonance() -> Iterator[Claim]:
     off = float(np.abs(found - theory)[theory > 1e-3].max() / theory.max())
     text = "rate of growth in resonance beside the propagation matrix, relative"
     yield claim(text, off, "0.05", off < 0.05, BIESIADECKI)
-
-
-# --- savings ---
 
 
 def moon() -> kd.System:
@@ -308,11 +294,10 @@ def in_seconds(steps: dict[tuple[float, int], float]) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Yield all claims."""
     yield from orders()
     yield from resonance()
     yield from savings(long)
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """The harmonic oscillator, on which a step is a matrix that can be written down: methods whose weights are printed.
 
-    python -m kickdrift_validation.oscillator
-
 x'' = -x at dt = 0.1 (and one step of dt = 1): a method's step multiplies (x, v) by a matrix M, worked out here in 40
 digits from the weights as their authors printed them, or from the stability function R(z) that the textbook has for
 the method (Hairer & Wanner 1996, IV.3, doi:10.1007/978-3-642-05221-7), M = R(dt A), A = ((0, 1), (-1, 0)). One step of
@@ -9,10 +7,7 @@ kickdrift's must be M, and 20,000 steps M^20000. For velocity Verlet that is the
 2 arcsin(dt / 2) (Hairer, Lubich & Wanner 2006, I.5, doi:10.1007/3-540-30666-8): the phase is early by dt^2 / 24 of it.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 
@@ -21,7 +16,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.integrators import integrator
 from kickdrift.integrators.runge_kutta.method import Tableau
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_most, claim, main
 
 DIGITS = 40
 ONE, DT, STEPS = "1", "0.1", 20_000
@@ -57,9 +52,6 @@ def power(matrix: Matrix, exponent: int) -> Matrix:
             result = times(result, matrix)
         matrix, exponent = times(matrix, matrix), exponent // 2
     return result
-
-
-# --- splittings ---
 
 
 def split(kicks: Sequence[Decimal], drifts: Sequence[Decimal], first: str, dt: Decimal) -> Matrix:
@@ -163,9 +155,6 @@ def step(name: str, dt: Decimal) -> tuple[Matrix, str] | None:
     return splitting_step(name, dt) or rational_step(name, dt)
 
 
-# --- measuring ---
-
-
 def two_oscillators() -> kd.Problem:
     """x'' = -x twice, one started at x = 1 and one at v = 1: the columns of the matrix."""
 
@@ -180,7 +169,6 @@ def worst(off: dict[str, float]) -> str:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """The same with and without ``long``."""
     rows, subject = [], two_oscillators()
     single: dict[str, float] = {}
     after: dict[str, float] = {}
@@ -204,18 +192,17 @@ def claims(long: bool = False) -> list[Claim]:
             method = integrator(name)
             assert isinstance(method, Tableau)
             off = max(abs(float(fraction(c)) - m) for c, m in zip(coefficients, moments(method), strict=True))
-            text = f"{name}: coefficients of R(z), of the tableau"
-            rows.append(claim(text, off, f"at most {ROUNDING:g}", off <= ROUNDING, HAIRER))
+            rows.append(at_most(f"{name}: coefficients of R(z), of the tableau", off, ROUNDING, HAIRER))
     off, bound = single[worst(single)], PRINTED
     text = f"one step of dt = {ONE} as a matrix, largest difference of {len(single)} methods: {worst(single)}"
-    rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "weights as printed; R(z); in 40 digits"))
+    rows.append(at_most(text, off, bound, "weights as printed; R(z); in 40 digits"))
     exact = {name: off for name, off in single.items() if name != "yoshida8"}
     off, bound = exact[worst(exact)], 20 * ROUNDING
     text = f"the same without yoshida8, whose printed weights are 2e-13 off: {worst(exact)}"
     rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "weights as printed; R(z); in 40 digits"))
     off, bound = after[worst(after)], STEPS * ROUNDING
     text = f"{STEPS} steps of dt = {DT}: (x, v) over its size, largest difference: {worst(after)}"
-    rows.append(claim(text, off, f"at most {bound:g}", off <= bound, "the matrix's power, in 40 digits"))
+    rows.append(at_most(text, off, bound, "the matrix's power, in 40 digits"))
     return [*rows, *phase(subject)]
 
 
@@ -226,7 +213,6 @@ def _names() -> list[str]:
 
 
 def difference(y: np.ndarray, matrix: Matrix) -> float:
-    """Between the columns in y and a matrix."""
     expected = np.array([[float(number) for number in row] for row in matrix])
     return float(np.abs(np.asarray(y).reshape(2, 2) - expected).max())
 
@@ -261,4 +247,4 @@ def phase(subject: kd.Problem) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

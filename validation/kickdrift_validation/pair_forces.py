@@ -1,23 +1,18 @@
 """Are pair forces minus the gradient of the energy, and pressures minus its slope in the volume?
 
-    python -m kickdrift_validation.pair_forces
-
 A perturbed crystal of Lennard-Jones particles with each truncation, its cutoff between two shells of neighbours, so
 that the energy is smooth: what the forces say along random directions, and the virial about a change of the box,
 against differences of the energy, to the sixth order. force_gradients.py
 has the other forces, mixtures, and the lists of a run.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.model.starts.builders import lattice
-from kickdrift_validation.claim import Claim, claim, largest, main
+from kickdrift_validation.claim import Claim, at_most, largest, main
 
 TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
 DENSITY, CELLS, SHAKE, CUTOFF, SWITCH_START = 0.8, 4, 0.01, 2.6, 1.8  # shells at 1.21, 1.71, 2.09, 2.42, 2.70 sigma
@@ -38,12 +33,10 @@ def force(truncation: str, **more: float) -> kd.LennardJones:
 
 
 def slope(energy: Callable[[float], float], step: float) -> float:
-    """Slope of the energy at 0."""
     return sum(w * (energy(k * step) - energy(-k * step)) for k, w in SIXTH.items()) / step
 
 
 def gradients(truncation: str) -> Iterator[Claim]:
-    """Claims on one truncation."""
     x, edges = crystal()
     law = force(truncation, **({"switch_start": SWITCH_START} if truncation == "switch" else {}))
 
@@ -57,20 +50,18 @@ def gradients(truncation: str) -> Iterator[Claim]:
         along = -slope(lambda d, way=way: sim(x + d * way, edges).energy().potential, STEP)
         worst = largest(worst, abs(float((forces * way).sum()) / along - 1.0))
     text = f"{truncation}: forces against the energy's slope, largest relative difference"
-    yield claim(text, worst, f"at most {DIFFERENCE:g}", worst <= DIFFERENCE, GRADIENT)
+    yield at_most(text, worst, DIFFERENCE, GRADIENT)
     volume = float(np.prod(edges))
     by_scale = slope(lambda d: sim(x * (1 + d), edges * (1 + d)).energy().potential, SCALE)
     pressure, wanted = here.sample().pressure, -by_scale / (3.0 * volume)  # at rest: the virial's part is all
-    off = abs(pressure / wanted - 1.0)
     text = f"{truncation}: pressure of the crystal at rest against -dU/dV, relative difference"
-    yield claim(text, off, f"at most {DIFFERENCE:g}", off <= DIFFERENCE, GRADIENT)
+    yield at_most(text, abs(pressure / wanted - 1.0), DIFFERENCE, GRADIENT)
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """All of it."""
     for truncation in TRUNCATIONS:
         yield from gradients(truncation)
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,17 +1,12 @@
 """Forces of planetary science: accelerations beside formulas and REBOUNDx, secular rates beside closed forms.
 
-    python -m kickdrift_validation.planetary_forces
-
 Accelerations of five bodies are held against the textbook formulas of planetary_formulas.py in 50 digits, and against
 REBOUNDx where it is installed. Secular rates come from runs of few orbits by gauss-radau15. They begin and end at the
 same phase of the orbit, so that the periodic changes of the elements drop out, and the forces are weak, so that
 theories of first order hold. At last, the energy of a run less the work of the force must stay.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -19,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, main, not_run
 
 FORMULA, RATE = 1e-13, 1e-3
 ORBITS = 10
@@ -83,11 +78,7 @@ def changes(system: kd.System, mu: float, period: float = 2.0 * math.pi, orbits:
 
 def rate(text: str, found: float, wanted: float, source: str, bound: float = RATE) -> Claim:
     """A claim about a rate."""
-    off = abs(found / wanted - 1.0)
-    return claim(f"{text}: {found:.6g}, relative difference", off, f"at most {bound:g}", off <= bound, source)
-
-
-# --- accelerations ---
+    return at_most(f"{text}: {found:.6g}, relative difference", abs(found / wanted - 1.0), bound, source)
 
 
 def accelerations() -> Iterator[Claim]:
@@ -99,12 +90,7 @@ def accelerations() -> Iterator[Claim]:
     from kickdrift_validation import planetary_formulas
 
     for name, formula in planetary_formulas.FORMULAS.items():
-        off = planetary_formulas.off(name)
-        reference = f"{formula.source}; mpmath, 50 digits"
-        yield claim(f"{name}: {text}", off, f"at most {FORMULA:g}", off <= FORMULA, reference)
-
-
-# --- gravity and relativity ---
+        yield at_most(f"{name}: {text}", planetary_formulas.off(name), FORMULA, f"{formula.source}; mpmath, 50 digits")
 
 
 def harmonics() -> Iterator[Claim]:
@@ -154,9 +140,6 @@ def relativity() -> Iterator[Claim]:
     yield rate("relativity-2.5pn: rate of the eccentricity", shift.e, wanted, "Peters 1964, eq. 5.7")
 
 
-# --- radiation and tides ---
-
-
 def radiation() -> Iterator[Claim]:
     beta, c, e = 0.2, 1e6, 0.3
     mu = 1.0 - beta
@@ -196,9 +179,6 @@ def tides() -> Iterator[Claim]:
     found = changes(start([kd.Tides([k, 0.0], radius)], masses, e=e), 1.0)
     wanted = 7.5 * k * masses[1] / masses[0] * radius**5 * (1 + 1.5 * e2 + e2 * e2 / 8) / (1 - e2) ** 5
     yield rate("tides without a lag: pericentre", found.longitude, wanted, "Sterne 1939")
-
-
-# --- discs and backgrounds ---
 
 
 def discs() -> Iterator[Claim]:
@@ -281,7 +261,7 @@ def energies() -> Iterator[Claim]:
         change = (report.energy.final - report.energy.initial) / report.energy.initial
         off, bound = report.energy.max_relative_error, 1e-11
         text = f"{force.name}: energy less work, {abs(change):.2g} of the energy taken or given; largest relative error"
-        yield claim(text, off, f"at most {bound:g}", off <= bound, "conservation of energy")
+        yield at_most(text, off, bound, "conservation of energy")
 
 
 PARTS: tuple[Callable[[], Iterator[Claim]], ...] = (
@@ -290,10 +270,9 @@ PARTS: tuple[Callable[[], Iterator[Claim]], ...] = (
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """The same with and without ``long``."""
     for part in PARTS:
         yield from part()
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -5,8 +5,6 @@ time; it returns the accelerations. Where a formula is a potential, its slope is
 kickdrift's: the formulas are those of the sources, in the sources' form, for body 0 as the central body and G = 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

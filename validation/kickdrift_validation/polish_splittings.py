@@ -12,9 +12,6 @@ tree's branches. From rest at time 0 its exact solution is a power of t, and a m
 every tree of order p or less, and the position of every tree of order p - 1 or less, exact after one step of any size.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import chain, pairwise
@@ -98,9 +95,6 @@ def polished(weights: Weights, rows: Callable[[Weights], Rows], first: str, orde
         if max(map(abs, step)) < CLOSED:
             return weights
     raise ArithmeticError("Newton's method does not converge")
-
-
-# --- what is in print ---
 
 
 def palindrome(half: Weights, middle: int = 1) -> Weights:
@@ -208,4 +202,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

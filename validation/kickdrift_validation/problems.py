@@ -1,7 +1,5 @@
 """Problems that integrators are measured on, each with a solution that does not come from kickdrift."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -5,8 +5,6 @@
 runs a command whose compiled code is for that processor.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """Forces of planetary science beside REBOUNDx, body by body.
 
-    python -m kickdrift_validation.reboundx_forces
-
 Both programs give the accelerations of four bodies by one force alone. REBOUNDx has no wheels: `pip install reboundx`
 compiles its source. Where the two programs differ on purpose, the bodies are chosen so that this does not show:
 REBOUNDx leaves massless bodies out of tides_spin, scales Lense-Thirring's force by M / (M + m) and uses gamma =
@@ -12,10 +10,7 @@ the end of the step, and the bodies feel the spins of the step's start. So its e
 its angular momentum is conserved to this order. Spins of four steps, extrapolated to the step 0, are compared.
 """
 
-from __future__ import annotations
-
 import ctypes
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -26,7 +21,8 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
+from kickdrift_validation.rebounds import simulation
 
 BOUND, NEEDS = 1e-13, "pip install reboundx"
 MASSES = [1.0, 1e-2, 3e-3, 0.0]
@@ -133,7 +129,6 @@ def correct(sim: Any, force: Any) -> None:
 
 
 def cases() -> list[Case]:
-    """What is compared."""
     spins = [(0.0, 0.0, spin) for spin in (*SPINS, 0.0)]
     return [
         Case(kd.Oblateness(0.1, 0.4, j4=-0.05), "gravitational_harmonics", harmonics),
@@ -169,13 +164,9 @@ LENGTH, STEPS = 6.0, (0.02, 0.01, 0.005, 0.0025)
 
 def turned(system: Any, dt: float) -> np.ndarray:
     """Spins (2, 3) after a time by REBOUNDx, with steps of one length by IAS15."""
-    import rebound
     import reboundx
 
-    sim = rebound.Simulation()
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
-    sim.integrator, sim.dt = "ias15", dt
+    sim = simulation(system, "ias15", dt, 1.0)
     sim.integrator.epsilon = 0.0
     extras = reboundx.Extras(sim)
     force = extras.load_force("tides_spin")
@@ -211,7 +202,6 @@ def evolution() -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """The same with and without ``long``."""
     text = "accelerations beside REBOUNDx, relative difference"
     if find_spec("reboundx") is None:
         yield not_run(text, f"at most {BOUND:g}", "REBOUNDx", NEEDS)
@@ -220,10 +210,9 @@ def claims(long: bool = False) -> Iterator[Claim]:
         chosen = list(case.bodies)
         found, wanted = ours(case.force)[chosen], case.factor * theirs(case.name, case.prepare)[chosen]
         off = float(np.abs(found - wanted).max() / np.abs(wanted).max())
-        reference = f"REBOUNDx, {case.name}"
-        yield claim(f"{case.force.name}: {text}", off, f"at most {BOUND:g}", off <= BOUND, reference)
+        yield at_most(f"{case.force.name}: {text}", off, BOUND, f"REBOUNDx, {case.name}")
     yield from evolution()
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,16 +1,11 @@
 """Do runs that `kickdrift compare --accuracy` recommends meet the wanted error, from starts that it has not seen?
 
-    python -m kickdrift_validation.recommendation [--long]
-
 One pilot and one recommendation for each system; then the recommended run, at full length, from ten other starts: drawn
 velocities for the liquid, initial values off by 2 % for the others. The error is that of the comparison: the root mean
 square relative energy error of the liquid, the largest error over the samples against the closed form or a tight run
 for the others. Asked of each system: at least 9 of 10 within the wanted error.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -69,7 +64,6 @@ CASES = (
 
 
 def error_of(subject: kd.System | kd.Problem, choice: Choice, length: float) -> float:
-    """Error of the recommended run."""
     sim = kd.Simulation(subject, choice.method, dt=choice.dt, rtol=choice.rtol, atol=choice.atol)
     seen: list[tuple[float, np.ndarray]] = []
 
@@ -102,7 +96,6 @@ def solution(problem: kd.Problem, times: list[float]) -> list[np.ndarray]:
 
 
 def study(case: Case, seeds: int = SEEDS) -> list[Claim]:
-    """Pilot, recommendation, runs."""
     pilot = work_precision(case.start(0), time=case.time, whole=case.length, accuracy=case.accuracy)
     found = recommendation(pilot, case.accuracy, case.length)
     print(f"{case.name}: error {case.accuracy:g} over {case.length:g}; pilot {pilot.length:g}, {pilot.measure}")
@@ -132,4 +125,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

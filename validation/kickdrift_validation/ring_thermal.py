@@ -25,8 +25,6 @@ drawn at equal heights with a probability as |g|, turn by random angles between 
 from those of normal distributions by a quarter, and the patch must have them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Does anything break the program: system files, command lines, run files and other inputs that are broken, and kills?
 
-    python -m kickdrift_validation.robustness [--long]
-
 Generators of the package `fuzzing` make the cases, always the same ones. Every command runs in a process of its own,
 which is watched. No case may end in a traceback, take more than 10 s or more than 1 GiB. Exit status 2 comes with one
 line on standard error. A command touches only the files that it is asked to write. A damaged file gives the right
@@ -9,15 +7,13 @@ frames or an error. A run that is killed goes on to the same bits.
 ``python -m kickdrift_validation.fuzzing KIND NUMBER`` repeats a case.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
 
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.fuzzing.actions import FRAMES, LOST, NO_FILE, WRONG
 from kickdrift_validation.fuzzing.kinds import KINDS
 
@@ -76,12 +72,9 @@ def claims(long: bool = False) -> Iterator[Claim]:
                 wrong = sum(any(LOST in text for text in each["found"]) for each in results)
                 yield claim(f"kills, of {number}, that lose a bit", wrong, "0", wrong == 0, "what was not killed")
     text = "longest work of a command without compiling, s"
-    yield claim(text, seconds, f"at most {limits.seconds:g}", seconds <= limits.seconds, "the processor's time")
-    most = limits.memory / 2**20
-    yield claim(
-        "most memory of a process, MiB", megabytes, f"at most {most:g}", megabytes <= most, "the system's count"
-    )
+    yield at_most(text, seconds, limits.seconds, "the processor's time")
+    yield at_most("most memory of a process, MiB", megabytes, limits.memory / 2**20, "the system's count")
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

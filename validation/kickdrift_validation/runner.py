@@ -26,8 +26,8 @@ from kickdrift.errors import InputError
 from kickdrift.text import counted, duration
 from kickdrift_validation import report_file
 from kickdrift_validation.claim import INSTALL, Claim, claim, not_run, text_of
-from kickdrift_validation.outcome import Outcome
 from kickdrift_validation.registry import SCRIPTS, Script
+from kickdrift_validation.report_file import Outcome
 
 PACKAGE = __name__.rpartition(".")[0]
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -44,17 +44,14 @@ class _Running(NamedTuple):
     claims: list[Claim]
 
 
-# --- which ---
-
-
-def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
-    """The scripts of these names, or of a folder's name; without any all that have claims in the set asked for."""
+def chosen(names: Sequence[str], scripts: Sequence[Script] = SCRIPTS) -> list[Script]:
+    """The scripts of these names; without any all."""
     if not names:
-        return [script for script in scripts if long or not script.long_only]
+        return list(scripts)
     wanted = set()
     for name in names:
         plain = re.split(r"[/.]", name.removesuffix(".py").replace("_", "-"))[-1]
-        found = [script for script in scripts if plain in (script.name, script.group)]
+        found = [script for script in scripts if plain == script.name]
         if not found:
             known = [script.name for script in scripts]
             near = get_close_matches(plain, known, 3)
@@ -62,9 +59,6 @@ def chosen(names: Sequence[str], long: bool = False, scripts: Sequence[Script] =
             raise InputError(f"validate: {name!r} is no script; {meant}there are: {', '.join(known)}")
         wanted |= set(found)
     return [script for script in scripts if script in wanted]
-
-
-# --- running ---
 
 
 def outcomes(
@@ -197,9 +191,6 @@ def _outcome(
     return Outcome(script, run.claims, monotonic() - run.began, sorted(run.figures.glob("*.png")))
 
 
-# --- showing ---
-
-
 class Display:
     """Failed claims and a line for each script on standard output; on a terminal, a bar that says what runs. The time
     left is an estimate from the scripts' usual times; without a terminal it stands on standard error."""
@@ -240,7 +231,6 @@ class Display:
         self._move()
 
     def ended(self, outcome: Outcome) -> None:
-        """A script is through."""
         self.done += 1
         self._seconds += outcome.script.seconds
         self._begun.pop(outcome.script.name, None)
@@ -270,18 +260,9 @@ def verdicts(found: Counter[str]) -> str:
     return ", ".join(f"{found[verdict]} {verdict}" for verdict in VERDICTS if found[verdict])
 
 
-# --- the command ---
-
-
 def listed(scripts: Sequence[Script] = SCRIPTS) -> None:
-    """Print the scripts."""
-    rows = [
-        [script.name, script.group, "--long" if script.long_only else f"{script.seconds:.0f} s",
-         ", ".join(script.peers), script.shows]
-        for script in scripts
-    ]  # fmt: skip
-    columns = ["name", "group", "time", "peers", "shows"]
-    print_table(None, columns, rows)
+    rows = [[each.name, f"{each.seconds:.0f} s", ", ".join(each.peers), each.shows] for each in scripts]
+    print_table(None, ["name", "time", "peers", "shows"], rows)
 
 
 def validate(
@@ -295,7 +276,7 @@ def validate(
     package: str = PACKAGE,
 ) -> int:
     """Run scripts, show how it goes, write the report; the exit status, 1 where a claim failed."""
-    wanted = chosen(names, long, scripts)
+    wanted = chosen(names, scripts)
     target = report_file.target(report, whole=not names)
     began, found = monotonic(), list[Outcome]()
     with (

@@ -1,7 +1,5 @@
 """Frequency analysis on series of known lines; secular frequencies of the solar system beside Laskar's.
 
-    python -m kickdrift_validation.secular_frequencies [--long]
-
 Synthetic series check `kickdrift.frequencies` itself. The outer planets for 5 million years have the frequencies g5 to
 g8 and s6 to s8 of La2004 up to the part of the inner planets, whose mass this system puts into the Sun. Pluto librates
 in the 3:2 resonance of Neptune.
@@ -12,10 +10,7 @@ planets is chaotic with a Lyapunov time of 5 million years (Laskar 1989, doi:10.
 are compared over the first 20 million years, as in La2004's table. Our Earth and Moon are one body.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,4 +133,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

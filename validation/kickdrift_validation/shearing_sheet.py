@@ -1,7 +1,5 @@
 """Does sei solve Hill's motion exactly, and meet other forces with the order and the constants of the literature?
 
-    python -m kickdrift_validation.shearing_sheet [--long]
-
 Rein & Tremaine 2011, doi:10.1111/j.1365-2966.2011.18939.x: epicycles to rounding, order 2 with other forces, and an
 energy error that does not grow. Henon & Petit 1986, doi:10.1007/BF01234287: two satellites that pass at a distance of
 many Hill radii, whose eccentricity after the encounter has a closed form. rebound's SEI runs the same patch. Particles
@@ -10,10 +8,7 @@ heats up or cools down as kinetic theory says: see ring_thermal.py. ``--long`` t
 larger rings of two optical depths.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from fractions import Fraction
 from typing import Any
 
@@ -21,6 +16,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.rebounds import simulation
 from kickdrift_validation.ring_patch import beside_rebound as rings_beside_rebound
 from kickdrift_validation.ring_patch import centre_of_mass, one_bounce
 from kickdrift_validation.ring_thermal import thermal_balance
@@ -76,7 +72,6 @@ def moonlets(mass: float = 1e-3) -> kd.System:
 
 
 def moved(system: kd.System, dt: float, time: float) -> kd.State:
-    """The state after a time."""
     sim = kd.Simulation(system, "sei", dt=dt)
     sim.run(round(time / dt), every=round(time / dt))
     return sim.state
@@ -130,14 +125,9 @@ def distant_encounter() -> Claim:
 
 def beside_rebound() -> list[Claim]:
     """The same patch under rebound's SEI, which takes the same kicks at the same times."""
-    import rebound
-
-    sim = rebound.Simulation()
-    sim.G, sim.dt, sim.softening, sim.integrator = 1.0, 0.02, 0.05, "sei"
-    sim.OMEGA = 1.0
     system = moonlets()
-    for m, x, v in zip(system.state.masses, system.state.positions, system.state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
+    sim = simulation(system, "sei", 0.02)
+    sim.softening, sim.OMEGA = 0.05, 1.0
     sim.steps(300)
     there = np.array([p.xyz for p in sim.particles])
     off = float(np.abs(moved(system, 0.02, 6.0).positions - there).max())
@@ -159,4 +149,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

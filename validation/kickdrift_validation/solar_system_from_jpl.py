@@ -5,8 +5,6 @@
 Without --output the two shipped files are compared with the ephemeris; needs jplephem and de421.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
@@ -42,7 +40,6 @@ WHY = {
 
 
 def system_file(found: EphemerisStates, moon: bool) -> str:
-    """The text of a system file."""
     what, integrator, dt = ABOUT[moon]
     rows = ",\n".join(f"  [{', '.join(repr(float(c)) for c in row)}]" for row in found.positions)
     speeds = ",\n".join(f"  [{', '.join(repr(float(c)) for c in row)}]" for row in found.velocities)

@@ -1,7 +1,5 @@
 """The solar system for a thousand years beside rebound, planet by planet: WHFast and IAS15.
 
-    python -m kickdrift_validation.solar_system_rebound [--long] [--figures FOLDER]
-
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon) as point masses under Newton's law.
 wisdom-holman and WHFast (Jacobi coordinates, no corrector) take the same step, a hundredth of Mercury's period;
 gauss-radau15 and IAS15 run with their defaults. Two programs that do the same still part: roundings push each planet
@@ -10,21 +8,17 @@ away. --long goes on to 10^5 years. rebound 5: Rein & Liu 2012, doi:10.1051/0004
 doi:10.1093/mnras/stv1257; Rein & Spiegel 2015, doi:10.1093/mnras/stu2164.
 """
 
-from __future__ import annotations
-
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.exact_reversal import solar_system
-from kickdrift_validation.gauss_radau import ias15
-from kickdrift_validation.wisdom_holman import MERCURY, energy, theirs, whfast
+from kickdrift_validation.rebounds import phase, simulation
+from kickdrift_validation.wisdom_holman import MERCURY, energy, whfast
 
 YEARS, LONG_YEARS, LOOKS = 1e3, 1e5, 20
 LAST = LOOKS // 4  # looks, of which the farthest counts: the ways of roundings cross each other
@@ -89,23 +83,21 @@ def ours(system: kd.System, name: str, years: float) -> Track:
 
 
 def rebounds(system: kd.System, name: str, years: float) -> Track:
-    """The same of rebound's."""
     track, dt = Track(system), MERCURY / 100
     if name == "wisdom-holman":
         each, sim = round(years / LOOKS / dt), whfast(system, dt, "jacobi")
         for _ in range(LOOKS):
             sim.steps(each)
-            track.add(*theirs(sim))
+            track.add(*phase(sim))
         return track
-    sim: Any = ias15(system, float(system.units.gravity or 1.0))
+    sim = simulation(system, "ias15")
     for time in np.linspace(0.0, years, LOOKS + 1)[1:]:
         sim.integrate(float(time))
-        track.add(*theirs(sim))
+        track.add(*phase(sim))
     return track
 
 
 def compare(system: kd.System, name: str, years: float, figures: Path | None) -> list[Claim]:
-    """One method beside rebound's."""
     began = perf_counter()
     mine, seconds = ours(system, name, years), perf_counter()
     runs = [rebounds(one, name, years) for one in nudges(system)]
@@ -163,4 +155,4 @@ def claims(long: bool = False, figures: Path | None = None) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,7 +1,5 @@
 """Do systems of three planets in lanes last as long as in rebound's TRACE, and at what cost?
 
-    python -m kickdrift_validation.survival [--long]
-
 Three planets of 1e-5 of the star's mass on circles, as far apart as 3.5 to 6 mutual Hill radii, with random phases (as
 in Chambers, Wetherill & Boss 1996, doi:10.1006/icar.1996.0019). A system is unstable with the first encounter within
 one Hill radius. Both programs have 20 steps in the first period of the innermost planet, the same switches and the same
@@ -11,9 +9,6 @@ the two samples are independent. Their number and seeds were fixed before the fi
 turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from time import process_time
 from typing import Any
@@ -160,4 +155,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

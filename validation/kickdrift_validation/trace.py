@@ -1,7 +1,5 @@
 """Is trace the reversible map that rebound's TRACE is, and does it end where TRACE and IAS15 do?
 
-    python -m kickdrift_validation.trace [--long]
-
 Three giants of about a Jupiter mass between 5 and 9.5 au, which scatter one another; the chaotic exchange orbit of a
 massless body inside Jupiter's orbit (Wisdom 2017; Lu, Hernandez & Rein 2024, doi:10.1093/mnras/stae1982); Burrau's
 Pythagorean problem. Both programs get the same numbers, steps and switches (3 Hill radii, pericentre "full"). From
@@ -9,9 +7,6 @@ the same state, a step of both differs by their inner methods alone; longer runs
 Speeds are processor times in turns. rebound 5.2.2: Rein & Liu 2012, doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from time import process_time
 from typing import Any
@@ -21,6 +16,7 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.batch import Batch
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation.rebounds import energy, phase, put, simulation
 
 TURN = 2.0 * np.pi  # a year, with G = 1, au and the Sun's mass
 DT = 0.4 * TURN
@@ -38,7 +34,6 @@ LEAST = {  # speeds over TRACE on a loaded machine
 TURNS = 40  # systems side by side, between runs of the others
 OUTCOMES = ("survival", "ejection", "collision")
 SIGNIFICANT = 0.05
-L = np.longdouble
 
 
 def on_orbits(bodies: list[tuple[float, ...]], **given: Any) -> kd.System:
@@ -71,9 +66,10 @@ def packed(seed: int) -> kd.System:
     return on_orbits(rows, radii=RADII)
 
 
-def diver() -> kd.System:
+def diver(*forces: Any) -> kd.System:
     """A giant that passes at 0.1 au from the star, and another one."""
-    return on_orbits([(1e-3, 5.0, 0.98, 0.0, 0.0, 0.0, np.pi), (1e-3, 12.0, 0.05, 0.1, 0.0, 0.0, 1.0)])
+    system = on_orbits([(1e-3, 5.0, 0.98, 0.0, 0.0, 0.0, np.pi), (1e-3, 12.0, 0.05, 0.1, 0.0, 0.0, 1.0)])
+    return system.with_forces(*system.forces, *forces)
 
 
 def exchange() -> kd.System:
@@ -94,32 +90,7 @@ def burrau() -> kd.System:
 
 
 def theirs(system: kd.System, dt: float = DT, name: str = "trace") -> Any:
-    """A rebound Simulation of the same bodies, the massless ones last."""
-    import rebound
-
-    sim, state = rebound.Simulation(), system.state
-    radii = np.zeros(len(system)) if system.radii is None else system.radii
-    for m, x, v, r in zip(state.masses, state.positions, state.velocities, radii, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2], r=r)
-    sim.N_active = int((state.masses > 0.0).sum())
-    sim.integrator, sim.dt = name, dt
-    return sim
-
-
-def state_of(sim: Any) -> tuple[np.ndarray, np.ndarray]:
-    sim.synchronize()
-    x, v = np.zeros((2, sim.N, 3))
-    sim.serialize_particle_data(xyz=x, vxvyvz=v)
-    return x, v
-
-
-def energy(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
-    """In extended precision."""
-    m, x, v = m.astype(L), x.astype(L), v.astype(L)
-    total = (m[:, None] * v * v).sum() / 2
-    for i in range(1, len(m)):
-        total -= (m[i] * m[:i] / np.sqrt(((x[:i] - x[i]) ** 2).sum(axis=1))).sum()
-    return total
+    return simulation(system, name, dt, 1.0)
 
 
 def jacobi_constant(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
@@ -130,9 +101,6 @@ def jacobi_constant(m: np.ndarray, x: np.ndarray, v: np.ndarray) -> float:
     return float(0.5 * v[2] @ v[2] - potential - turn @ np.cross(x[2], v[2]))
 
 
-# --- one step ---
-
-
 def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
     """Steps of both from each state of a run."""
     apart, moved, counts = 0.0, np.zeros((2, 2)), np.zeros(2, int)
@@ -141,12 +109,10 @@ def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
         sim, flags = kd.Simulation(system, "trace", dt=DT), (0, 0)
         for _ in range(steps):
             before, after = sim.state, None
-            for p, x, v in zip(rebounds.particles, before.positions, before.velocities, strict=True):
-                p.x, p.y, p.z = x
-                p.vx, p.vy, p.vz = v
+            put(rebounds, before)
             sim.run(1)
             rebounds.steps(1)
-            after, (x, v) = sim.state, state_of(rebounds)
+            after, (x, v) = sim.state, phase(rebounds)
             apart = max(apart, float(np.abs(after.positions - x).max() / np.abs(x).max()))
             pairs, passages = (max(each) for each in zip(flags, sim.integration.stepper.flags, strict=True))
             flags = sim.integration.stepper.flags
@@ -162,9 +128,6 @@ def steps_beside_trace(systems: list[kd.System], steps: int) -> Iterator[Claim]:
         ours, other = moved[row]
         text = f"sum of |dE / E| over steps {what}"
         yield claim(text, ours, "at most TRACE's, to 0.1%", ours <= 1.001 * other, f"TRACE {other:.3e}")
-
-
-# --- the way back ---
 
 
 def way_back(long: bool) -> Iterator[Claim]:
@@ -192,9 +155,6 @@ def way_back(long: bool) -> Iterator[Claim]:
             yield claim(text, error, "at most 100 times the growth of a rounding", error <= bound, note)
 
 
-# --- conserved quantities ---
-
-
 def exchange_orbit() -> Claim:
     """Jacobi's constant over a thousand years."""
     system, dt = exchange(), 8.0 * TURN / 365.25
@@ -206,7 +166,7 @@ def exchange_orbit() -> Claim:
         sim.run(100)
         rebounds.steps(100)
         state = sim.state
-        both = (state.positions, state.velocities), state_of(rebounds)
+        both = (state.positions, state.velocities), phase(rebounds)
         errors.append([jacobi_constant(m, *each) / start - 1 for each in both])
     ours, other = np.sqrt((np.array(errors) ** 2).mean(axis=0))
     text = "chaotic exchange orbit, dt = 8 d, 986 yr: RMS error of Jacobi's constant"
@@ -250,7 +210,7 @@ def scattered(count: int) -> Iterator[Claim]:
         began = process_time()
         rebounds.steps(steps)
         times["TRACE"] += process_time() - began
-        errors["TRACE"].append(float(abs(energy(m, *state_of(rebounds)) / start - 1)))
+        errors["TRACE"].append(float(abs(energy(m, *phase(rebounds)) / start - 1)))
     other = np.array(errors["TRACE"])
     for name in ours:
         found = np.array(errors[name])
@@ -274,14 +234,11 @@ def pythagorean() -> Iterator[Claim]:
             every = round(1.0 / dt)
             sim.run(every)
             rebounds.steps(every)
-            both = (sim.state.positions, sim.state.velocities), state_of(rebounds)
+            both = (sim.state.positions, sim.state.velocities), phase(rebounds)
             errors.append([float(abs(energy(m, *each) / start - 1)) for each in both])
         ours, other = np.array(errors).max(axis=0)
         text = f"Pythagorean problem, dt = {dt:g}, t = 70: largest energy error"
         yield claim(text, float(ours), "at most TRACE's", bool(ours <= other), f"TRACE {other:.2e}")
-
-
-# --- many massless bodies ---
 
 
 def test_particles(count: int) -> Iterator[Claim]:
@@ -305,7 +262,7 @@ def test_particles(count: int) -> Iterator[Claim]:
             began = process_time()
             go(steps)
             best[k] = min(best[k], process_time() - began)
-    far = np.abs(sim.state.positions - state_of(rebounds)[0]).max(axis=1)
+    far = np.abs(sim.state.positions - phase(rebounds)[0]).max(axis=1)
     text = f"Sun, 8 planets, {count} massless: largest difference of a planet after {4 * steps + 1} steps"
     yield claim(text, float(far[:9].max()), "at most 1e-11", bool(far[:9].max() <= 1e-11), "TRACE")
     text = "the same: median difference of a massless body"
@@ -313,9 +270,6 @@ def test_particles(count: int) -> Iterator[Claim]:
     speed = float(best[1] / best[0])
     text = "the same: speed over TRACE, processor time in turns"
     yield claim(text, round(speed, 1), "at least 3, on a loaded machine", speed >= 3.0, "rebound's TRACE")
-
-
-# --- outcomes ---
 
 
 def outcome(system: kd.System, years: float) -> str:
@@ -336,7 +290,7 @@ def their_outcome(system: kd.System, years: float, name: str) -> str:
             sim.integrate(time, exact_finish_time=0)
         except rebound.Collision:
             return "collision"
-        x, v = state_of(sim)
+        x, v = phase(sim)
         if (np.linalg.norm(x, axis=1) > FAR).any():
             far = int(np.argmax(np.linalg.norm(x, axis=1)))
             rest = np.arange(4) != far
@@ -382,4 +336,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,16 +1,11 @@
 """Are the derivatives that trace carries those of its own map, and do they approach those of the motion?
 
-    python -m kickdrift_validation.trace_derivatives [--long]
-
 Two giants that meet, with a third; a planet that passes close to the star; massless bodies beside both; other forces,
 of velocity too; both inner methods. The columns of the transition matrix, by masses and parameters too, are compared
 with differences of trace's own runs, with the variational equations under gauss-radau15, and with heyoka's. Is the map
 symplectic across encounters, and what does a direction cost?
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -18,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.derivatives import cost_of_a_direction
 
 DT, STEPS = 0.4, 16
@@ -129,9 +124,8 @@ def slopes() -> Iterator[Claim]:
         own = np.concatenate([found.end.positions.ravel(), found.end.velocities.ravel()])
         same = bool((own == end_of(system, case.options)).all())
         yield claim(f"trace, {name}: the same bits with and without derivatives", same, "yes", same, "the plain run")
-        value = max(errors(system, case, found))
         text = f"trace, {STEPS} steps of {name}: all columns, each relative to its largest"
-        yield claim(text, value, f"at most {bound:g}", value <= bound, "differences of order 6 of trace's own runs")
+        yield at_most(text, max(errors(system, case, found)), bound, "differences of order 6 of trace's own runs")
 
 
 def seconds() -> Iterator[Claim]:
@@ -139,9 +133,8 @@ def seconds() -> Iterator[Claim]:
     for name, case in CASES.items():
         if case.forces or "massless bodies too" in name:
             continue
-        value = max(errors_of_second(case))
         text = f"trace, {STEPS} steps of {name}: second derivatives by a planet's coordinates"
-        yield claim(text, value, "at most 1e-06", value <= 1e-6, "differences of order 6 of trace's own matrix")
+        yield at_most(text, max(errors_of_second(case)), 1e-6, "differences of order 6 of trace's own matrix")
 
 
 def errors_of_second(case: Case) -> Iterator[float]:
@@ -192,12 +185,11 @@ def motion(long: bool) -> Iterator[Claim]:
         for _ in range(single):
             worst.append(kd.transition_matrix(sim, DT).symplectic_error or 0.0)
             sim.run(1)
-        value = float(max(worst))
         text = f"M^T J M - J of each of {single} steps of trace with {name}, over the largest of M^2"
-        yield claim(text, value, "at most 1e-14", value <= 1e-14, "a symplectic map")
+        yield at_most(text, float(max(worst)), 1e-14, "a symplectic map")
         value = kd.transition_matrix(system_of(rows, *forces), steps * DT, "trace", DT).symplectic_error or 0.0
         text = f"M^T J M - J after {steps} steps of trace with {name}, over the largest of M^2"
-        yield claim(text, value, "at most 1e-12", value <= 1e-12, "a symplectic map")
+        yield at_most(text, value, 1e-12, "a symplectic map")
     system, length = system_of(MEETING), 640.0
     exact = kd.transition_matrix(system, length, "gauss-radau15").matrix
     far = [np.abs(kd.transition_matrix(system, length, "trace", dt).matrix - exact).max() for dt in (0.2, 0.025)]
@@ -276,18 +268,16 @@ def by_heyoka(heyoka: Any, system: kd.System, length: float) -> np.ndarray:
 
 def spectra() -> Iterator[Claim]:
     found = kd.lyapunov_spectrum(system_of(MEETING), 400.0, "trace", DT)
-    value = abs(found.sum)
     text = "24 Lyapunov exponents of giants that meet: their sum"
-    yield claim(text, value, "at most 1e-11", value <= 1e-11, "a symplectic map keeps volumes")
+    yield at_most(text, abs(found.sum), 1e-11, "a symplectic map keeps volumes")
 
 
 def costs() -> Iterator[Claim]:
     for name, rows in (("giants that meet", MEETING), ("passages of the pericentre", DIVING)):
         system = system_of(rows)
-        value = cost_of_a_direction(system, "trace", DT, 4000, 5)
         text = f"trace, {name}: time of one of {6 * len(system)} directions over that of a step"
-        yield claim(text, value, "at most 1.3", value <= 1.3, "the same run without directions")
+        yield at_most(text, cost_of_a_direction(system, "trace", DT, 4000, 5), 1.3, "the same run without directions")
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

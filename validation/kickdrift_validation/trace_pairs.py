@@ -1,7 +1,5 @@
 """Is a scattering by trace the same map as by rebound's TRACE, step by step, and is its energy error larger?
 
-    python -m kickdrift_validation.trace_pairs
-
 Three giants scatter one another, as in ``kickdrift_validation.trace``. First both programs take each step of a run from
 the same state, with all steps that meet, pass or repeat and some of the others. Then both run 200 systems to the end.
 The runs soon part, because they are chaotic, but the initial conditions still set much of the energy error. So
@@ -10,9 +8,6 @@ the first run. As a control, TRACE runs a second time from places one rounding a
 doi:10.1051/0004-6361/201118085.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,7 +16,8 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.batch import Batch
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
-from kickdrift_validation.trace import DT, INNER, SIGNIFICANT, TURN, YEARS, energy, giants, state_of, theirs
+from kickdrift_validation.rebounds import energy, phase, put
+from kickdrift_validation.trace import DT, INNER, SIGNIFICANT, TURN, YEARS, giants, theirs
 
 OWN = 7_000_000  # first seed of the systems
 COUNT = 200
@@ -42,11 +38,9 @@ def steps_from_the_same_states(seeds: range) -> Iterator[Claim]:
             stepper: Any = sim.integration.stepper
             again, meets = stepper._twice > twice, max(*flags, *stepper.flags) > 0 or stepper._twice > twice
             if meets or k % SELDOM == 0:
-                for p, x, v in zip(rebounds.particles, before.positions, before.velocities, strict=True):
-                    p.x, p.y, p.z = x
-                    p.vx, p.vy, p.vz = v
+                put(rebounds, before)
                 rebounds.steps(1)
-                x, v = state_of(rebounds)
+                x, v = phase(rebounds)
                 start, after = energy(m, before.positions, before.velocities), sim.state
                 ends = energy(m, after.positions, after.velocities), energy(m, x, v)
                 row, far = int(meets), float(np.abs(after.positions - x).max() / np.abs(x).max())
@@ -74,7 +68,7 @@ def by_trace(system: kd.System, nudge: float) -> float:
     for body in sim.particles:
         body.x *= 1.0 + nudge
     sim.steps(STEPS)
-    return error(system, *state_of(sim))
+    return error(system, *phase(sim))
 
 
 def errors_in_pairs() -> Iterator[Claim]:
@@ -119,4 +113,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,20 +1,14 @@
 """Constants and conversions of the unit systems beside ASE's, which has tables of CODATA of its own.
 
-    python -m kickdrift_validation.unit_systems
-
 ASE's tables end with CODATA 2018; SciPy's, which kickdrift has its constants from, may be of 2022. Between the two the
 atomic mass moved by 1.4e-9, which is what the bound leaves room for. The Sun's GM is held against the Gaussian
 gravitational constant k = 0.01720209895 (Gauss 1809; IAU 1976) and the nominal value of IAU 2015 resolution B3, which
 has eight digits.
 """
 
-from __future__ import annotations
-
-import sys
-
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
-from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.claim import Claim, at_most, main, not_run
 
 NEAR = 2e-9
 CODATA = "2018"
@@ -24,9 +18,7 @@ AU, YEAR = 149597870700.0, 365.25 * 86400.0  # m, IAU 2012; s
 
 
 def near(text: str, value: float, exact: float, reference: str, bound: float = NEAR) -> Claim:
-    """That a value is the reference's, relative."""
-    off = abs(value / exact - 1.0)
-    return claim(f"{text}: relative difference", off, f"at most {bound:g}", off <= bound, reference)
+    return at_most(f"{text}: relative difference", abs(value / exact - 1.0), bound, reference)
 
 
 def defined() -> list[Claim]:
@@ -72,7 +64,6 @@ def beside_ase() -> list[Claim]:
 
 
 def claims(long: bool = False) -> list[Claim]:
-    """All of it."""
     try:
         return [*defined(), *beside_ase()]
     except ModuleNotFoundError:
@@ -80,4 +71,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

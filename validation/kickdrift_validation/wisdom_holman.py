@@ -1,7 +1,5 @@
 """Is wisdom-holman the map that rebound's WHFast is, with its errors, and are its correctors and saba what they say?
 
-    python -m kickdrift_validation.wisdom_holman [--long]
-
 The Sun and eight planets (JPL DE421 at J2000, the Earth with the Moon), in Jacobi and democratic heliocentric
 coordinates, without a corrector; both programs get the same numbers and the same step, a hundredth and a tenth of
 Mercury's period. A true Wisdom-Holman map differs from another by rounding alone; how rounding grows is shown by WHFast
@@ -9,59 +7,32 @@ against itself, started one unit of rounding away (every position times 1 + 2^-5
 doi:10.1051/0004-6361/201118085; Rein & Tamayo 2015, doi:10.1093/mnras/stv1257.
 """
 
-from __future__ import annotations
-
-import sys
 from typing import Any
 
 import numpy as np
 
 import kickdrift as kd
-from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
+from kickdrift_validation import rebounds
+from kickdrift_validation.claim import INSTALL, Claim, at_most, claim, main, not_run
 from kickdrift_validation.exact_reversal import solar_system
+from kickdrift_validation.rebounds import phase, simulation
 
 MERCURY = 0.2408467  # years
 COORDINATES = {"jacobi": "jacobi", "democratic-heliocentric": "democraticheliocentric"}
 SHORT, LONG = 100_000, 1_000_000  # steps of the comparison of energies
-NEEDED = INSTALL
-L = np.longdouble
 
 
 def whfast(system: kd.System, dt: float, coordinates: str, factor: float = 1.0) -> Any:
     """A rebound Simulation of the same bodies; positions times ``factor``."""
-    import rebound
-
-    sim = rebound.Simulation()
-    sim.G = float(system.units.gravity or 1.0)
-    state = system.state
-    for m, x, v in zip(state.masses, factor * state.positions, state.velocities, strict=True):
-        sim.add(m=m, x=x[0], y=x[1], z=x[2], vx=v[0], vy=v[1], vz=v[2])
-    sim.integrator = "whfast"
-    sim.integrator.coordinates = COORDINATES[coordinates]
-    sim.integrator.safe_mode = 0
-    sim.dt = dt
+    sim = simulation(system, "whfast", dt, factor=factor)
+    sim.integrator.coordinates, sim.integrator.safe_mode = COORDINATES[coordinates], 0
     return sim
-
-
-def theirs(sim: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (n, 3), synchronised."""
-    sim.synchronize()
-    x, v = np.zeros((2, sim.N, 3))
-    sim.serialize_particle_data(xyz=x, vxvyvz=v)
-    return x, v
 
 
 def energy(system: kd.System, x: np.ndarray, v: np.ndarray) -> float:
     """Relative to |E| of the system's start, less 1; in extended precision."""
-
-    def total(x: np.ndarray, v: np.ndarray) -> Any:
-        x, v, m = x.astype(L), v.astype(L), system.state.masses.astype(L)
-        value = (m[:, None] * v * v).sum() / 2
-        for i in range(1, len(m)):
-            value -= L(system.units.gravity) * (m[i] * m[:i] / np.sqrt(((x[:i] - x[i]) ** 2).sum(axis=1))).sum()
-        return value
-
-    return float(total(x, v) / total(system.state.positions, system.state.velocities) - 1)
+    m, start, G = system.state.masses, system.state, float(system.units.gravity or 1.0)
+    return float(rebounds.energy(m, x, v, G) / rebounds.energy(m, start.positions, start.velocities, G) - 1)
 
 
 def trajectories(system: kd.System) -> list[Claim]:
@@ -71,13 +42,13 @@ def trajectories(system: kd.System) -> list[Claim]:
         for coordinates in COORDINATES:
             dt, done = MERCURY / parts, 0
             ours = kd.Simulation(system, "wisdom-holman", dt=dt, coordinates=coordinates)
-            rebounds, nudged = (whfast(system, dt, coordinates, factor) for factor in (1.0, 1.0 + 2.0**-52))
+            other, nudged = (whfast(system, dt, coordinates, factor) for factor in (1.0, 1.0 + 2.0**-52))
             for steps in (10, 1000, 100_000):
                 ours.run(steps - done, every=steps)
-                for sim in (rebounds, nudged):
+                for sim in (other, nudged):
                     sim.steps(steps - done)
                 done = steps
-                x, shifted = theirs(rebounds)[0], theirs(nudged)[0]
+                x, shifted = phase(other)[0], phase(nudged)[0]
                 off = float(np.abs(ours.state.positions - x).max() / np.abs(x).max())
                 growth = float(np.abs(shifted - x).max() / np.abs(x).max())
                 bound = {10: 1e-14, 1000: 1e-11}.get(steps, 0.0) * (10 if parts == 10 else 1) or 10 * growth
@@ -93,20 +64,19 @@ def curves(system: kd.System, steps: int) -> list[Claim]:
     for coordinates in COORDINATES:
         dt, looks = MERCURY / 100, 1000
         ours = kd.Simulation(system, "wisdom-holman", dt=dt, coordinates=coordinates)
-        rebounds, errors = whfast(system, dt, coordinates), []
-        rebounds.integrator.keep_unsynchronized = 1
+        other, errors = whfast(system, dt, coordinates), []
+        other.integrator.keep_unsynchronized = 1
 
-        def look(sim: kd.Simulation, rebounds: Any = rebounds, errors: list[list[float]] = errors) -> None:
-            rebounds.steps(sim.steps_done - rebounds.steps_done)
+        def look(sim: kd.Simulation, other: Any = other, errors: list[list[float]] = errors) -> None:
+            other.steps(sim.steps_done - other.steps_done)
             state = sim.state
-            errors.append([energy(system, state.positions, state.velocities), energy(system, *theirs(rebounds))])
+            errors.append([energy(system, state.positions, state.velocities), energy(system, *phase(other))])
 
         ours.run(steps, every=steps // looks, observe=look)
         found = np.array(errors)
         rms, apart = np.sqrt((found**2).mean(axis=0)), float(np.sqrt((np.diff(found, axis=1) ** 2).mean()))
         text = f"{coordinates}: RMS difference of the energy errors over {steps} steps, of their RMS"
-        value = apart / float(rms[1])
-        rows.append(claim(text, value, "at most 0.01", value <= 0.01, f"WHFast, RMS {rms[1]:.3e}; ours {rms[0]:.3e}"))
+        rows.append(at_most(text, apart / float(rms[1]), 0.01, f"WHFast, RMS {rms[1]:.3e}; ours {rms[0]:.3e}"))
     return rows
 
 
@@ -171,9 +141,9 @@ def claims(long: bool = False) -> list[Claim]:
     try:
         import rebound  # noqa: F401
     except ImportError:
-        return [not_run("the same positions as WHFast", "at most 1e-11", "rebound", NEEDED), *orders(system)]
+        return [not_run("the same positions as WHFast", "at most 1e-11", "rebound", INSTALL), *orders(system)]
     return [*trajectories(system), *curves(system, LONG if long else SHORT), *orders(system)]
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -1,22 +1,17 @@
 """Have the kernels of wisdom-holman the errors of the literature, and those of rebound's WHFast with the same kernel?
 
-    python -m kickdrift_validation.wisdom_holman_kernels [--long]
-
 The Sun and five outer planets for 120 years, with corrector 17 in Jacobi coordinates; the planets' masses times 10 make
 errors that rounding does not hide. Wisdom, Holman & Touma 1996, Fields Inst. Commun. 10, 217; Rein, Tamayo & Brown
 2019, doi:10.1093/mnras/stz2503: the error is as epsilon^2 dt^2 with the standard kernel, and as epsilon^2 dt^4 with the
 others, where epsilon is the planets' mass. ``--long`` adds 10^6 steps with each kernel.
 """
 
-from __future__ import annotations
-
-import sys
-
 import numpy as np
 
 import kickdrift as kd
 from kickdrift_validation.claim import INSTALL, Claim, claim, main, not_run
-from kickdrift_validation.wisdom_holman import energy, scaled, theirs, whfast
+from kickdrift_validation.rebounds import phase
+from kickdrift_validation.wisdom_holman import energy, scaled, whfast
 
 KERNELS = {"standard": "default", "lazy": "lazy", "composition": "composition", "modified-kick": "modifiedkick"}
 POWERS = {"standard": 2} | dict.fromkeys(list(KERNELS)[1:], 4)  # of dt
@@ -36,18 +31,16 @@ def curve(system: kd.System, dt: float, kernel: str, steps: int = 0, every: int 
 
 
 def rebounds_curve(system: kd.System, dt: float, kernel: str) -> np.ndarray:
-    """The same of rebound."""
     sim, found = whfast(system, dt, "jacobi"), []
     sim.integrator.kernel, sim.integrator.corrector = KERNELS[kernel], 17
     sim.integrator.keep_unsynchronized = 1
     for _ in range(round(YEARS / dt)):
         sim.steps(1)
-        found.append(energy(system, *theirs(sim)))
+        found.append(energy(system, *phase(sim)))
     return np.array(found)
 
 
 def largest(errors: np.ndarray) -> float:
-    """The largest absolute value."""
     return float(np.abs(errors).max())
 
 
@@ -73,7 +66,7 @@ def beside_rebound(system: kd.System, kernel: str) -> list[Claim]:
     for sim in (rebounds, nudged):
         sim.integrator.kernel = KERNELS[kernel]
         sim.steps(1000)
-    x, shifted = theirs(rebounds)[0], theirs(nudged)[0]
+    x, shifted = phase(rebounds)[0], phase(nudged)[0]
     off, growth = (float(np.abs(y - x).max() / np.abs(x).max()) for y in (ours.state.positions, shifted))
     heavy = scaled(system, 10.0)
     over = largest(curve(heavy, FINE, kernel)) / largest(rebounds_curve(heavy, FINE, kernel))
@@ -110,4 +103,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

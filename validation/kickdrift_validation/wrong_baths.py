@@ -13,8 +13,6 @@ dV/dt = 3 V p / W,  dv/dt = -(1 + 1/N) (p / W) v,  dp/dt = 3 V (P_inside - P) + 
 P_inside = 2 K / 3 V + a N^2 / V^2.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -6,8 +6,6 @@ X. W. Zhou, R. A. Johnson and H. N. G. Wadley, Phys. Rev. B 69, 144113 (2004), d
 leaves the cutoff to the user. Here it is sqrt(10) / 2 lattice constants, where the pair energy is 1e-6 eV.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

@@ -104,9 +104,7 @@ def bench_speed(
 
 
 def validate(
-    names: Annotated[
-        list[str] | None, argument("NAME", "Scripts or groups of scripts (default: all). See --list.")
-    ] = None,
+    names: Annotated[list[str] | None, argument("NAME", "Scripts (default: all). See --list.")] = None,
     long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,
     jobs: Annotated[int, option("K", "Scripts that run at once.", min=1)] = 2,
     report: Annotated[

@@ -13,7 +13,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.lists.row_lanes import Narrow, NarrowSingle, WideSingle
 from kickdrift.forces.pairs import binding as pair_binding
 from kickdrift.trajectory.read.info import describe, info
-from kickdrift_validation.own_laws import OwnCosine, OwnFene
+from kickdrift_validation.molecules import OwnCosine, OwnFene
 
 CUTOFF = 2.5
 BOX = kd.Box([[7.3, 0.0, 0.0], [1.1, 7.2, 0.0], [-0.8, 1.7, 7.4]])

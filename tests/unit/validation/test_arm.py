@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import kickdrift as kd
-from kickdrift_validation import arm, arm_kinds
+from docs.studies import arm, arm_kinds
 
 
 def run(energies=(1.0, 1.0), positions=(2.0, -4.0), steps=1):

@@ -1,19 +1,18 @@
 """The article's claims: the cheap ones hold as measured, and a wrong measurement fails."""
 
 import re
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pkgutil import iter_modules
 
 import pytest
 
+from docs.studies import textbooks
+from docs.studies.textbooks import article, evaluations, orbits, reversal, stiff, unit_oscillator
+from docs.studies.textbooks.__main__ import STUDIES
 from kickdrift.integrators import INTEGRATORS
-from kickdrift_validation import claims, report_file
-from kickdrift_validation.claims import article, evaluations, orbits, reversal, stiff, unit_oscillator
-from kickdrift_validation.claims.__main__ import STUDIES
 
-NAMES = [module.name for module in iter_modules(claims.__path__) if not module.name.startswith("_")]
+NAMES = [module.name for module in iter_modules(textbooks.__path__) if not module.name.startswith("_")]
 
 
 def words(rows, said):
@@ -114,18 +113,13 @@ def test_magnitude():
     assert not magnitude(5.8e4, 1e4)
 
 
-def test_what_is_printed(capsys, monkeypatch, tmp_path):
-    reading = article.near("a|b", 2.0, True, 3.0, 1e-3, "theory")
-    monkeypatch.setattr(sys, "argv", ["x", "--figures", str(tmp_path / "new")])
-    assert article.main(lambda long, figures: article.article("so", "because", reading), "What.") == 1
-    printed = capsys.readouterr().out
+def test_what_is_printed():
+    rows = article.article("so", "because", article.near("a|b", 2.0, True, 3.0, 1e-3, "theory"))
     assert re.search(
-        r"said +“so”\nverdict +holds\nwhy +because\n +yes +a\|b +2 +fail: 3 to 1e-03 of it \(theory\)", printed
+        r"said +“so”\nverdict +holds\nwhy +because\n +yes +a\|b +2 +fail: 3 to 1e-03 of it \(theory\)",
+        article.table(rows),
     )
-    assert (tmp_path / "new").is_dir()
-    rows = article.article("so", "because", reading)
-    ((said, group),) = report_file._by_words(rows)
-    table = report_file._table(said, group)
-    assert "### “so”" in table
-    assert "**Holds.** because" in table
-    assert table[-1] == "| a\\|b | holds | 2 | 3 to 1e-03 of it | theory | **fail** |"
+    lines = article.markdown(rows)
+    assert "### “so”" in lines
+    assert "**Holds.** because" in lines
+    assert lines[-1] == "| a\\|b | holds | 2 | 3 to 1e-03 of it | theory | **fail** |"

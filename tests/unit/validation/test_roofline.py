@@ -1,6 +1,7 @@
 """Peaks of the machine, and the table of kernels with their share of the peaks."""
 
-from kickdrift_validation.performance import groups, peaks, predictions, roofline
+from docs.studies import peaks, predictions, roofline
+from kickdrift_validation.performance import groups
 from tests.folders import DOCS
 
 

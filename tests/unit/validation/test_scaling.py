@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from docs.studies import scaling, scaling_model
+from docs.studies.scaling_model import Delays, Log, Memory, Task, makespan, predicted
 from kickdrift.jit.threads.chunks import AWAKE, CODE, team_of
-from kickdrift_validation.performance import scaling, scaling_model
-from kickdrift_validation.performance.scaling_model import Delays, Log, Memory, Task, makespan, predicted
 from tests.folders import DOCS
 
 AT_ONCE = Delays(0.0, 0.0, 0.0, 0.0)

@@ -3,8 +3,6 @@
 python -m kickdrift_validation.fuzzing KIND NUMBER [COUNT] [--seed S] [--files FOLDER]
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import defaultdict

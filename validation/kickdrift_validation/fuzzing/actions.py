@@ -3,8 +3,6 @@
 Each returns an exit status: 0, or 2 where a file was refused by an InputError.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

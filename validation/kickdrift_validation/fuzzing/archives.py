@@ -3,8 +3,6 @@
 An archive has no checksums, so that a flipped digit may be read as another number.
 """
 
-from __future__ import annotations
-
 import random
 import struct
 import tempfile
@@ -68,7 +66,6 @@ def changed(rng: random.Random, data: bytearray) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     method = rng.choice(METHODS)
     data, about = bytearray(bases()[method]), [method]

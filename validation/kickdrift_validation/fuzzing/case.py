@@ -1,7 +1,5 @@
 """A case: commands, the files that they find, and what they may change."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -49,7 +47,6 @@ class Case:
 
 
 def dice(kind: str, seed: int, number: int) -> random.Random:
-    """Random numbers of one case."""
     return random.Random(f"{kind}/{seed}/{number}")
 
 

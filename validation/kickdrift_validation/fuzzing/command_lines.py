@@ -1,7 +1,5 @@
 """Command lines of every command, option and argument that the program has, with values that nobody wants."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 from typing import Any
@@ -136,7 +134,6 @@ def _short(rng: random.Random, command: str, given: list[str]) -> list[str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     command = rng.choices(list(SHARES), list(SHARES.values()))[0]
     given = words(rng, command)

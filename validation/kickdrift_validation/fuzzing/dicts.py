@@ -1,7 +1,5 @@
 """Dicts given to `kickdrift.load`: the tables of files that ship, with values and keys that no file can hold."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,14 +15,12 @@ KIND = "dicts"
 
 
 def itself() -> dict[str, Any]:
-    """A dict with a cycle."""
     found: dict[str, Any] = {}
     found["particles"] = found
     return found
 
 
 def deep() -> list[Any]:
-    """Lists in lists."""
     found: list[Any] = []
     for _ in range(100_000):
         found = [found]
@@ -54,7 +50,6 @@ def put(table: Any, way: tuple[Any, ...], value: Any) -> None:
 
 
 def made(number: int, seed: int) -> Any:
-    """The dict of that case."""
     rng = dice(KIND, seed, number)
     table = tomllib.loads(rng.choice(list(bases().values())))
     ways = places(table)
@@ -75,5 +70,4 @@ def load(number: str, seed: str) -> int:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     return Case(KIND, number, (("!dicts.load", str(number), str(seed)),), f"dict {number}", may_compute=True)

@@ -1,7 +1,5 @@
 """What a child tells the worker that watches it, through shared memory: whether it compiles, or computes a run."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Run files with flipped bits, overwritten or lost bytes: what is read is right, or one line says what is wrong."""
 
-from __future__ import annotations
-
 import io
 import random
 from functools import cache
@@ -9,9 +7,8 @@ from functools import cache
 import h5py
 
 from kickdrift_validation.fuzzing.case import Case, dice
-from kickdrift_validation.fuzzing.operations import datasets
 from kickdrift_validation.fuzzing.places import WHOLE
-from kickdrift_validation.fuzzing.run_files import NAME, base, commands
+from kickdrift_validation.fuzzing.run_files import NAME, base, commands, datasets
 
 KIND = "flipped-bytes"
 FRAMES = tuple(f"particles/trajectory/{name}" for name in ("position/value", "velocity/value", "position/step"))
@@ -72,7 +69,6 @@ def flipped(rng: random.Random, data: bytes, name: str) -> tuple[bytes, str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(list(WHOLE))
     data, what = flipped(rng, base(f"{name}.h5md"), name)

@@ -1,7 +1,5 @@
 """Hosts files with odd lines, and what is no file: a run is set up for them, and nothing is started."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import NUMBERS, TEXTS, Case, dice
@@ -28,7 +26,6 @@ def text(rng: random.Random) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     own = rng.random() < 0.85
     name, files = NAME, {NAME: text(rng).encode("utf-8", "surrogatepass")} if own else {}

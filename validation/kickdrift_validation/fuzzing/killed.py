@@ -1,7 +1,5 @@
 """Kills: a run, a resume or an ensemble ends by SIGKILL at a random moment, and goes on to the same bits."""
 
-from __future__ import annotations
-
 from kickdrift_validation.fuzzing.case import Case, dice
 from kickdrift_validation.fuzzing.places import ENSEMBLE, JOURNAL, LONG_EVERY, LONG_STEPS
 from kickdrift_validation.fuzzing.run_files import NAME, base

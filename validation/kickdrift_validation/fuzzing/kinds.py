@@ -1,7 +1,5 @@
 """Generators of cases by the names of their kinds."""
 
-from __future__ import annotations
-
 from kickdrift_validation.fuzzing import (
     archives,
     command_lines,

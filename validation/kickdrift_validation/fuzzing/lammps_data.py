@@ -1,7 +1,5 @@
 """Data files of LAMMPS with changed numbers, lines and letters, as the particles of a system file and by themselves."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import Case, dice
@@ -92,7 +90,6 @@ MUTATIONS = {number: 6, line: 4, letters: 2, cut: 1, section: 3, count: 3}
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     text, about = rng.choice((ATOMS, CHAIN)), []
     for mutate in rng.choices(list(MUTATIONS), list(MUTATIONS.values()), k=rng.choice((0, 1, 1, 1, 2, 3))):

@@ -1,16 +1,13 @@
 """The commands certify, view, movie, ensemble and transits, with values that nobody wants and with damaged files."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 
 from kickdrift_validation.fuzzing import command_lines
 from kickdrift_validation.fuzzing.case import NUMBERS, TEXTS, Case, dice
 from kickdrift_validation.fuzzing.flips import flipped
-from kickdrift_validation.fuzzing.operations import OPERATIONS
 from kickdrift_validation.fuzzing.places import WHOLE
-from kickdrift_validation.fuzzing.run_files import NAME, base, damaged
+from kickdrift_validation.fuzzing.run_files import NAME, OPERATIONS, base, damaged
 
 KIND = "more-commands"
 SHARES = {"view": 8, "movie": 5, "certify": 5, "ensemble": 3, "transits": 5}

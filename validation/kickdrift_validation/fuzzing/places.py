@@ -1,7 +1,5 @@
 """Where cases run: the run files that they damage, the inputs that command lines find, and what lies outside."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What a case may not do, whatever its kind."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Cases on several workers at a time, all forked by one zygote."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

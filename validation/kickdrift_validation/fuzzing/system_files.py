@@ -1,7 +1,5 @@
 """System files that are broken: every file that ships, made small, with one to four mutations of its text."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections.abc import Callable
@@ -154,7 +152,6 @@ def foreign_unit(rng: random.Random, text: str) -> str:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(list(bases()))
     text, statuses, about = bases()[name], (0, 1, 2), [name]

@@ -1,7 +1,5 @@
 """Tables of ensembles and their journals, damaged: what is read is right, or one line says what is wrong."""
 
-from __future__ import annotations
-
 import random
 
 from kickdrift_validation.fuzzing.case import Case, dice
@@ -36,7 +34,6 @@ def flipped(rng: random.Random, data: bytes) -> tuple[bytes, str]:
 
 
 def case(number: int, seed: int = 0) -> Case:
-    """The case of that number."""
     rng = dice(KIND, seed, number)
     name = rng.choice(MEMBERS)
     data, what = flipped(rng, base(name))

@@ -1,7 +1,5 @@
 """The watch over a child: memory, processor time without that of compiling, and time without any work."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
@@ -56,7 +54,6 @@ def work(session: int) -> float:
 
 
 def end(session: int) -> None:
-    """Kill a session."""
     for pid in members(session):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

@@ -1,15 +1,11 @@
 """Small systems a second, side by side in a Batch and one by one.
 
-    python -m kickdrift_validation.performance.batch [--long]
-
 Planetary systems of 3 bodies (with --long also of 5 and 9), each different, make 10,000 steps each (with --long, those
 of 3 bodies also 100,000). The time begins with the Systems: it includes setting up, the run with its 1000 samples, and
 the reports. For MEGNO it includes 10,000 looks and the fit. Both take turns in one process on one core, after
 compilation; BLAS has one thread. The figure is the median of the ratios in the same round. "stepping" is the same
 without reports, with only the first and the last sample.
 """
-
-from __future__ import annotations
 
 import os
 import sys
@@ -23,7 +19,7 @@ from kickdrift.analysis.chaos.megno import megno, megnos
 from kickdrift.batch.batch import Batch
 from kickdrift.engines import ENGINES
 from kickdrift.ensemble.rows import run_columns
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_least, main, under
 from kickdrift_validation.performance.turns import Missing, Native, Runner, ratio_of, turns
 from kickdrift_validation.runner import ONE_THREAD
 
@@ -123,10 +119,10 @@ def report_claims() -> Iterator[Claim]:
             print(f"{name}, {steps} steps: a report {cost:.2f} ms of processor time; with reports {ratio.median:.2f}")
             if steps == 10_000:
                 text = f"{name}, a member's report with its drift, ms of processor time"
-                yield claim(text, cost, f"under {REPORT:g}", cost < REPORT, "its samples in memory")
+                yield under(text, cost, REPORT, "its samples in memory")
             if steps == 1_000_000:
                 text = f"{name}, {steps} steps: members a second with samples and reports over those without"
-                yield claim(text, ratio.median, f"at least {KEPT:g}", ratio.median >= KEPT, "stepping, in turns")
+                yield at_least(text, ratio.median, KEPT, "stepping, in turns")
 
 
 class Together(Runner):
@@ -188,7 +184,7 @@ def whfast512_claims() -> Iterator[Claim]:
         ratio = ratio_of(speeds[:, 1], speeds[:, 0])
         print(f"{count} planets: {ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f}) of WHFast512's steps")
         text = f"systems of {count} planets, wisdom-holman in a Batch: steps over those of {systems} in WHFast512"
-        yield claim(text, ratio.median, f"at least {PAST:g}", ratio.median >= PAST, f"rebound {theirs.version}")
+        yield at_least(text, ratio.median, PAST, f"rebound {theirs.version}")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
@@ -211,7 +207,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
             )
             if bodies == 3:
                 text = f"{what}, {bodies} bodies, {steps} steps: members a second over one by one"
-                yield claim(text, ratio.median, f"at least {AT_LEAST:g}", ratio.median >= AT_LEAST, "one by one")
+                yield at_least(text, ratio.median, AT_LEAST, "one by one")
     yield from report_claims()
     yield from whfast512_claims()
 
@@ -219,4 +215,4 @@ def claims(long: bool = False) -> Iterator[Claim]:
 if __name__ == "__main__":
     if not os.environ.items() >= ONE_THREAD.items():  # NumPy reads these variables at its import
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ONE_THREAD})
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -72,7 +72,6 @@ class Bodies(NamedTuple):
 
 
 def planets(dt: float | None = None) -> Bodies:
-    """Sun and planets."""
     system = solar_system()
     found = json.loads(FAR_AHEAD.read_text(encoding="utf-8"))
     reference = found["time"], np.array(found["positions"])
@@ -126,19 +125,14 @@ TREE_STEPS = 8.0  # least in a turn, since sampling the energy at both ends cost
 
 
 def by_tree(start: TreeStars, accuracy: float, threads: int = 1) -> Native:
-    """kickdrift with the tree."""
     force = kd.GravityTree(accuracy, start.softening, start.G)
     system = kd.System(start.positions, start.velocities, start.masses, forces=[force], units="nbody")
     return Native(kd.Simulation(system, "leapfrog-dkd", start.dt, threads), least=TREE_STEPS)
 
 
 def kickdrift(start: Bodies, integrator: str, threads: int = 1, **options: Any) -> Native:
-    """kickdrift."""
     sim = kd.Simulation(start.system, integrator, start.dt, threads, **options)
     return Native(sim, least=start.pilot if start.dt is None else None)
-
-
-# --- rebound ---
 
 
 class Rebound(Runner):
@@ -226,9 +220,6 @@ class Whfast512(Rebound):
         return x, v * self.scale
 
 
-# --- heyoka ---
-
-
 class Heyoka(Runner):
     """heyoka's adaptive Taylor method at its default tolerance, for its own N-body system, compiled beforehand."""
 
@@ -254,9 +245,6 @@ class Heyoka(Runner):
         if self.integrator.time != time:
             raise RuntimeError(f"heyoka stopped at t = {self.integrator.time:g}")
         return self.phase()
-
-
-# --- SciPy ---
 
 
 @numba.njit

@@ -4,8 +4,6 @@ Both take velocity Verlet's steps from the same numbers. LAMMPS checks at every 
 Its skin is 1 angstrom, and 0.5 in another style. Among 0.5, 1 and 2 (the default for metals), LAMMPS was fastest with
 0.5 in cold crystals."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -28,16 +26,13 @@ class Crystal(NamedTuple):
 
     @property
     def positions(self) -> np.ndarray:
-        """Positions (n, 3)."""
         return np.asarray(self.system.state.positions)
 
     @property
     def velocities(self) -> np.ndarray:
-        """Velocities (n, 3)."""
         return np.asarray(self.system.state.velocities)
 
     def simulation(self) -> kd.Simulation:
-        """Simulation from this state."""
         return kd.Simulation(self.system, "velocity-verlet", self.dt)
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
@@ -63,7 +58,6 @@ def settled(name: str) -> Crystal:
 
 
 def kickdrift(start: Crystal) -> Native:
-    """kickdrift with the crystal."""
     return Native(start.simulation(), "float64")
 
 

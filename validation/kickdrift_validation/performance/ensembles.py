@@ -1,7 +1,5 @@
 """Cost of an ensemble beside its runs, and gain from two workers.
 
-    python -m kickdrift_validation.performance.ensembles [--long]
-
 Members are three bodies on a figure of eight, each pushed a little, run one by one (a function is measured on each).
 With members of about 0.1 s, one worker and two workers take turns. The figure is the median of the ratios in the same
 round. The cost of a member is the wall time of one worker less the time of the runs, over the number of members. This
@@ -10,9 +8,6 @@ cost includes reading the file, setting up, the samples' report, and Dask. 10,00
 a tenth of the way and at the end.
 """
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from time import perf_counter
@@ -23,7 +18,7 @@ import psutil
 
 import kickdrift as kd
 from kickdrift.ensemble.running import workers
-from kickdrift_validation.claim import Claim, claim, main
+from kickdrift_validation.claim import Claim, at_least, main, under
 
 STEPS_A_SECOND = 8_000_000  # about
 ROUNDS, MEMBERS = 5, 60
@@ -60,7 +55,6 @@ def memory() -> np.ndarray:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Gain, cost and memory."""
     with ExitStack() as stack:
         one, two = (stack.enter_context(workers(count)) for count in (1, 2))
         for client in (one, two):
@@ -72,9 +66,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
     run = 1e3 * float(np.median([alone[1] for alone, _ in pairs])) / MEMBERS
     gain, cost = float(np.median(gains)), float(np.median(costs))
     print(f"  a run takes {run:.0f} ms; gains {np.round(gains, 2)}; costs {np.round(costs, 1)} ms")
-    text = f"members of {run:.0f} ms: two workers over one"
-    yield claim(text, gain, f"at least {GAIN:g}", gain >= GAIN, "one worker, in turns")
-    yield claim("a member beside its run, ms", cost, f"under {COST:g}", cost < COST, "the runs' own wall time")
+    yield at_least(f"members of {run:.0f} ms: two workers over one", gain, GAIN, "one worker, in turns")
+    yield under("a member beside its run, ms", cost, COST, "the runs' own wall time")
     count = 10_000 if long else 1000
     early: list[np.ndarray] = []
 
@@ -88,9 +81,8 @@ def claims(long: bool = False) -> Iterator[Claim]:
     print(f"  {count} members of {1e3 * spent / count:.0f} ms in {seconds:.0f} s; MB of this process and of a worker:")
     print(f"  {np.round(early[0])} at {count // 10}, {np.round(end)} at the end")
     grown = float((end / early[0]).max())
-    text = f"memory after {count} members over that after {count // 10}"
-    yield claim(text, grown, f"under {GROWTH:g}", grown < GROWTH, "resident memory")
+    yield under(f"memory after {count} members over that after {count // 10}", grown, GROWTH, "resident memory")
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -10,8 +10,6 @@ stand in its files unchanged. Forces and coordinates of the usual builds are flo
 begins at the same start. Its time is the time that GROMACS itself reports for its steps, without start-up.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -22,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kickdrift_validation.performance.melt import CUTOFF, Liquid
+from kickdrift_validation.performance.liquids import CUTOFF, Liquid
 from kickdrift_validation.performance.turns import Missing, Phase, Runner
 
 INSTALL = "gmx is not on PATH; Debian and Ubuntu: apt install gromacs"
@@ -114,7 +112,6 @@ class Gromacs(Runner):
         )  # fmt: skip
 
     def _run(self, name: str, steps: int) -> str:
-        """Run and return the log."""
         self._gmx(
             "mdrun", "-s", f"{name}.tpr", "-nsteps", str(steps), "-ntmpi", "1", "-ntomp", str(self.threads), "-nb",
             "cpu", "-noconfout", "-g", "log", "-o", "frames.trr", "-e", "e.edr", "-cpo", "state.cpt",

@@ -1,7 +1,5 @@
 """Groups of `kickdrift bench speed`: a system for several programs. Another program is another contestant."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from math import inf
@@ -12,8 +10,7 @@ from kickdrift_validation.performance.batch import SYSTEMS, Together, Whfast512T
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
-from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm
-from kickdrift_validation.performance.melt import liquid
+from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm, liquid
 from kickdrift_validation.performance.turns import Runner
 
 MERCURY = 0.2408467  # years
@@ -86,7 +83,6 @@ class Command(NamedTuple):
 
 
 def of_ours(name: str = "kickdrift", **options: Any) -> Contestant:
-    """kickdrift with a liquid."""
     return Contestant(name, partial(liquids.kickdrift, **options))
 
 
@@ -97,12 +93,10 @@ def in_bath(integrator: str, **options: float) -> Contestant:
 
 
 def moved_by(integrator: str, name: str = "kickdrift", **options: Any) -> Contestant:
-    """kickdrift with bodies."""
     return Contestant(name, partial(bodies.kickdrift, integrator=integrator, **options))
 
 
 def rebounds(integrator: str, **settings: Any) -> Contestant:
-    """rebound."""
     return Contestant(f"rebound {integrator}", partial(Rebound, integrator=integrator, **settings))
 
 
@@ -128,7 +122,6 @@ def leapfrog(count: int, at_least: float, horizon: float, usual: bool = True) ->
 
 
 def kepler(coordinates: str, *theirs: Contestant) -> Group:
-    """Wisdom-Holman maps."""
     past = [Goal(each.name, 1.15) for each in theirs if each.name == "rebound whfast512"]
     return Group(
         f"wisdom-holman-{coordinates.split('-')[-1]}",

@@ -1,24 +1,17 @@
 """Errors of mixed precision: forces, energy over 20,000 steps, and momentum.
 
-    python -m kickdrift_validation.performance.mixed_precision [--long]
-
 The liquid has 1000 particles (in the long set also 46^3), rho* = 0.8442, and a smooth cutoff at 2.5 sigma. It reaches
 T* = 1.44 in 10 units of time. Velocity Verlet at dt* = 0.005 then runs once in float64 and once with
 ``precision="mixed"``. For the pairs, positions are rounded to float32 within the box, so the error of the forces grows
 with the edge of the box. Both reports compute the energy in float64.
 """
 
-from __future__ import annotations
-
-import sys
-
 import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.nve_drift import CUTOFF, DENSITY, DT, EQUILIBRATION_TIME, TEMPERATURE
+from kickdrift_validation.nve_drift import DT, liquid
 
 STEPS, SAMPLES = 20_000, 500
 SMALL, LARGE = 1000, 46**3
@@ -26,19 +19,8 @@ FORCE_ERROR = 1e-5  # bound: share of a typical force, for an edge of ten sigma
 REFERENCE = "float64, from the same start"
 
 
-def start(particles: int) -> kd.Simulation:
-    """The liquid at its temperature."""
-    positions, edges = lattice("sc", particles, DENSITY)
-    velocities = maxwell_boltzmann(np.ones(particles), TEMPERATURE, 1.0, seed=1)
-    force = kd.LennardJones(cutoff=CUTOFF, truncation="switch")
-    sim = kd.Simulation(kd.System(positions, velocities, box=edges, forces=[force]), dt=DT)
-    sim.equilibrate(TEMPERATURE, EQUILIBRATION_TIME)
-    return sim
-
-
 def study(particles: int, steps: int) -> list[Claim]:
-    """Both precisions from one start."""
-    sim = start(particles)
+    sim = liquid(1, "switch", particles)
     state, edge = sim.state, sim.system.box.lengths[0]
     phase = np.array(state.phase)
     double, mixed = (BoundForces(sim.system, mixed=mixed).measure(0.0, phase) for mixed in (False, True))
@@ -82,4 +64,4 @@ def claims(long: bool = False) -> list[Claim]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(claims, __doc__))
+    main(claims, __doc__)

@@ -12,8 +12,6 @@ second or more, because it compiles the right-hand side for the step loop. The s
 time of a solve with the default of a thousand looks.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from time import perf_counter
@@ -81,7 +79,7 @@ def compare(name: str, integrator: str, seconds: float, count: int) -> float:
     return float(median)
 
 
-def compare_all(seconds: float = 0.4, count: int = 9) -> list[Claim]:
+def claims(seconds: float = 0.4, count: int = 9) -> list[Claim]:
     """Compare every method on every problem."""
     print(where("scipy"))
     print(f"rtol = atol = {TOLERANCE:g}, {count} turns of {seconds:g} s each")
@@ -93,18 +91,13 @@ def compare_all(seconds: float = 0.4, count: int = 9) -> list[Claim]:
     return [claim(CLAIM, ratios[worst], f"at least {BOUND:g}", ratios[worst] >= BOUND, reference)]
 
 
-def claims() -> list[Claim]:
-    """Claims with the default options."""
-    return compare_all()
-
-
 def main() -> int:
     """Compare with the given options and print the claim."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--turns", type=int, default=9, help="of each")
     parser.add_argument("--seconds", type=float, default=0.4, help="length of a turn")
     given = parser.parse_args()
-    return show(compare_all(given.seconds, given.turns))
+    return show(claims(given.seconds, given.turns))
 
 
 if __name__ == "__main__":

@@ -7,8 +7,6 @@ float64 numbers with which all programs of bodies.py begin. The same run in exte
 file keeps the difference, which shows how well the positions are known.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from typing import Any

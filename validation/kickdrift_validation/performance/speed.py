@@ -16,8 +16,6 @@ Timings exclude compilation, set-up and file reading, for every program. groups.
 Among several styles of one program the fastest counts.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform
@@ -34,7 +32,7 @@ import numpy as np
 import kickdrift
 from kickdrift.analysis.compare.bench import processor
 from kickdrift.errors import InputError, RunError
-from kickdrift_validation.claim import Claim, claim, not_run, show, text_of
+from kickdrift_validation.claim import Claim, at_most, claim, not_run, show, text_of
 from kickdrift_validation.performance.groups import ENTRIES, Command, Contestant, Goal, Group
 from kickdrift_validation.performance.turns import Missing, Runner, ratio_of, turns
 
@@ -63,9 +61,6 @@ def expected_seconds(entries: Sequence[Group | Command], count: int, seconds: fl
     """Estimate of the time, with everything compiled beforehand."""
     contestants = sum(len(entry.contestants) for entry in entries if isinstance(entry, Group))
     return sum(entry.overhead for entry in entries) + contestants * (count + 2) * max(seconds, 0.1)
-
-
-# --- measuring ---
 
 
 def measure(
@@ -203,11 +198,7 @@ def timed(command: Command, count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-# --- judging ---
-
-
 def claims_of(found: dict[str, Any]) -> list[Claim]:
-    """Claims of all groups."""
     claims = []
     for group in found["groups"]:
         if "times" in group:
@@ -233,18 +224,13 @@ def judged(group: dict[str, Any], goal: Goal) -> list[Claim]:
     ratio = float(np.median(np.array(ours["speeds"]) / np.array(other["speeds"])))
     found = [claim(text, ratio, bound, ratio >= goal.at_least, f"{other['name']} {other['version']}")]
     if goal.error:
-        errors = ours["energy_error"] / other["energy_error"]
         text = f"{group['name']}: energy error of {goal.ours} over {goal.against}'s"
-        found.append(claim(text, errors, f"at most {MOST:g}", errors <= MOST, other["name"]))
+        found.append(at_most(text, ours["energy_error"] / other["energy_error"], MOST, other["name"]))
     return found
 
 
 def claims() -> list[Claim]:
-    """Claims of the default entries."""
     return claims_of(measure(chosen()))
-
-
-# --- showing ---
 
 
 def table(group: dict[str, Any]) -> tuple[list[str], list[list[str]]]:

@@ -4,8 +4,6 @@ A program at work is a ``Runner``. Two programs are compared by the ratio of the
 over the rounds counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import NamedTuple

@@ -1,1 +1,0 @@
-"""What textbooks and web guides say of integrators: a script for each topic."""
