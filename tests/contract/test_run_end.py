@@ -38,13 +38,6 @@ def made(name, f, y0=(0.0, 0.0), **given):
     return kd.Simulation(kd.Problem(f, y0, separable=True, compiled=False), name, **given)
 
 
-def test_the_closed_form():
-    f, h = Seen(), 1e-6
-    for t in (0.1, 0.7):
-        slope = (np.array(f.exact(t + h)) - f.exact(t - h)) / (2 * h)
-        assert slope == pytest.approx(f(t, f.exact(t)), rel=1e-8)
-
-
 @pytest.mark.parametrize("name", METHODS)
 def test_f_is_evaluated_at_no_time_beyond_the_end(name):
     """Run to the last time at which f is defined: at once, in pieces, with looks, after steps, and with an event."""

@@ -305,17 +305,6 @@ def test_forces_remember_what_their_sums_depend_on(name):
 # --- lists ---
 
 
-def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
-    """A check of this file's tests: without the pair lists, a run from the same state has other bits."""
-    whole, anew = (kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004) for _ in range(2))
-    whole.run(30)
-    anew.state = whole.state
-    for sim in (whole, anew):
-        sim.run(50)
-    assert bits(anew) != bits(whole)
-    np.testing.assert_allclose(anew.state.positions, whole.state.positions, atol=1e-9)
-
-
 def test_lists_that_have_grown():
     """A restored list has the room that it had grown to, because growing takes an evaluation."""
 
@@ -328,43 +317,6 @@ def test_lists_that_have_grown():
 
     whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))
     assert whole.checkpoint()["stepper"]["forces"][0]["room"] > 500
-
-
-# --- thermal starts ---
-
-
-def test_a_thermal_start_brought_to_a_temperature(tmp_path):
-    path = tmp_path / "thermal.toml"
-    path.write_text(THERMAL)
-
-    def make() -> kd.Simulation:
-        return kd.Simulation(kd.load(path), "velocity-verlet", compensated=True)
-
-    def first(sim):
-        sim.equilibrate(0.9, 0.2)
-        sim.run(61)
-
-    assert_goes_on(make, first, lambda sim: sim.run(45, every=9))
-
-
-THERMAL = """
-units = "lj"
-[particles]
-lattice = "fcc"
-count = 256
-density = 0.8
-[velocities]
-temperature = 1.2
-seed = 5
-[box]
-periodic = true
-[[force]]
-type = "lennard-jones"
-cutoff = 2.5
-truncation = "shift"
-[run]
-dt = 0.004
-"""
 
 
 # --- events ---

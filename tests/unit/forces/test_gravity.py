@@ -74,17 +74,6 @@ def test_momentum_and_virial():
     assert measured.virial == pytest.approx(measured.potential, rel=1e-12)  # U ~ 1/r
 
 
-def test_force_is_the_slope_of_the_energy():
-    system, h = cloud(40, softening=0.5), 1e-6
-    bound, phase, rng = BoundForces(system), system.state.phase, np.random.default_rng(1)
-    forces = bound.measure(0.0, phase).accelerations * system.coherent_masses
-    for _ in range(5):
-        direction = np.zeros_like(phase)
-        direction[0] = rng.normal(size=(3, 40))
-        above, below = (bound.measure(0.0, phase + s * direction).potential for s in (h, -h))
-        assert (below - above) / (2 * h) == pytest.approx((forces * direction[0]).sum(), rel=1e-6)
-
-
 def test_massless_particles_feel_and_do_not_pull():
     x = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     system = System(x, masses=[4.0, 0.0, 0.0], forces=[Gravity(1.0)])

@@ -23,7 +23,7 @@ from kickdrift.model.system import System
 from kickdrift_validation.folders import DATA
 from tests.long import rest
 from tests.oracle.agreement import assert_right, round_off
-from tests.oracle.forces import interacting_pairs, pair_oracle, truncated_lennard_jones
+from tests.oracle.forces import interacting_pairs, pair_oracle
 from tests.processes import python
 from tests.systems import CUTOFF, GRID, fluid, make_system, moved, on_grid
 
@@ -176,32 +176,6 @@ def test_every_distance(truncation, mixed):
     allowed = np.zeros(len(x))
     allowed[pairs.i] = allowed[pairs.j] = 2 * round_off(pairs, system)  # each dimer alone
     assert (np.abs(forces - expected).max(axis=1) <= allowed).all()
-
-
-@pytest.mark.parametrize("truncation", TRUNCATIONS)
-def test_the_oracles_force_is_the_slope_of_its_energy(truncation):
-    force, h = LennardJones(cutoff=CUTOFF, truncation=truncation), 1e-6
-    r = np.linspace(0.85, CUTOFF - 2 * h, 500)
-    above, below = (truncated_lennard_jones(force, r + s, 1.3, 0.9)[0] for s in (h, -h))
-    radial = truncated_lennard_jones(force, r, 1.3, 0.9)[1]
-    np.testing.assert_allclose((below - above) / (2 * h), radial, rtol=1e-7, atol=1e-8)
-
-
-@every_combination
-def test_force_is_the_slope_of_the_energy(truncation, mixed):
-    rng = np.random.default_rng(4)
-    x, edges = fluid(rng, 60)
-    system = make_system(x, edges, truncation, mixed)
-    bound, phase, h = BoundForces(system), system.state.phase, 1e-5
-    forces = bound.measure(0.0, phase).accelerations * system.coherent_masses
-    for _ in range(10):
-        direction = np.zeros_like(phase)
-        direction[0, :, rng.integers(60)] = rng.normal(size=3)
-        above, below = (bound.measure(0.0, phase + s * direction) for s in (h, -h))
-        if truncation == "cut" and above.pairs != below.pairs:
-            continue  # the energy jumps at the cutoff
-        slope = (below.potential - above.potential) / (2 * h)
-        assert slope == pytest.approx((forces * direction[0]).sum(), rel=1e-6, abs=1e-5)
 
 
 def test_where_truncations_end():

@@ -100,6 +100,7 @@ def test_the_energy_of_all_pairs_in_relativity_stays_to_second_order():
         kd.DynamicalFriction(0.02, 0.6, 3.0),
         kd.LenseThirring((0.1, 0.2, 0.5), c=10.0),
         kd.EinsteinInfeldHoffmann(c=20.0),
+        kd.PostNewtonian(c=20.0),
         kd.MassChange([-0.05, 0.02]),
     ],
     ids=lambda force: force.name,

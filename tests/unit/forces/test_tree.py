@@ -237,21 +237,6 @@ def test_threads_and_reruns_do_not_change_the_bits():
     assert fingerprint(3000, 1) == fingerprint(3000, 1)
 
 
-def test_pieces_and_looks_do_not_change_the_bits():
-    def bits(*pieces):
-        sim = kd.Simulation(system, "leapfrog", dt=0.01)
-        for steps in pieces:
-            sim.run(steps)
-            sim.energy()
-        return sim.state.phase.tobytes()
-
-    rng = np.random.default_rng(11)
-    system = kd.System(
-        plummer(500, rng), rng.normal(size=(500, 3)) / 3, 1 / 500, forces=[GravityTree(1e-2, 0.05)], units="nbody"
-    )
-    assert bits(12) == bits(1, 0, 4, 7)
-
-
 # --- bad input ---
 
 

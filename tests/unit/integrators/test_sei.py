@@ -116,15 +116,6 @@ def test_a_step_is_symplectic():
     assert np.abs(jacobian.T @ form @ jacobian - form).max() < 1e-8
 
 
-def test_restarts_with_the_same_bits(tmp_path):
-    whole, part = (kd.Simulation(moonlets(), "sei", dt=0.02) for _ in range(2))
-    whole.run(200, every=10)
-    part.run(77, every=11, output=tmp_path / "run.h5md")
-    again = kd.resume(tmp_path / "run.h5md")
-    again.run(123, every=3)
-    np.testing.assert_array_equal(again.state.phase, whole.state.phase)
-
-
 def test_a_file_says_hill():
     text = patch(0.5, vertical=3.6, forces=[kd.Gravity()]).to_toml()
     assert loads(text).forces == patch(0.5, vertical=3.6, forces=[kd.Gravity()]).forces

@@ -11,10 +11,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators import integrator
 from kickdrift.integrators.options.option import HELIOCENTRIC, JACOBI
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
-from kickdrift.integrators.wisdom_holman.method import CORRECTORS, LEAPFROG, SABA
+from kickdrift.integrators.wisdom_holman.method import CORRECTORS, SABA
 from tests.folders import DATA
 from tests.oracle.kepler import moved
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets
@@ -84,16 +83,6 @@ def test_the_central_body_may_stand_anywhere():
 
 
 # --- the same bits ---
-
-
-@BOTH
-@pytest.mark.parametrize(("name", "options"), [("wisdom-holman", {"corrector": 7}), ("saba", {"order": "8,4"})])
-def test_looks_and_pieces_change_no_bit(name, options, coordinates):
-    system = planets(9, 3)
-    given = {"name": name, "coordinates": coordinates, "compensated": True, **options}
-    whole = after(system, 60, **given).phase
-    np.testing.assert_array_equal(after(system, 60, pieces=60, **given).phase, whole)
-    np.testing.assert_array_equal(after(system, 60, pieces=4, **given).phase, whole)
 
 
 @BOTH
@@ -377,12 +366,6 @@ def test_a_fall_to_infinity_is_an_error():
     sim = kd.Simulation(planets(2), "wisdom-holman", dt=1e300)
     with pytest.raises(RunError, match="wisdom-holman, dt = 1e\\+300: "):
         sim.run(2)
-
-
-def test_rows_of_the_registry():
-    assert integrator("wisdom-holman").table(None) is LEAPFROG
-    assert integrator("wisdom-holman").particles_only
-    assert integrator("saba").choices["order"][0] == "10,6,4"
 
 
 # --- rounding ---

@@ -58,18 +58,6 @@ def test_looks_and_pieces_change_no_bit(kernel):
     np.testing.assert_array_equal(run(system, pieces=4, **given).state.phase, whole)
 
 
-@EACH
-def test_restarts_with_the_same_bits(kernel, tmp_path):
-    given = {"integrator": "wisdom-holman", "dt": 0.1, "kernel": kernel, "corrector": 17}
-    whole, part = (kd.Simulation(planets(4, 1), **given) for _ in range(2))
-    whole.run(40, every=10)
-    part.run(20, every=10, output=tmp_path / "run.h5md")
-    again = kd.resume(tmp_path / "run.h5md")
-    assert again.options.get("kernel") == kernel
-    again.run(20, every=10)
-    np.testing.assert_array_equal(again.state.phase, whole.state.phase)
-
-
 def test_force_evaluations_are_the_kicks():
     for kernel, kicks in ((STANDARD, 1), (LAZY, 2), (COMPOSITION, 5), (MODIFIED_KICK, 1)):
         sim = run(planets(), 10, kernel=kernel)

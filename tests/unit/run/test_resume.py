@@ -121,15 +121,6 @@ def taken_by(name, given):
         return kd.Simulation(liquid(), name, **options)
 
 
-def test_events_were_part_of_the_cases(tmp_path):
-    for name in ("a merger", "an adaptive merger"):
-        made, length, how, _ = CASES[name]
-        sim = made()
-        sim.run(**length, **how)
-        assert [event["kind"] for event in sim.events].count("collision") == 1, name
-        assert len(sim.state) == 2
-
-
 def test_any_step_of_a_file(tmp_path):
     sim, path = kd.Simulation(liquid(), dt=0.004), tmp_path / "a.h5md"
     sim.run(100, every=20, output=path)

@@ -14,7 +14,6 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.looks.observers import kinetic_energy
 from kickdrift.looks.record import Record, even_stretch
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
@@ -44,63 +43,6 @@ def two_bodies() -> kd.System:
 
 def bits(sim: kd.Simulation) -> bytes:
     return sim.state.phase.tobytes()
-
-
-# --- the same bits ---
-
-
-@pytest.fixture(scope="module")
-def thousand_steps() -> bytes:
-    sim = kd.Simulation(liquid(), dt=DT)
-    sim.run(1000, every=1000)
-    return bits(sim)
-
-
-def test_in_ten_pieces(thousand_steps):
-    sim = kd.Simulation(liquid(), dt=DT)
-    for _ in range(10):
-        sim.run(100)
-    assert sim.steps_done == 1000
-    assert bits(sim) == thousand_steps
-
-
-def test_in_odd_pieces_and_looked_at(thousand_steps):
-    sim = kd.Simulation(liquid(), dt=DT)
-    for steps in (1, 0, 7, 331, 200, 461):
-        sim.run(steps)
-        sim.energy()
-        sim.forces()
-    assert bits(sim) == thousand_steps
-
-
-@pytest.mark.parametrize("every", [1, 100, 333])
-def test_written_every_so_often(every, thousand_steps, tmp_path):
-    sim = kd.Simulation(liquid(), dt=DT)
-    sim.run(1000, every=every, output=tmp_path / "run.h5md", observe=lambda sim: sim.energy())
-    assert bits(sim) == thousand_steps
-
-
-def test_on_two_threads(thousand_steps):
-    sim = kd.Simulation(liquid(), dt=DT, threads=2)
-    sim.run(1000)
-    assert bits(sim) == thousand_steps
-
-
-@pytest.mark.parametrize("name", ["leapfrog-dkd", "yoshida4", "rk4"])
-def test_in_pieces_with_any_method(name):
-    whole, pieces = (kd.Simulation(liquid(), name, dt=DT) for _ in range(2))
-    whole.run(120, every=120)
-    for _ in range(8):
-        pieces.run(15, every=4)
-    assert bits(pieces) == bits(whole)
-
-
-def test_gravity_in_pieces():
-    whole, pieces = (kd.Simulation(two_bodies(), dt=0.01) for _ in range(2))
-    whole.run(1000)
-    for _ in range(10):
-        pieces.run(until=pieces.time + 1.0)
-    assert bits(pieces) == bits(whole)
 
 
 # --- the state ---
@@ -275,23 +217,6 @@ def test_energy_and_forces_are_those_of_the_oracle():
     assert sample.pressure == pytest.approx((2 * kinetic + virial) / (3 * EDGE**3), rel=1e-12)
 
 
-def test_forces_are_the_slope_of_the_energy():
-    sim = kd.Simulation(liquid(), dt=DT)
-    sim.run(50)
-    state, h = sim.state, 1e-5
-    forces = sim.forces()
-    rng = np.random.default_rng(0)
-    for particle, axis in zip(rng.integers(0, 216, 6), [0, 1, 2, 0, 1, 2], strict=True):
-        energies = []
-        for shift in (-h, h):
-            moved = state.copy()
-            moved.phase[0, axis, particle] += shift
-            sim.state = moved
-            energies.append(sim.energy().potential)
-        slope = (energies[1] - energies[0]) / (2 * h)
-        assert forces[particle, axis] == pytest.approx(-slope, abs=1e-6 * np.abs(forces).max())
-
-
 def test_two_bodies_have_the_closed_forms_energy():
     sim = kd.Simulation(two_bodies(), dt=0.01)
     assert sim.energy() == pytest.approx((0.375, -0.5, -0.125), rel=1e-15)
@@ -325,14 +250,6 @@ def test_equilibrate_reaches_the_temperature_and_starts_anew():
     assert (report.steps, report.samples) == (4000, 401)
     assert report.energy.max_relative_error < 1e-3
     assert report.momentum_error < 1e-13
-
-
-def test_equilibrate_again_after_a_run():
-    sim = kd.Simulation(liquid(), dt=DT)
-    sim.equilibrate(1.0, 0.2)
-    sim.run(10)
-    sim.equilibrate(1.0, 0.2)
-    assert (sim.steps_done, sim.time, sim.record.samples) == (0, 0.0, [])
 
 
 @pytest.mark.parametrize(
@@ -622,11 +539,6 @@ def test_drift_is_taken_over_samples_an_even_number_of_steps_apart():
     steps = sim.record.series().steps
     steps = steps[even_stretch(steps)].tolist()
     assert steps == list(range(10, 516, 5))
-
-
-def test_kinetic_energy():
-    v = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 3.0]])
-    assert kinetic_energy(np.array([2.0, 4.0]), v) == 0.5 * 2 * 5 + 0.5 * 4 * 9
 
 
 def test_no_forces_at_all():
