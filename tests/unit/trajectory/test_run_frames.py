@@ -150,15 +150,6 @@ def test_nothing_is_read_before_it_is_asked_for(file, monkeypatch):
         assert read[1:] == [(slice(1, 8, 2), slice(0, 7))], "one checksum covers a block of particles, here all 7"
 
 
-def test_units_of_si_come_back(tmp_path):
-    path = tmp_path / "run.h5md"
-    system = kd.System(np.eye(3) * 1e-9, np.eye(3) * 300.0, 6e-26, units="si", forces=[])
-    write(path, system)
-    with kd.open(path) as run:
-        np.testing.assert_allclose(run[::-1].positions[-1], system.state.positions, rtol=1e-15)
-        np.testing.assert_allclose(run.velocities[5], system.state.velocities, rtol=1e-15)
-
-
 def test_a_closed_run_says_so(file):
     with kd.open(file[0]) as run:
         frame, part = run[2], run[::3]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -54,20 +53,6 @@ def test_universe_has_all_that_the_file_knows(path, units):
     assert hasattr(atoms, "elements") == (units in ("metal", "si"))
     assert universe.select_atoms("type Kr or type Bb").n_atoms == N // 3
     trajectory.close()
-
-
-@pytest.mark.filterwarnings("ignore:Reader has no dt information:UserWarning")
-def test_mdanalysis_alone_reads_the_same(path):
-    written = write(path, make_system("metal"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # MDAnalysis guesses types and masses, and warns if it cannot
-        universe = MDAnalysis.Universe(str(path))
-    for ts, state in zip(universe.trajectory, written, strict=True):
-        np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time, rel=1e-12)
-    # MDAnalysis reads no time between frames from H5MD files; the times of frames are the file's.
-    assert universe.trajectory.dt == 1.0
-    universe.trajectory.close()
 
 
 @pytest.mark.parametrize("units", ["metal", "si"])
