@@ -185,9 +185,6 @@ def test_a_start_at_another_time():
     assert apart(together.phase[0], alone.state.phase) < bound(9, 4)
 
 
-# --- bits ---
-
-
 def odd_company() -> list[kd.System]:
     """Systems with unusual solutions of Kepler's equation: nearly parabolic, hyperbolic, one that blows up, one with
     two bodies at one place, one with a step of several periods."""
@@ -293,9 +290,6 @@ def test_megno_refuses():
         megnos(systems, 1.0, "leapfrog", 0.01, seeds=[1])
     with pytest.raises(InputError, match="time must be a positive"):
         megnos(systems, -1.0, "leapfrog", 0.01)
-
-
-# --- Wisdom-Holman's warnings ---
 
 
 @pytest.mark.parametrize("coordinates", ["jacobi", "democratic-heliocentric"])

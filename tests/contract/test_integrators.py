@@ -31,9 +31,6 @@ FIXED = fixed()
 ROWS_OF_NUMBERS = [name for name in FIXED if isinstance(integrator(name), (Splitting, Tableau, Stormer))]
 
 
-# --- order ---
-
-
 def measured_elsewhere(method) -> bool:
     """Whether test_measured_order.py measures the method's order in the short set."""
     return isinstance(method, Splitting | Tableau) and len(method.source) > 10 and not method.bath
@@ -49,9 +46,6 @@ def test_order_is_the_slope_of_the_error(name):
     slopes = {problem: slope(name, problem) for problem in measured()}
     assert min(slopes.values()) >= order - 0.15, slopes
     assert sum(abs(found - order) <= 0.15 for found in slopes.values()) >= 2, slopes
-
-
-# --- reversibility ---
 
 
 REVERSIBLE = [name for name in FIXED if integrator(name).reversible]
@@ -71,18 +65,12 @@ def test_methods_that_are_not_reversible_do_not_come_back(name):
     assert reversal_error(name, pendulum(), 0.2, 100) > 1e-8
 
 
-# --- symplecticity ---
-
-
 @pytest.mark.parametrize("name", FIXED)
 def test_symplectic_methods_keep_the_symplectic_form(name):
     if integrator(name).symplectic:
         assert symplecticity_error(name) < 1e-8
     else:
         assert symplecticity_error(name) > 1e-8
-
-
-# --- cost ---
 
 
 @pytest.mark.parametrize("name", [name for name in FIXED if integrator(name).evaluations])  # other methods iterate
@@ -92,9 +80,6 @@ def test_force_evaluations_are_those_stated(name):
     start_up = sim.run(10).force_evaluations - 10 * method.evaluations
     assert start_up in (0, 1)  # the force of the first kick, once
     assert sim.run(10).force_evaluations == 20 * method.evaluations + start_up
-
-
-# --- compensated summation ---
 
 
 @pytest.mark.parametrize("name", [n for n in FIXED if "compensated" in integrator(n).tunable])
@@ -108,9 +93,6 @@ def test_compensated_summation_loses_less(name):
         errors[compensated] = abs(sim.state.y[0] - (0.1 + 0.3 * sim.time)) / sim.state.y[0]
     assert errors[True] < 1e-15
     assert errors[True] <= errors[False]
-
-
-# --- against the oracle ---
 
 
 @pytest.mark.parametrize("name", ROWS_OF_NUMBERS)
@@ -171,9 +153,6 @@ def test_clock_of_every_stage(name):
         sim.run(10)
     np.testing.assert_allclose(sim.state.positions, x, atol=1e-13)
     np.testing.assert_allclose(sim.state.velocities, v, atol=1e-13)
-
-
-# --- the tables ---
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -218,8 +218,6 @@ def test_pieces_and_looks_change_no_bit(name):
         assert differences(whole.checkpoint()["stepper"], pieces.checkpoint()["stepper"]) == []
 
 
-# --- every barostat ---
-
 PRESSURE_EVERY = 3
 PRESSING = [  # every method with every barostat, coupling and precision
     (name, *chosen)
@@ -271,9 +269,6 @@ def test_a_checkpoint_without_virials_along_the_axes(barostat):
     assert other.state.box == whole.state.box
 
 
-# --- every force ---
-
-
 @pytest.mark.parametrize("name", shortened(OURS_OF_FORCES, {*OURS_OF_FORCES} & {*OF_EACH_MODULE}))
 def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
@@ -302,9 +297,6 @@ def test_forces_remember_what_their_sums_depend_on(name):
     assert differences(whole.memory(), other.memory()) == []
 
 
-# --- lists ---
-
-
 def test_lists_that_have_grown():
     """A restored list has the room that it had grown to, because growing takes an evaluation."""
 
@@ -317,9 +309,6 @@ def test_lists_that_have_grown():
 
     whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))
     assert whole.checkpoint()["stepper"]["forces"][0]["room"] > 500
-
-
-# --- events ---
 
 
 def meeting() -> kd.System:
@@ -384,9 +373,6 @@ def test_a_collision_that_the_present_has_not_come_to():
 
     whole = assert_goes_on(make, first, lambda sim: sim.run(until=1.5))
     assert [event["done"] for event in whole.events] == ["bounced"]
-
-
-# --- threads ---
 
 
 def disc() -> kd.System:
@@ -463,9 +449,6 @@ def test_forces_give_the_same_bits_however_they_run(short):
     ours = {*OURS_OF_FORCES} & {*OF_EACH_MODULE}
     assert len(ours) > 15
     assert not short or ours <= {case.system.split()[0] for case in taken}
-
-
-# --- checkpoints of other runs ---
 
 
 def test_a_checkpoint_of_another_run_is_refused():

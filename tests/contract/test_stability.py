@@ -51,9 +51,6 @@ def implicit(name: str):
     return stability_function_of(*tables[name])
 
 
-# --- stability functions ---
-
-
 @pytest.mark.parametrize("name", RUNGE_KUTTA)
 def test_stability_function_is_the_exponential_to_the_order(name):
     method = integrator(name)
@@ -105,9 +102,6 @@ def test_implicit_methods_have_pade_approximants():
         np.testing.assert_allclose(r.denominator.coef, denominator, rtol=1e-14)
         assert real_interval(r) == math.inf
         assert imaginary_interval(r) == math.inf
-
-
-# --- intervals ---
 
 
 def test_intervals_in_closed_form():
@@ -212,9 +206,6 @@ def test_runge_kutta_methods_blow_up_where_they_should(name):
     reach = imaginary_interval(integrator(name))
     measured = first_blow_up(integrator(name), np.linspace(0.5, 1.3, 401) * reach, 500, factor=1.0 + 1e-9)
     assert measured == pytest.approx(reach, rel=0.01)
-
-
-# --- the figure ---
 
 
 @pytest.fixture

@@ -42,9 +42,6 @@ def conditions() -> dict[str, Conditions]:
     return {name: Conditions(rows(integrator(name))) for name in NAMES}
 
 
-# --- the conditions themselves ---
-
-
 def test_rooted_trees_are_the_known_ones():
     """Hairer, Nørsett & Wanner, tables II.2.2 and II.2.3."""
     assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
@@ -93,9 +90,6 @@ def test_the_step_follows_the_estimate():
     }  # fmt: skip
 
 
-# --- dense output ---
-
-
 @pytest.mark.parametrize("name", DENSE)
 def test_dense_output_has_its_order_throughout_the_step(name, conditions):
     dense = integrator(name).dense
@@ -128,9 +122,6 @@ def test_dense_output_meets_both_ends_and_the_derivatives_there(name):
 def test_interpolant_without_further_terms_is_hermites_cubic():
     """theta (1 - theta)^2 k_1, theta^2 (theta - 1) k_2 and b times 3 theta^2 - 2 theta^3, for Euler's method."""
     assert interpolant((1.0,)) == ((1.0, 3.0 - 2.0, -2.0 + 1.0), (0.0, -1.0, 1.0))
-
-
-# --- the numbers ---
 
 
 @pytest.mark.parametrize("name", SCIPY)
@@ -177,8 +168,6 @@ def test_embedded_solution_of_cash_and_karp():
     assert method.errors == ((*(float(w - lower) for w, lower in zip(b, published, strict=True)), 0.0),)
     assert [float(Fraction(c).limit_denominator(100)) for c in method.c] == [0, 0.2, 0.3, 0.6, 1, 0.875]
 
-
-# --- broken tables ---
 
 PAIR = {  # Heun's method with an embedded Euler method, and Hermite's cubic
     "name": "mine", "a": ((1.0,),), "b": (0.5, 0.5), "order": 2, "source": "me",

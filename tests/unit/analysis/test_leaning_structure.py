@@ -82,11 +82,6 @@ def test_reciprocal_vectors_are_those_of_the_edges(matrix):
     np.testing.assert_allclose(reciprocal(box) @ matrix.T, 2 * np.pi * np.eye(3), atol=1e-12)
 
 
-def test_upright_boxes_have_the_waves_that_they_had():
-    lengths = np.array([8.1, 9.3, 11.7])
-    np.testing.assert_array_equal(reciprocal(Box(lengths)), np.diag(2 * np.pi / lengths))
-
-
 def test_structure_factor_equals_slow_sums():
     x = np.random.default_rng(2).uniform(-30, 30, (3, 40, 3))
     whole = np.array([[1, 0, 0], [0, -2, 1], [3, 3, -3], [0, 0, 5]])
@@ -134,18 +129,6 @@ def test_waves_of_a_plane_lie_in_it():
     assert found.vectors.sum() == np.count_nonzero((length > 0) & (length <= 3.0)) / 2
     with pytest.raises(InputError, match="expected 0 along open axes"):
         structure_factor(x, box, vectors=[[1, 0, 1]])
-
-
-def test_mdanalysis_has_the_same_g():
-    rdf = pytest.importorskip("MDAnalysis.lib.distances")
-    x = np.random.default_rng(3).uniform(0, 20, (300, 3)).astype("f4").astype("f8")
-    from kickdrift.trajectory.read.universe import dimensions
-
-    r_max = float(LEANING.heights.min()) / 2
-    theirs = rdf.self_distance_array(x.astype("f4"), box=np.array(dimensions(LEANING, 1.0), "f4"))
-    counts, bounds = np.histogram(theirs, 20, (0.0, r_max))
-    ideal = 300 * 299 * 4 / 3 * np.pi * np.diff(bounds**3) / LEANING.volume
-    np.testing.assert_allclose(radial_distribution(x, LEANING, bins=20).g * ideal, 2 * counts, atol=4)
 
 
 def solid(dimensions=3) -> kd.System:

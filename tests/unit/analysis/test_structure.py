@@ -62,24 +62,6 @@ def test_equals_mdanalysis_on_the_same_file(tmp_path, quiet):
             np.testing.assert_allclose(pair.g, theirs.results.rdf, rtol=1e-12)
 
 
-def test_equals_a_slow_count():
-    x = coordinates(frames=1, n=50)[0]
-    r, g, *_ = radial_distribution(x, LENGTHS, bins=40)
-    separations = Box(LENGTHS).minimum_image(x[:, None] - x[None])
-    distances = np.linalg.norm(separations, axis=2)[~np.eye(50, dtype=bool)]
-    counts, edges = np.histogram(distances, 40, (0.0, 4.0))
-    ideal = 50 * 49 * 4 / 3 * np.pi * np.diff(edges**3) / np.prod(LENGTHS)
-    np.testing.assert_allclose(g, counts / ideal, rtol=1e-12)
-    np.testing.assert_allclose(r, (edges[1:] + edges[:-1]) / 2)
-
-
-def test_an_ideal_gas_gives_one():
-    x = np.random.default_rng(0).uniform(0, 10, (200, 100, 3))
-    g = radial_distribution(x, (10.0, 10.0, 10.0), r_max=5.0, bins=1).g
-    pairs = 200 * 100 * 99 / 2 * (4 / 3 * np.pi * 125 / 1000)
-    assert abs(g[0] - 1) < 4 / np.sqrt(pairs)
-
-
 def test_a_simple_cubic_lattice_has_six_neighbours():
     x = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), axis=-1).reshape(-1, 3)
     r, g, *_ = radial_distribution(x, (6.0, 6.0, 6.0), r_max=1.2, bins=12)
@@ -138,19 +120,6 @@ def test_structure_factor_equals_slow_sums(monkeypatch):
     whole = structure_factor(x, LENGTHS, k_max=3.0)
     monkeypatch.setattr(waves, "ROOM", 100)
     np.testing.assert_allclose(structure_factor(x, LENGTHS, k_max=3.0).s, whole.s, rtol=1e-12)
-
-
-def test_shells_hold_every_vector_once():
-    x = coordinates(frames=2, n=30)
-    found = structure_factor(x, LENGTHS, k_max=3.0, width=0.25)
-    grid = np.stack(np.meshgrid(*[np.arange(-8, 9)] * 3), axis=-1).reshape(-1, 3)
-    k = grid * 2 * np.pi / np.array(LENGTHS)
-    length = np.linalg.norm(k, axis=1)
-    k = k[(length > 0) & (length <= 3.0)]
-    assert found.vectors.sum() == len(k) / 2
-    assert np.sum(found.s * found.vectors) == pytest.approx(np.sum(slow_structure_factor(x, k)) / 2, rel=1e-11)
-    assert np.all(np.diff(found.k) > 0)
-    assert np.all(found.k <= 3.0)
 
 
 def test_structure_factor_of_ideal_gases_is_one():

@@ -142,8 +142,6 @@ def test_the_calculator_agrees_with_ases(atoms):
     check_same(shaken(atoms.copy()), Calculator([ARGON]))
 
 
-# --- two dimensions ---
-
 PLANES = {
     "upright": kd.Box((18.0, 20.0)),
     "leaning": kd.Box([[18.0, 0.0], [-9.0, 20.0]]),

@@ -315,10 +315,7 @@ def dragged(p, x, v, m, t, a):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            bodies(outward),
-            "mine: mass times the law's acceleration must be minus the slope of its energy; for",
-        ),
+        (bodies(outward), "mine: mass times the law's acceleration must be minus the slope of its energy; for"),
         (bodies(dragged), "must return the energy; a law without an energy says works = True in its class"),
         (bodies(dragged, works=True), "the law's accelerations depend on velocity; say velocity_dependent = True"),
         (bodies(lambda p, x, v, m, t, a: "a"), "must return the energy, or energy and virial, or energy, virial and"),
@@ -341,8 +338,6 @@ def test_a_law_that_does_not_compile_is_shown_with_its_line():
     with pytest.raises(InputError, match=r"^Mine: law does not compile for SIMD lanes, line \d+: '.*if x\[0\] < -9\.0"):
         kd.Simulation(kd.System(X, forces=[mine(branches)()]), dt=0.1).run(1)
 
-
-# --- files ---
 
 CODE = """
 import math

@@ -251,9 +251,6 @@ def test_silicon_has_its_published_lattice_constant_and_energy():
     assert energy(5.431) < min(energy(5.425), energy(5.437))
 
 
-# --- files ---
-
-
 def test_a_run_goes_on_from_its_file_until_the_potential_changes(tmp_path, monkeypatch):
     pytest.importorskip("ase")
     file = written(tmp_path / "copper.eam.alloy", alloyed(copper_tables()), ("Cu",))
@@ -324,10 +321,7 @@ def test_a_system_that_does_not_fit_is_refused():
         (lambda: kd.StillingerWeber({"Si": SILICON}), r"expected three species such as 'Si-Si-Si', got 'Si'"),
         (lambda: kd.StillingerWeber({"Si-Si-Si": {"a": 1.0}}), r"entries.Si-Si-Si: epsilon: required key is missing"),
         (lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"x": 1}}), r"unknown key 'x'; expected epsilon"),
-        (
-            lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"sigma": 0}}),
-            r"Si-Si-Si: sigma must not be negative, nor",
-        ),
+        (lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"sigma": 0}}), r"Si-Si-Si: sigma must not be negative"),
         (lambda: kd.Tersoff({"Si-Si-Si": CARBON | {"D": 4.0}}), r"D = 4 must be less than R = 3"),
         (lambda: two(kd.Tersoff({"Si-Si-Si": CARBON | {"m": 2}})), r"tersoff: Si-Si-Si: m must be 1 or 3, got 2"),
         (

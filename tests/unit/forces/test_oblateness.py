@@ -93,9 +93,6 @@ def test_potential_and_its_slope(pole, j2, j4):
     assert abs(torque @ axis) <= 1e-13 * np.abs(torque).max()
 
 
-# --- orbits ---
-
-
 def node_and_pericentre(state):
     """Longitude of the node and argument of the pericentre of a test particle, G M = 1."""
     x, v = (array[1] - array[0] for array in (state.positions, state.velocities))
@@ -137,9 +134,6 @@ def test_what_is_conserved():
     change = sim.sample().angular_momentum - start.angular_momentum
     assert abs(change[2]) < 1e-12
     assert np.abs(change[:2]).max() > 1e-5  # the pole stays fixed
-
-
-# --- bad input ---
 
 
 def test_refusals():

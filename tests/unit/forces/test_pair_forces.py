@@ -371,9 +371,6 @@ def test_tail_of_a_mixture():
         make_system(x, None, "cut", tail=True)
 
 
-# --- threads ---
-
-
 def fingerprint_of_motion(n, threads):
     """Hash of all bits of a BoundForces along a short path."""
     rng = np.random.default_rng(n)
@@ -399,9 +396,6 @@ def test_threads_do_not_change_the_bits(n):
 def test_threads_that_there_are_not(threads):
     with pytest.raises(InputError, match=r"threads must be 1 to \d+ here, got"):
         BoundForces(make_system(np.zeros((1, 3))), threads)
-
-
-# --- laws of users ---
 
 
 @pair_law

@@ -198,9 +198,6 @@ def test_force_is_about_the_slope_of_the_energy():
     assert slope == pytest.approx((got.accelerations.T * shift).sum(), rel=1e-4)
 
 
-# --- bits ---
-
-
 def fingerprint(n, threads):
     rng = np.random.default_rng(n)
     masses = rng.uniform(0.1, 3.0, n)
@@ -235,9 +232,6 @@ def test_threads_and_reruns_do_not_change_the_bits():
     expected = [fingerprint(9, 1)] * 4 + [fingerprint(3000, 1)] * 4 + [fingerprint(MANY, 1)]
     assert run.stdout.split() == expected, run.stderr
     assert fingerprint(3000, 1) == fingerprint(3000, 1)
-
-
-# --- bad input ---
 
 
 def test_refusals():

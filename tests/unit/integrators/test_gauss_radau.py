@@ -117,9 +117,6 @@ def test_weights_are_those_of_the_integrals():
     np.testing.assert_allclose(ahead.sum(axis=0), 1.3 ** np.arange(8), rtol=1e-14)
 
 
-# --- order ---
-
-
 def oscillator(separable):
     return kd.Problem(
         lambda t, y: (y[1], -y[0]), [1.0, 0.0], separable=separable, name="oscillator",
@@ -236,9 +233,6 @@ def test_forces_that_depend_on_velocities():
     assert sim.state.positions == pytest.approx(np.array([[still, 0.0, pushed], [0.0, 2 * still, 0.0]]), abs=3e-15)
 
 
-# --- round-off ---
-
-
 def test_sums_keep_what_rounding_loses():
     """The steps of a free particle, each four times as long as the last, add up with twice the digits."""
     speed, first = 0.1, 0.7
@@ -347,9 +341,6 @@ def test_bodies_that_fall_onto_each_other_are_named():
         sim.run(until=3.0)
 
 
-# --- looks ---
-
-
 @pytest.fixture(scope="module")
 def orbits():
     return {rtol: kd.Simulation(ODES["kepler"](0.5), NAME, rtol=rtol) for rtol in (1e-9, 1e-4)}
@@ -364,9 +355,6 @@ def test_states_between_step_points_are_as_good_as_those(orbits, rtol, times):
         sim.run(until=time)
         assert sim.time == time
         assert abs(sim.state.y - problem.exact(time)).max() < (2e-14 if rtol == 1e-9 else 1e-8)
-
-
-# --- input ---
 
 
 @pytest.mark.parametrize(

@@ -241,9 +241,6 @@ def test_a_right_hand_side_that_begins_at_the_start():
     assert sim.state.y[0] == pytest.approx(2 / 3, abs=1e-6)
 
 
-# --- published end values ---
-
-
 @pytest.mark.parametrize("problem", TEST_SET)
 @pytest.mark.parametrize("name", STIFF)
 def test_end_values_of_the_test_set(name, problem):
@@ -253,9 +250,6 @@ def test_end_values_of_the_test_set(name, problem):
     close = {"rosenbrock": 1e-5, "radau": 2e-5, "bdf": 1e-3, "lsoda": 1e-3}[name]
     np.testing.assert_allclose(sim.state.y, values, rtol=close)
     assert report.time == end
-
-
-# --- particles ---
 
 
 def cluster() -> kd.System:
@@ -286,9 +280,6 @@ def test_newton_on_particles_agrees_with_fixed_point():
     for sim in sims:
         sim.run(4)
     np.testing.assert_allclose(sims[0].state.phase, sims[1].state.phase, rtol=0, atol=1e-12)
-
-
-# --- runs in pieces, and times inside steps ---
 
 
 @pytest.mark.parametrize("name", STIFF)

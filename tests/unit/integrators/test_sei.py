@@ -130,18 +130,9 @@ def test_a_file_says_hill():
             lambda: kd.System(*START, box=(9, 9, 9), forces=[kd.Hill(1.0)], units="nbody"),
             "hill: Hill's frame is periodic along y at most, but the box is periodic along x or z",
         ),
-        (
-            lambda: kd.Simulation(patch().with_forces(kd.Gravity()), "sei", dt=0.1),
-            "sei: needs one force 'hill', and 'system' has none",
-        ),
-        (
-            lambda: kd.Simulation(patch(forces=[kd.Hill(1.0)]), "sei", dt=0.1),
-            "sei: needs one force 'hill', and 'system' has 2",
-        ),
-        (
-            lambda: kd.Simulation(patch(forces=[kd.LinearDrag(0.1)]), "sei", dt=0.1),
-            "sei: force 'linear-drag' depends on velocity",
-        ),
+        (lambda: kd.Simulation(patch().with_forces(kd.Gravity()), "sei", dt=0.1), "sei: needs one force 'hill', and"),
+        (lambda: kd.Simulation(patch(forces=[kd.Hill(1.0)]), "sei", dt=0.1), "sei: needs one force 'hill', and"),
+        (lambda: kd.Simulation(patch(forces=[kd.LinearDrag(0.1)]), "sei", dt=0.1), "sei: force 'linear-drag' depends"),
         (lambda: kd.Simulation(patch(), "velocity-verlet", dt=0.1), "force 'hill' depends on velocity"),
         (
             lambda: kd.Simulation(kd.Problem(lambda t, y: [y[1], -y[0]], [1.0, 0.0], name="spring"), "sei", dt=0.1),

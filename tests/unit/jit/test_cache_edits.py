@@ -194,7 +194,7 @@ def modules():
 
 def test_every_module_is_known():
     assert set(modules().values()) == set(PACKAGE.rglob("*.py"))
-    assert modules()["kickdrift.analysis.observables.pair_counts"] == PACKAGE / "analysis" / "pair_counts.py"
+    assert modules()["kickdrift.analysis.observables.pair_counts"] == PACKAGE / "analysis/observables/pair_counts.py"
     assert modules()["kickdrift.forces"] == PACKAGE / "forces" / "__init__.py"
 
 

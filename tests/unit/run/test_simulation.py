@@ -199,9 +199,6 @@ def test_overlapping_particles_are_named():
         kd.Simulation(kd.System(np.zeros((2, 3)), forces=[kd.Gravity()], units="nbody"), dt=DT)
 
 
-# --- energies and forces ---
-
-
 def test_energy_and_forces_are_those_of_the_oracle():
     sim = kd.Simulation(liquid(), dt=DT)
     sim.run(100)
@@ -435,9 +432,6 @@ def test_progress_reaches_the_end():
     kd.Simulation(two_bodies(), dt=0.1).run(50, every=10, progress=lambda done, of: seen.append((done, of)))
     assert seen[-1] == (50, 50)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-
-
-# --- files ---
 
 
 def test_the_same_simulation_appends_and_no_other(tmp_path):

@@ -187,8 +187,6 @@ def test_checksums_see_bits_and_places():
     assert checksums.sums_of_vectors(rng.normal(size=(4, 7, 3)).astype("f4"), 3).shape == (4, 3)
 
 
-# --- parts that are written once ---
-
 CHANGES = {
     "gravity": lambda file: file["kickdrift/units"].attrs.__setitem__("boltzmann", 1.5),
     "length": lambda file: file["kickdrift/units"].attrs.__setitem__("length", "nm"),
@@ -472,9 +470,6 @@ def test_a_file_that_another_program_wrote_anew_is_not_continued(path, written):
     with pytest.raises(InputError, match="was rewritten by another program"):
         Writer.append_to(path, run_id)
     assert path.read_bytes() == before
-
-
-# --- checkpoints ---
 
 
 def with_text(text):

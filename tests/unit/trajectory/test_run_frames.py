@@ -66,9 +66,6 @@ def run(file):
         yield opened
 
 
-# --- sequences ---
-
-
 def test_a_run_is_the_sequence_of_its_frames(run, file):
     assert len(run) == FRAMES
     assert [frame.step for frame in run] == list(range(0, FRAMES * EVERY, EVERY))
@@ -174,9 +171,6 @@ def test_a_file_without_energies_says_so(tmp_path):
                 read()
 
 
-# --- tables ---
-
-
 def test_pandas_has_a_row_for_each_sample(run):
     pandas = pytest.importorskip("pandas")
     table = run.to_pandas()
@@ -218,9 +212,6 @@ def test_what_is_not_installed_is_named(run, monkeypatch, call, package):
     for frames in (run, run[2:]):
         with pytest.raises(kd.InputError, match=rf"{call}\(\) needs {package}: pip install 'kickdrift\[tables\]'"):
             getattr(frames, call)()
-
-
-# --- new runs ---
 
 
 def orbits() -> kd.System:
