@@ -232,21 +232,6 @@ def test_particles_with_values_of_their_own_stay():
         kd.System(X, forces=[kd.Gravity(G=1.0), tweezer()([1.0, 2.0, 3.0])], events=[event])
 
 
-def test_a_pair_law_may_use_sines_and_choices():
-    class Wave(NamedTuple):
-        k: float = 1.0
-
-        def law(p, r2):
-            r = math.sqrt(r2)
-            far = np.where(r2 > 1.0, 2.0, 0.0)
-            return math.cos(p.k * r) + max(r2, 1.0), p.k * math.sin(p.k * r) / r - far
-
-    force = kd.pair_law(Wave)(2.0, cutoff=2.0, truncation="cut")
-    found = kd.Simulation(kd.System(X, forces=[force]), dt=0.1).energy().potential
-    r = [np.linalg.norm(X[i] - X[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
-    assert found == pytest.approx(sum(math.cos(2 * d) + max(d * d, 1.0) for d in r if d < 2.0), rel=1e-13)
-
-
 # --- what is refused ---
 
 

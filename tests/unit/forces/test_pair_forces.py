@@ -426,6 +426,7 @@ def test_a_users_copy_gives_the_same_bits(tmp_path, monkeypatch):
             assert a[1:] == b[1:]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("periodic", [True, False], ids=["periodic", "open"])
 def test_a_users_morse(periodic):
     x, edges = fluid(np.random.default_rng(1), 200)
