@@ -636,10 +636,6 @@ def test_many_events_are_counted():
     assert lines[-1][1] == f"and {len(sim.events) - 20} more events"
 
 
-def test_compare_does_not_watch():
-    assert loaded(FILE).watched(()).events == ()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
