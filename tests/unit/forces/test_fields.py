@@ -204,18 +204,6 @@ def test_a_driven_particle():
     assert order(error("rk4"), 0.1) == pytest.approx(4, abs=0.1)
 
 
-def test_what_can_depend_on_velocity():
-    depends = {
-        cls.name: getattr(cls, "velocity_dependent", False)
-        for cls in kd.forces.FORCES.values()
-        if cls.__module__.startswith("kickdrift.")
-    }
-    assert [name for name, yes in depends.items() if yes] == [
-        "relativity-1pn", "relativity-eih", "lense-thirring", "relativity-2.5pn", "tides", "tides-spin",
-        "radiation-pressure", "non-gravitational", "migration", "gas-drag", "dynamical-friction", "hill", "linear-drag",
-    ]  # fmt: skip
-
-
 def test_springs_conserve_momentum_in_a_periodic_box():
     rng = np.random.default_rng(5)
     n, edge = 20, 6.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import inspect
 import json
@@ -24,7 +23,6 @@ from kickdrift_validation.folders import DATA
 from tests.long import rest
 from tests.oracle.agreement import assert_right, round_off
 from tests.oracle.forces import interacting_pairs, pair_oracle
-from tests.processes import python
 from tests.systems import CUTOFF, GRID, fluid, make_system, moved, on_grid
 
 NIST = DATA / "nist-lj"
@@ -148,14 +146,6 @@ def test_coordinates_that_are_no_round_numbers(truncation, mixed):
     x = (sites + rng.uniform(-0.2, 0.2, sites.shape)) * edge / 8
     assert_right(make_system(x, (edge,) * 3, truncation, mixed))
     assert_right(make_system(x, None, truncation, mixed))
-
-
-@every_combination
-def test_forces_sum_to_nothing(truncation, mixed):
-    x, edges = fluid(np.random.default_rng(9), 500)
-    system = make_system(x, edges, truncation, mixed)
-    forces = assert_right(system).accelerations * system.coherent_masses
-    assert np.abs(forces.sum(axis=1)).max() <= 1e-13 * np.abs(forces).sum()
 
 
 # --- the law and its truncations ---
@@ -369,27 +359,6 @@ def test_tail_of_a_mixture():
     assert_right(make_system(x, edges, "cut", mixed=True, tail=True))
     with pytest.raises(InputError, match="tail corrections need a periodic box"):
         make_system(x, None, "cut", tail=True)
-
-
-def fingerprint_of_motion(n, threads):
-    """Hash of all bits of a BoundForces along a short path."""
-    rng = np.random.default_rng(n)
-    x, edges = fluid(rng, n)
-    system = make_system(x, edges)
-    bound, digest = BoundForces(system, threads), hashlib.sha256()
-    for step in (0.0, 0.02, 0.1, 0.5, 0.02):
-        x = x + rng.uniform(-step, step, x.shape)
-        measured = bound.measure(0.0, make_system(x, edges).state.phase)
-        digest.update(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes())
-    return digest.hexdigest()
-
-
-@pytest.mark.parametrize("n", [500, 5000])
-def test_threads_do_not_change_the_bits(n):
-    one = fingerprint_of_motion(n, 1)
-    code = f"from {__name__} import fingerprint_of_motion as f; print(*(f({n}, k) for k in (2, 3, 4)))"
-    run = python(code, NUMBA_NUM_THREADS="4")
-    assert run.stdout.split() == [one] * 3, run.stderr
 
 
 @pytest.mark.parametrize("threads", [0, -1, 10_000])

@@ -115,13 +115,6 @@ def test_mdanalysis_opens_with_no_keyword(path, box):
     universe.trajectory.close()
 
 
-def test_universe_without_mdanalysis_says_how_to_get_it(path, monkeypatch):
-    write(path)
-    monkeypatch.setitem(sys.modules, "MDAnalysis", None)
-    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install 'kickdrift\[mdanalysis\]'"):
-        run.universe()
-
-
 @pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
 def test_si_is_stored_in_angstrom_and_ps(path):
     MDAnalysis = pytest.importorskip("MDAnalysis")
