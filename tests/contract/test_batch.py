@@ -1,5 +1,5 @@
-"""Batches of systems against single runs: every method that batches, to round-off; and bits that do not depend on the
-other members; and events in batches."""
+"""Batches of systems against single runs: every method that batches, to round-off; bits that do not depend on the
+other members; and events."""
 
 from __future__ import annotations
 

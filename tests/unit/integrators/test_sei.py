@@ -1,4 +1,4 @@
-"""sei and the force hill: closed form, order, conserved energy, symplectic form, the same bits, refusals."""
+"""sei and the force hill: closed form, order, conserved energy, symplectic form, refusals."""
 
 from __future__ import annotations
 

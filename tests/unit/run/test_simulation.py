@@ -1,4 +1,4 @@
-"""A Simulation: the same bits for every division of a run, its report, and its failures."""
+"""A Simulation: its state, its arguments, its report, and its failures."""
 
 from __future__ import annotations
 
