@@ -61,9 +61,6 @@ def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:
     return kd.System(x, v, box=(length,) * 3, forces=[kd.LennardJones(cutoff=cutoff, truncation="shift")])
 
 
-# --- pair forces on a grid ---
-
-
 def on_grid(x):
     """Positions rounded to the grid."""
     return np.round(np.asarray(x) / GRID) * GRID

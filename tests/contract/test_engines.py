@@ -198,17 +198,6 @@ def test_ias15_is_looked_at_inside_its_steps():
     assert theirs.report().energy.max_relative_error < 1e-14
 
 
-@pytest.mark.parametrize("make", [leaning, slab])
-def test_lammps_follows_a_leaning_box_for_20_steps(make):
-    ours, theirs = (kd.Simulation(make(), engine=engine, **MD) for engine in ("native", "lammps"))
-    start = ours.state.positions.copy()
-    for sim in (ours, theirs):
-        sim.run(20)
-    assert np.abs(ours.state.positions - start).max() > 0.05
-    assert relative(theirs.state.positions, ours.state.positions) < ROUND_OFF
-    assert relative(theirs.state.velocities, ours.state.velocities) < ROUND_OFF
-
-
 @pytest.mark.parametrize("engine", FOREIGN)
 def test_looks_change_no_bits(engine):
     make, options = FIRST[engine]

@@ -9,10 +9,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import as_text, known_options, parsed, takers
 from kickdrift.integrators.options import DOUBLE, DT, MIXED, OPTIONS, PRECISION, Option, Options, merged
-from kickdrift.integrators.stepping.step_control import CONTROLLERS
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from kickdrift.systemfile.schema_run import run_keys
@@ -162,10 +161,6 @@ def test_false_as_an_argument_replaces_true_in_a_file():
     assert kd.Simulation(system, dt=0.1, compensated=False).options.compensated is False
 
 
-def test_controllers_are_the_choices():
-    assert OPTIONS["controller"].choices == tuple(CONTROLLERS)
-
-
 def test_every_option_of_the_table_is_taken_by_a_method_and_is_a_key_of_run():
     assert list(known_options()) == [*OPTIONS, *YOUNGER]
     assert all(takers(name) for name in known_options())
@@ -278,7 +273,3 @@ def test_mixed_precision_is_refused_where_a_method_declares_double_alone():
         if not mixed:
             with pytest.raises(InputError, match=f"precision: {name} .* takes double alone"):
                 kd.integrator(name, precision=MIXED)
-
-
-def test_integrator_is_looked_up_as_before():
-    assert integrator("leapfrog").name == "velocity-verlet"

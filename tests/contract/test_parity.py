@@ -19,194 +19,49 @@ from tests.folders import TOP
 
 PAGE = TOP / "docs" / "api.md"
 
-# The Python name of each option: a parameter of the command's twin, or a name from `kickdrift` on.
-OPTIONS: dict[str, dict[str, str]] = {
-    "run": {
-        "system": "Simulation(system)",
-        "--integrator": "Simulation(integrator)",
-        "--dt": "Simulation(dt)",
-        "--steps": "Simulation.run(steps)",
-        "--time": "Simulation.run(time)",
-        "--times": "Simulation.run(times)",
-        "--every": "Simulation.run(every)",
-        "--interval": "Simulation.run(interval)",
-        "--exact": "Simulation.run(exact)",
-        "--output": "Simulation.run(output)",
-        "--overwrite": "Simulation.run(overwrite)",
-        "--flush": "FileOptions(flush)",
-        "--store": "FileOptions(store)",
-        "--compress": "FileOptions(compress)",
-        "--write": "FileOptions(write)",
-        "--seed": "load(seed)",
-        "--equilibrate": "Simulation.equilibrate",
-        "--threads": "Simulation(threads)",
-        "--engine": "Simulation(engine)",
-        "--processes": "Simulation(processes)",
-        "--hosts": "Simulation(hosts)",
-        "--live": "Simulation.run(live)",
-        "--imd": "Simulation.run(imd)",
-        "--imd-wait": "Simulation.run(imd_wait)",
-        "--json": "Report.as_json",
-        "--quiet": "Simulation.run(progress)",
-    },
-    "resume": {
-        "file": "resume(path)",
-        "--steps": "Simulation.run(steps)",
-        "--time": "Simulation.run(time)",
-        "--times": "Simulation.run(times)",
-        "--threads": "resume(threads)",
-        "--hosts": "resume(hosts)",
-        "--flush": "FileOptions(flush)",
-        "--live": "Simulation.run(live)",
-        "--imd": "Simulation.run(imd)",
-        "--imd-wait": "Simulation.run(imd_wait)",
-        "--json": "Report.as_json",
-        "--overwrite": "Simulation.run(overwrite)",
-        "--quiet": "Simulation.run(progress)",
-    },
-    "relax": {
-        "system": "Simulation(system)",
-        "--output": "System.to_toml",
-        "--force": "Simulation.minimize(force)",
-        "--steps": "Simulation.minimize(steps)",
-        "--method": "Simulation.minimize(method)",
-        "--max-displacement": "Simulation.minimize(max_displacement)",
-        "--seed": "load(seed)",
-        "--threads": "Simulation(threads)",
-        "--json": "Minimum.as_json",
-        "--quiet": "Simulation.minimize(progress)",
-    },
+# The twins of each command: an option has the name of a parameter of one of them, --quiet that of `progress`.
+TWINS = {
+    "run": "Simulation Simulation.run FileOptions load", "resume": "resume Simulation.run FileOptions",
+    "relax": "Simulation Simulation.minimize load", "compare": "compare", "chaos": "megno", "transits": "transits",
+    "certify": "analysis.ensemble_checks analysis.engine_checks Simulation", "analyze": "analysis.orbit_report",
+    "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
+    "movie": "movie", "export": "export", "view": "open().view", "info": "open", "show": "load", "new": "template",
+    "schema": "", "cite": "cite", "doctor": "doctor", "list": "listing",
+}  # fmt: skip
+# Options with another name in Python: a parameter, or a name from `kickdrift` on.
+OTHERS: dict[str, dict[str, str]] = {
+    "run": {"--equilibrate": "Simulation.equilibrate", "--json": "Report.as_json"},
+    "resume": {"file": "resume(path)", "--json": "Report.as_json"},
+    "relax": {"--output": "System.to_toml", "--json": "Minimum.as_json"},
     "compare": {
-        "system": "compare(subject)",
-        "--integrator": "compare(integrators)",
-        "--time": "compare(time)",
-        "--accuracy": "compare(accuracy)",
-        "--length": "compare(length)",
-        "--seed": "compare(seed)",
-        "--threads": "compare(threads)",
-        "--json": "Comparison.as_json",
+        "system": "compare(subject)", "--integrator": "compare(integrators)", "--json": "Comparison.as_json",
         "--plot": "Comparison.plot",
-        "--quiet": "compare(progress)",
     },
-    "chaos": {
-        "system": "megno(system)",
-        "--time": "megno(time)",
-        "--integrator": "megno(integrator)",
-        "--spectrum": "lyapunov_spectrum(count)",
-        "--dt": "megno(dt)",
-        "--seed": "megno(seed)",
-        "--threads": "megno(threads)",
-        "--json": "ChaosReport.as_json",
-        "--quiet": "megno(progress)",
-    },
-    "transits": {
-        "system": "transits(system)",
-        "planet": "transits(planet)",
-        "--until": "transits(until)",
-        "--star": "transits(star)",
-        "--direction": "transits(direction)",
-        "--within": "transits(within)",
-        "--masses": "transits(masses)",
-        "--elements": "transits(elements)",
-        "--integrator": "transits(integrator)",
-        "--dt": "transits(dt)",
-        "--threads": "transits(threads)",
-        "--json": "Transits.as_json",
-        "--quiet": "transits(progress)",
-    },
+    "chaos": {"--spectrum": "lyapunov_spectrum(count)", "--json": "ChaosReport.as_json"},
+    "transits": {"--json": "Transits.as_json"},
     "certify": {
-        "runs": "analysis.ensemble_checks(runs)",
-        "--temperature": "analysis.ensemble_checks(temperature)",
-        "--pressure": "analysis.ensemble_checks(pressure)",
-        "--constraints": "analysis.ensemble_checks(constraints)",
-        "--topology": "analysis.ensemble_checks(runs)",
-        "--engine": "analysis.engine_checks(engine)",
-        "--forces": "analysis.force_checks(subject)",
-        "--calculator": "analysis.force_checks(subject)",
-        "--plot": "analysis.ForceChecks.plot",
-        "--integrator": "analysis.engine_checks(integrator)",
-        "--steps": "analysis.engine_checks(steps)",
-        "--every": "analysis.engine_checks(every)",
-        "--dt": "Simulation(dt)",
+        "--topology": "analysis.ensemble_checks(runs)", "--forces": "analysis.force_checks(subject)",
+        "--calculator": "analysis.force_checks(subject)", "--plot": "analysis.ForceChecks.plot",
         "--json": "analysis.EnsembleChecks.as_json",
-        "--quiet": "analysis.engine_checks(progress)",
     },
-    "analyze": {
-        "run": "analysis.orbit_report(run)",
-        "--frame": "analysis.orbit_report(frame)",
-        "--plane": "analysis.orbit_report(plane)",
-        "--until": "analysis.orbit_report(until)",
-        "--plot": "analysis.OrbitReport.plot",
-        "--json": "analysis.OrbitReport.as_json",
-    },
+    "analyze": {"--plot": "analysis.OrbitReport.plot", "--json": "analysis.OrbitReport.as_json"},
     "ensemble": {
-        "system": "Ensemble(system)",
-        "--vary": "Ensemble(vary)",
-        "--replicas": "Ensemble(replicas)",
-        "--seed": "Ensemble(seed)",
-        "--measure": "Ensemble(measure)",
-        "--integrator": "Ensemble(settings)",
-        "--dt": "Ensemble(settings)",
-        "--steps": "Ensemble(settings)",
-        "--time": "Ensemble(settings)",
-        "--every": "Ensemble(settings)",
-        "--workers": "Ensemble.run(workers)",
+        **dict.fromkeys(("--integrator", "--dt", "--steps", "--time", "--every"), "Ensemble(settings)"),
         "--scheduler": "Ensemble.run(client)",
-        "--output": "Ensemble.run(output)",
-        "--overwrite": "Ensemble.run(overwrite)",
-        "--trajectories": "Ensemble.run(trajectories)",
-        "--quiet": "Ensemble.run(progress)",
     },
     "plot": {
-        "file": "open(path)",
-        "--kind": "open().plot(kind)",
-        "--stability": "stability(integrators)",
-        "--column": "open().plot(column)",
-        "--integrator": "Problem.plot(integrators)",
-        "--dt": "Simulation(dt)",
-        "--time": "Problem.plot(time)",
-        "--quiet": "Simulation.run(progress)",
+        "file": "open(path)", "--stability": "stability(integrators)", "--integrator": "Problem.plot(integrators)",
     },
-    "movie": {
-        "file": "movie(path)",
-        "output": "movie(output)",
-        "--azimuth": "movie(azimuth)",
-        "--elevation": "movie(elevation)",
-        "--turn": "movie(turn)",
-        "--zoom": "movie(zoom)",
-        "--colour": "movie(colour)",
-        "--fps": "movie(fps)",
-        "--duration": "movie(duration)",
-        "--every": "movie(every)",
-        "--size": "movie(size)",
-        "--dark": "movie(dark)",
-        "--overwrite": "movie(overwrite)",
-        "--quiet": "movie(progress)",
-    },
-    "export": {
-        "file": "export(path)",
-        "output": "export(output)",
-        "--unwrapped": "export(unwrapped)",
-        "--start": "export(start)",
-        "--stop": "export(stop)",
-        "--step": "export(step)",
-        "--overwrite": "export(overwrite)",
-        "--quiet": "export(progress)",
-    },
-    "view": {
-        "file": "open(path)",
-        "--frames": "open().view(frames)",
-        "--colour": "open().view(colour)",
-        "--size": "open().view(size)",
-    },
+    "movie": {"file": "movie(path)"},
+    "export": {"file": "export(path)"},
+    "view": {"file": "open(path)"},
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)", "--frame": "open().system"},
-    "new": {"kind": "template(kind)", "--quiet": "template"},
-    "schema": {},
+    "new": {"--quiet": "template"},
     "cite": {"name": "cite(name_or_path)"},
     "doctor": {"--json": "Installation.as_json"},
-    "list": {"what": "listing(what)", "name": "listing(name)", "--json": "Listing.as_json"},
-}
+    "list": {"--json": "Listing.as_json"},
+}  # fmt: skip
 
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
 # has all its columns.
@@ -239,7 +94,6 @@ ELSEWHERE = {
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
     "list": ("engines", "integrators"),
-    "doctor": ("doctor",),
     "schema": ("json_schema",),
     "exit status": ("InputError", "KickdriftError", "RunError"),
     "only in Python: values of a running Simulation, orbits of the present, and series of one's own": (
@@ -293,19 +147,24 @@ def table() -> dict[str, list[str]]:
 
 
 def test_every_command_stands_in_the_table_or_is_for_developers():
-    assert set(OPTIONS) | set(DEVELOPERS) == set(commands())
-    assert set(table()) == set(OPTIONS)
+    assert set(TWINS) | set(DEVELOPERS) == set(commands())
+    assert set(table()) == set(TWINS)
 
 
-@pytest.mark.parametrize("command", OPTIONS)
+@pytest.mark.parametrize("command", TWINS)
 def test_every_option_has_a_twin_that_exists(command):
-    there = options(commands()[command])
-    assert set(there) - OF_FILES.get(command, set()) == set(OPTIONS[command])
-    for text in OPTIONS[command].values():
+    taken = {name for text in TWINS[command].split() for name in inspect.signature(twin(text)).parameters}
+    others = OTHERS.get(command, {})
+    there = set(options(commands()[command])) - OF_FILES.get(command, set())
+    assert set(others) <= there
+    for each in there - set(others):
+        name = each.removeprefix("--").replace("-", "_")
+        assert ("progress" if name == "quiet" else name) in taken, each
+    for text in others.values():
         assert twin(text) is not None
 
 
-@pytest.mark.parametrize("command", OPTIONS)
+@pytest.mark.parametrize("command", TWINS)
 def test_the_names_of_the_page_exist(command):
     assert table()[command]
     for name in table()[command]:
@@ -324,7 +183,8 @@ def test_the_twins_of_developers_commands_exist(command):
 
 
 def test_every_public_name_has_a_place_on_the_command_line():
-    named = {re.split(r"[.(]", text)[0] for rows in OPTIONS.values() for text in rows.values()}
+    texts = [*" ".join(TWINS.values()).split(), *(text for rows in OTHERS.values() for text in rows.values())]
+    named = {re.split(r"[.(]", text)[0] for text in texts}
     listed = {name for names in ELSEWHERE.values() for name in names}
     assert named | listed == set(kd.__all__)
     assert not named & listed

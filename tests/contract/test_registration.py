@@ -15,7 +15,7 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.own.registration import REGISTERED, unregister
 from kickdrift_validation.measures import fixed
 from kickdrift_validation.problems import henon_heiles, pendulum
-from tests.own_methods import NAMES, PAGE, page_code, registrations
+from tests.own_methods import NAMES, page_code, registrations
 
 CLI = ("-c", "from kickdrift.cli.main import main; main()")
 
@@ -114,11 +114,6 @@ def test_splittings_that_make_no_sense_are_refused(change, message):
     assert before == INTEGRATORS
 
 
-def test_an_implicit_tableau_is_refused():
-    with pytest.raises(InputError, match="mine: the tableau is implicit"):
-        kd.register_tableau("mine", a=[[0.5]], b=[1.0], order=2, source="me")
-
-
 def test_registering_again():
     kd.register_tableau("again", a=[], b=[1.0], order=1, source="me")
     try:
@@ -166,7 +161,3 @@ def test_a_compiled_step_needs_positions_and_velocities():
 def test_a_step_outside_of_compiled_code_says_so():
     with pytest.raises(NotImplementedError, match="register_step"):
         kd.accelerations((), 0.0, None, None, None)
-
-
-def test_the_page_is_there():
-    assert PAGE.is_file()

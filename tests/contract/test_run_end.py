@@ -38,13 +38,6 @@ def made(name, f, y0=(0.0, 0.0), **given):
     return kd.Simulation(kd.Problem(f, y0, separable=True, compiled=False), name, **given)
 
 
-def test_the_closed_form():
-    f, h = Seen(), 1e-6
-    for t in (0.1, 0.7):
-        slope = (np.array(f.exact(t + h)) - f.exact(t - h)) / (2 * h)
-        assert slope == pytest.approx(f(t, f.exact(t)), rel=1e-8)
-
-
 @pytest.mark.parametrize("name", METHODS)
 def test_f_is_evaluated_at_no_time_beyond_the_end(name):
     """Run to the last time at which f is defined: at once, in pieces, with looks, after steps, and with an event."""
@@ -156,11 +149,7 @@ def test_a_tolerance_for_each_component(name):
         ("rosenbrock", {"atol": [1e-6, -1.0]}, "atol[1] must be a positive number, got -1.0"),
         ("dop853", {"atol": np.array([1e-6, np.inf])}, "atol[1] must be a positive number, got inf"),
         ("dop853", {"rtol": np.ones((2, 2))}, "rtol[0] must be a positive number, got [1.0, 1.0]"),
-        (
-            "dop853",
-            {"rtol": [1e-6, 1e-16]},
-            "rtol[1] must be 2.2e-14 or more, got 1e-16: smaller errors drown in rounding",
-        ),
+        ("dop853", {"rtol": [1e-6, 1e-16]}, "rtol[1] must be 2.2e-14 or more, got 1e-16: smaller errors drown in"),
         ("dop853", {"rtol": True}, "rtol must be a positive number, got True"),
         ("gauss-radau15", {"rtol": [1e-6, 1e-6]}, "rtol: gauss-radau15 takes one number, got 2"),
         ("dop853", {"max_step": 0.0}, "max_step must be a positive finite time, got 0.0"),

@@ -218,8 +218,6 @@ def test_pieces_and_looks_change_no_bit(name):
         assert differences(whole.checkpoint()["stepper"], pieces.checkpoint()["stepper"]) == []
 
 
-# --- every barostat ---
-
 PRESSURE_EVERY = 3
 PRESSING = [  # every method with every barostat, coupling and precision
     (name, *chosen)
@@ -271,9 +269,6 @@ def test_a_checkpoint_without_virials_along_the_axes(barostat):
     assert other.state.box == whole.state.box
 
 
-# --- every force ---
-
-
 @pytest.mark.parametrize("name", shortened(OURS_OF_FORCES, {*OURS_OF_FORCES} & {*OF_EACH_MODULE}))
 def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
@@ -302,20 +297,6 @@ def test_forces_remember_what_their_sums_depend_on(name):
     assert differences(whole.memory(), other.memory()) == []
 
 
-# --- lists ---
-
-
-def test_the_order_of_sums_is_what_a_state_alone_does_not_hold():
-    """A check of this file's tests: without the pair lists, a run from the same state has other bits."""
-    whole, anew = (kd.Simulation(liquid(512, 2.5), "velocity-verlet", dt=0.004) for _ in range(2))
-    whole.run(30)
-    anew.state = whole.state
-    for sim in (whole, anew):
-        sim.run(50)
-    assert bits(anew) != bits(whole)
-    np.testing.assert_allclose(anew.state.positions, whole.state.positions, atol=1e-9)
-
-
 def test_lists_that_have_grown():
     """A restored list has the room that it had grown to, because growing takes an evaluation."""
 
@@ -328,46 +309,6 @@ def test_lists_that_have_grown():
 
     whole = assert_goes_on(make, lambda sim: sim.run(3), lambda sim: sim.run(40))
     assert whole.checkpoint()["stepper"]["forces"][0]["room"] > 500
-
-
-# --- thermal starts ---
-
-
-def test_a_thermal_start_brought_to_a_temperature(tmp_path):
-    path = tmp_path / "thermal.toml"
-    path.write_text(THERMAL)
-
-    def make() -> kd.Simulation:
-        return kd.Simulation(kd.load(path), "velocity-verlet", compensated=True)
-
-    def first(sim):
-        sim.equilibrate(0.9, 0.2)
-        sim.run(61)
-
-    assert_goes_on(make, first, lambda sim: sim.run(45, every=9))
-
-
-THERMAL = """
-units = "lj"
-[particles]
-lattice = "fcc"
-count = 256
-density = 0.8
-[velocities]
-temperature = 1.2
-seed = 5
-[box]
-periodic = true
-[[force]]
-type = "lennard-jones"
-cutoff = 2.5
-truncation = "shift"
-[run]
-dt = 0.004
-"""
-
-
-# --- events ---
 
 
 def meeting() -> kd.System:
@@ -432,9 +373,6 @@ def test_a_collision_that_the_present_has_not_come_to():
 
     whole = assert_goes_on(make, first, lambda sim: sim.run(until=1.5))
     assert [event["done"] for event in whole.events] == ["bounced"]
-
-
-# --- threads ---
 
 
 def disc() -> kd.System:
@@ -511,9 +449,6 @@ def test_forces_give_the_same_bits_however_they_run(short):
     ours = {*OURS_OF_FORCES} & {*OF_EACH_MODULE}
     assert len(ours) > 15
     assert not short or ours <= {case.system.split()[0] for case in taken}
-
-
-# --- checkpoints of other runs ---
 
 
 def test_a_checkpoint_of_another_run_is_refused():

@@ -50,9 +50,6 @@ def implicit(name: str):
     return stability_function_of(*tables[name])
 
 
-# --- stability functions ---
-
-
 @pytest.mark.parametrize("name", RUNGE_KUTTA)
 def test_stability_function_is_the_exponential_to_the_order(name):
     method = integrator(name)
@@ -62,18 +59,6 @@ def test_stability_function_is_the_exponential_to_the_order(name):
     np.testing.assert_allclose(coefficients[: method.order + 1], exact[:-1], rtol=1e-12)
     assert coefficients[method.order + 1] != pytest.approx(exact[-1], rel=1e-3)
     assert r.denominator.coef.tolist() == [1.0]
-
-
-@pytest.mark.parametrize("name", RUNGE_KUTTA)
-@pytest.mark.parametrize("z", [-0.5, 0.3 + 0.4j, -1.5 - 2.0j, 1j])
-def test_stability_function_is_the_amplification_of_a_step(name, z):
-    """A step of y' = lambda y with the tableau's stages, from their definition."""
-    method = integrator(name)
-    k: list[complex] = []
-    for row in ((), *method.a):
-        k.append(z * (1.0 + sum(a * slope for a, slope in zip(row, k, strict=True))))
-    amplification = 1.0 + sum(b * slope for b, slope in zip(method.b, k, strict=True))
-    assert stability_function(method)(z) == pytest.approx(amplification, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", RUNGE_KUTTA)
@@ -115,9 +100,6 @@ def test_implicit_methods_have_pade_approximants():
         np.testing.assert_allclose(r.denominator.coef, denominator, rtol=1e-14)
         assert real_interval(r) == math.inf
         assert imaginary_interval(r) == math.inf
-
-
-# --- intervals ---
 
 
 def test_intervals_in_closed_form():
@@ -224,9 +206,6 @@ def test_runge_kutta_methods_blow_up_where_they_should(name):
     assert measured == pytest.approx(reach, rel=0.01)
 
 
-# --- the figure ---
-
-
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
@@ -250,11 +229,6 @@ def test_figure_has_a_panel_for_each_kind(monkeypatch, tmp_path):
     regions, curves = drawn_legends(monkeypatch, names, tmp_path / "both.png")
     assert regions == ["rk4: real 2.7853, imaginary 2.8284", "dormand-prince45: real 3.3066, imaginary 0.9972"]
     assert curves == ["velocity-verlet: ω dt ≤ 2.0000", "forest-ruth: ω dt ≤ 1.5734", "exact: cos ω dt"]
-
-
-@pytest.mark.parametrize("names", [RUNGE_KUTTA, SPLITTINGS])
-def test_figure_of_one_kind_has_one_panel(monkeypatch, tmp_path, names):
-    assert len(drawn_legends(monkeypatch, names, tmp_path / "one.png")) == 1
 
 
 def test_command(folder, kickdrift, tmp_path):

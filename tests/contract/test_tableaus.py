@@ -42,9 +42,6 @@ def conditions() -> dict[str, Conditions]:
     return {name: Conditions(rows(integrator(name))) for name in NAMES}
 
 
-# --- the conditions themselves ---
-
-
 def test_rooted_trees_are_the_known_ones():
     """Hairer, Nørsett & Wanner, tables II.2.2 and II.2.3."""
     assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
@@ -93,9 +90,6 @@ def test_the_step_follows_the_estimate():
     }  # fmt: skip
 
 
-# --- dense output ---
-
-
 @pytest.mark.parametrize("name", DENSE)
 def test_dense_output_has_its_order_throughout_the_step(name, conditions):
     dense = integrator(name).dense
@@ -125,17 +119,9 @@ def test_dense_output_meets_both_ends_and_the_derivatives_there(name):
     assert np.all(np.abs(dense @ powers - new[s]) <= 2.0**-52 * scale * powers[-1])  # f(t + dt, y_new)
 
 
-def test_only_published_interpolants_are_there():
-    assert [name for name in NAMES if integrator(name).dense] == list(DENSE)
-    assert [name for name in NAMES if integrator(name).extra] == ["dop853"]
-
-
 def test_interpolant_without_further_terms_is_hermites_cubic():
     """theta (1 - theta)^2 k_1, theta^2 (theta - 1) k_2 and b times 3 theta^2 - 2 theta^3, for Euler's method."""
     assert interpolant((1.0,)) == ((1.0, 3.0 - 2.0, -2.0 + 1.0), (0.0, -1.0, 1.0))
-
-
-# --- the numbers ---
 
 
 @pytest.mark.parametrize("name", SCIPY)
@@ -182,14 +168,6 @@ def test_embedded_solution_of_cash_and_karp():
     assert method.errors == ((*(float(w - lower) for w, lower in zip(b, published, strict=True)), 0.0),)
     assert [float(Fraction(c).limit_denominator(100)) for c in method.c] == [0, 0.2, 0.3, 0.6, 1, 0.875]
 
-
-@pytest.mark.parametrize("name", ["bogacki-shampine23", "dormand-prince45", "dop853"])
-def test_error_row_reaches_past_the_step_where_it_was_published_so(name):
-    last = [row[-1] for row in integrator(name).errors]
-    assert last == {"bogacki-shampine23": [-1 / 8], "dormand-prince45": [-1 / 40], "dop853": [0, 0]}[name]
-
-
-# --- broken tables ---
 
 PAIR = {  # Heun's method with an embedded Euler method, and Hermite's cubic
     "name": "mine", "a": ((1.0,),), "b": (0.5, 0.5), "order": 2, "source": "me",

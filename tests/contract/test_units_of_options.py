@@ -50,8 +50,6 @@ def test_an_option_takes_text_with_a_unit(method: kd.integrators.Method, option:
         value({option.name: "300"})
 
 
-# --- forces ---
-
 OWN = [cls for cls in FORCES.values() if cls.__module__.startswith("kickdrift.")]
 WITH_DIMENSIONS = [cls for cls in OWN if getattr(cls, "dimensions", None) and issubclass(cls, Grouped)]
 

@@ -78,7 +78,3 @@ def test_files(old, new, line):
     with pytest.raises(InputError) as error:
         loads(FILE.replace(old, new, 1))
     assert_line(str(error.value), line)
-
-
-def test_there_are_sixty():
-    assert len(PYTHON) + len(COMMANDS) + len(FILES) >= 60

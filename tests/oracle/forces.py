@@ -105,9 +105,6 @@ def pair_slopes(system: System, deviations: np.ndarray) -> np.ndarray:
     return found
 
 
-# --- Lennard-Jones ---
-
-
 def lennard_jones(r, epsilon, sigma):
     """U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) and -dU/dr."""
     q = (sigma / r) ** 6
@@ -163,9 +160,6 @@ def tail(force, system: System) -> tuple[float, float]:
     return (density * 4 * epsilon * (twelve - six)).sum(), (density * 24 * epsilon * (2 * twelve - six)).sum()
 
 
-# --- fields ---
-
-
 def field(force, system: System, time: float) -> tuple[np.ndarray, float]:
     """Forces (n, 3) and potential energy of a field."""
     x, v, m = system.state.positions, system.state.velocities, system.coherent_masses[:, None]
@@ -179,9 +173,6 @@ def field(force, system: System, time: float) -> tuple[np.ndarray, float]:
     else:
         g = np.array(force.acceleration)
     return m * g, -(m * g * x).sum()
-
-
-# --- gravity ---
 
 
 def gravity(force: Gravity, system: System, i, j, r):

@@ -35,22 +35,6 @@ def two_positions(acceleration: Acceleration, x, v, dt: float, steps: int):
     return positions[steps], (positions[steps + 1] - positions[steps - 1]) / (2 * dt)
 
 
-def half_steps(acceleration: Acceleration, x, v, dt: float, steps: int):
-    """Leapfrog with velocities at half steps: v(t + dt/2) = v(t - dt/2) + dt a(t), x(t + dt) = x(t) + dt v(t + dt/2).
-
-    It starts from v(dt/2) = v(0) + dt/2 a(0). Returns positions (steps + 1, n, 3), and velocities half a kick later, at
-    the same times.
-    """
-    positions, velocities = [x], [v]
-    half = v + 0.5 * dt * acceleration(0.0, x)
-    for number in range(1, steps + 1):
-        positions.append(positions[-1] + dt * half)
-        kick = dt * acceleration(number * dt, positions[-1])
-        velocities.append(half + 0.5 * kick)
-        half = half + kick
-    return np.array(positions), np.array(velocities)
-
-
 def splitting_step(method: Splitting, acceleration: Acceleration, t: float, x, v, dt: float):
     """Kicks v += b dt a(t, x) and drifts x += c dt v in turn; the clock moves with the drift."""
     for letter, weight in zip(method.word, method.weights, strict=True):

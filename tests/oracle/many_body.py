@@ -34,9 +34,6 @@ def slope(energy: Callable[[np.ndarray], complex], way: np.ndarray) -> float:
     return float(energy(1j * STEP * way).imag / STEP)
 
 
-# --- Stillinger & Weber 1985 ---
-
-
 def stillinger_weber(d: np.ndarray, species: list[str], entries: dict) -> complex:
     """Eqs. (2.1)-(2.5), in units of eV and angstroms."""
     r, n, energy = lengths(d), len(d), 0.0
@@ -60,9 +57,6 @@ def stillinger_weber(d: np.ndarray, species: list[str], entries: dict) -> comple
                 cosine = (d[i, j] * d[i, k]).sum() / (r[i, j] * r[i, k])
                 energy += p["lambda_"] * p["epsilon"] * (cosine - p["cos_theta0"]) ** 2 * g[j] * g[k]
     return energy
-
-
-# --- Tersoff 1988 ---
 
 
 def smooth_cutoff(r: complex, R: float, D: float) -> complex:
@@ -95,9 +89,6 @@ def tersoff(d: np.ndarray, species: list[str], entries: dict) -> complex:
             both = p["A"] * np.exp(-p["lambda1"] * r[i, j]) - order * p["B"] * np.exp(-p["lambda2"] * r[i, j])
             energy += 0.5 * smooth_cutoff(r[i, j], p["R"], p["D"]) * both
     return energy
-
-
-# --- Daw & Baskes 1984 ---
 
 
 def hermite(values: np.ndarray, spacing: float, at: complex) -> complex:

@@ -74,9 +74,6 @@ def test_forged_files_carry_the_hash_of_what_they_say(tried):
             assert file["kickdrift"].attrs["sha256"] == layout.run_hash(file)
 
 
-# --- violations of a rule are noticed ---
-
-
 def test_what_a_case_must_not_do_is_noticed():
     with session(2, Limits(seconds=2, blocked=3, memory=2**28), warm=False) as quick:
         results = {each["number"]: each for each in quick((misdeeds.case, k) for k in range(len(misdeeds.DEEDS)))}

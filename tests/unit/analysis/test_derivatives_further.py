@@ -230,9 +230,3 @@ def test_second_derivatives_of_a_map_approach_those_of_the_motion(name):
     ]
     powers = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(powers, 2.0, atol=0.3)
-
-
-def test_other_forces_than_gravity_have_no_second_derivatives():
-    system = planets().with_forces(kd.Gravity(G=1.0), kd.LinearDrag(0.1))
-    with pytest.raises(InputError, match="force 'linear-drag': has no variational equations of second order"):
-        kd.transition_matrix(system, 1.0, second=True)

@@ -306,9 +306,6 @@ def test_the_missing_package_is_named(runs, monkeypatch):
         canonical.packages()
 
 
-# --- the command ---
-
-
 def test_certify_prints_one_page_and_fails_wrong_runs(runs, tmp_path, kickdrift):
     status, out, err = kickdrift("certify", *runs, "--json", tmp_path / "page.json")
     assert (status, err) == (0, "")

@@ -1,4 +1,4 @@
-"""g(r) and S(k) against MDAnalysis, slow sums, and known results for ideal gases and crystals."""
+"""g(r) and S(k) in boxes of any shape: against MDAnalysis, slow sums, and known results for gases and crystals."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.analysis import radial_distribution, structure_factor
+from kickdrift.analysis import pressure_tensor, radial_distribution, structure_factor
 from kickdrift.analysis.observables import structure
+from kickdrift.analysis.observables.structure import reciprocal
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.state import State
@@ -60,24 +61,6 @@ def test_equals_mdanalysis_on_the_same_file(tmp_path, quiet):
             one, other = (universe.select_atoms(f"type {name}") for name in (first, second))
             theirs = InterRDF(one, other, nbins=80, range=(0.0, 4.0)).run()
             np.testing.assert_allclose(pair.g, theirs.results.rdf, rtol=1e-12)
-
-
-def test_equals_a_slow_count():
-    x = coordinates(frames=1, n=50)[0]
-    r, g, *_ = radial_distribution(x, LENGTHS, bins=40)
-    separations = Box(LENGTHS).minimum_image(x[:, None] - x[None])
-    distances = np.linalg.norm(separations, axis=2)[~np.eye(50, dtype=bool)]
-    counts, edges = np.histogram(distances, 40, (0.0, 4.0))
-    ideal = 50 * 49 * 4 / 3 * np.pi * np.diff(edges**3) / np.prod(LENGTHS)
-    np.testing.assert_allclose(g, counts / ideal, rtol=1e-12)
-    np.testing.assert_allclose(r, (edges[1:] + edges[:-1]) / 2)
-
-
-def test_an_ideal_gas_gives_one():
-    x = np.random.default_rng(0).uniform(0, 10, (200, 100, 3))
-    g = radial_distribution(x, (10.0, 10.0, 10.0), r_max=5.0, bins=1).g
-    pairs = 200 * 100 * 99 / 2 * (4 / 3 * np.pi * 125 / 1000)
-    assert abs(g[0] - 1) < 4 / np.sqrt(pairs)
 
 
 def test_a_simple_cubic_lattice_has_six_neighbours():
@@ -138,19 +121,6 @@ def test_structure_factor_equals_slow_sums(monkeypatch):
     whole = structure_factor(x, LENGTHS, k_max=3.0)
     monkeypatch.setattr(structure, "ROOM", 100)
     np.testing.assert_allclose(structure_factor(x, LENGTHS, k_max=3.0).s, whole.s, rtol=1e-12)
-
-
-def test_shells_hold_every_vector_once():
-    x = coordinates(frames=2, n=30)
-    found = structure_factor(x, LENGTHS, k_max=3.0, width=0.25)
-    grid = np.stack(np.meshgrid(*[np.arange(-8, 9)] * 3), axis=-1).reshape(-1, 3)
-    k = grid * 2 * np.pi / np.array(LENGTHS)
-    length = np.linalg.norm(k, axis=1)
-    k = k[(length > 0) & (length <= 3.0)]
-    assert found.vectors.sum() == len(k) / 2
-    assert np.sum(found.s * found.vectors) == pytest.approx(np.sum(slow_structure_factor(x, k)) / 2, rel=1e-11)
-    assert np.all(np.diff(found.k) > 0)
-    assert np.all(found.k <= 3.0)
 
 
 def test_structure_factor_of_ideal_gases_is_one():
@@ -226,3 +196,188 @@ def test_bad_input(tmp_path):
         radial_distribution(x[:1], LENGTHS)
     with pytest.raises(InputError, match="one bin or more"):
         radial_distribution(x, LENGTHS, bins=0)
+
+
+LEANING = Box(matrix=[[9.0, 0.0, 0.0], [-4.5, 10.0, 0.0], [3.0, 5.0, 11.0]])
+PLANE = (True, True, False)
+tilts = st.sampled_from([-0.5, 0.0, 0.5]) | st.floats(-0.5, 0.5)
+edges = st.floats(3.0, 12.0)
+matrices = st.builds(
+    lambda a, b, c, f, g, h: np.array([[a, 0, 0], [f * a, b, 0], [g * a, h * b, c]]),
+    edges, edges, edges, tilts, tilts, tilts,
+)  # fmt: skip
+
+
+def distances(box, x) -> np.ndarray:
+    i, j = np.triu_indices(len(x), 1)
+    return np.linalg.norm(box.minimum_image(x[i] - x[j]), axis=1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(matrices, st.integers(0, 10**6), st.integers(2, 60), st.floats(0.05, 1.0))
+def test_g_equals_a_slow_count(matrix, seed, n, share):
+    box = Box(matrix=matrix)
+    x = np.random.default_rng(seed).uniform(-30, 30, (n, 3))
+    r_max = share * float(box.heights.min()) / 2
+    found = radial_distribution(x, box, r_max, bins=10)
+    counts, bounds = np.histogram(distances(box, x), 10, (0.0, r_max))
+    ideal = n * (n - 1) * 4 / 3 * np.pi * np.diff(bounds**3) / box.volume
+    np.testing.assert_allclose(found.g, 2 * counts / ideal, rtol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(matrices, st.integers(0, 10**6), st.integers(2, 60))
+def test_g_in_a_leaning_plane_equals_a_slow_count(matrix, seed, n):
+    matrix[2] = [0, 0, 5]
+    box = Box(matrix=matrix, periodic=PLANE)
+    x = np.random.default_rng(seed).uniform(-30, 30, (n, 3)) * [1, 1, 0]
+    found = radial_distribution(x, box, bins=10)
+    r_max = float(box.heights.min()) / 2
+    counts, bounds = np.histogram(distances(box, x), 10, (0.0, r_max))
+    np.testing.assert_allclose(found.g, 2 * counts / (n * (n - 1) * np.pi * np.diff(bounds**2) / box.area), rtol=1e-12)
+
+
+def supercell(x, by=10.0, ax=9.0):
+    """Particles of a box with b = (ax/2, by) in a rectangular box of twice the size, and the leaning box."""
+    return np.concatenate([x, x + np.array([ax / 2, by, 0])]), Box((ax, 2 * by, 11.0))
+
+
+SHEARED = Box(matrix=[[9.0, 0.0, 0.0], [4.5, 10.0, 0.0], [0.0, 0.0, 11.0]])
+
+
+def test_the_upright_supercell_has_the_same_neighbours_and_waves():
+    x = np.random.default_rng(1).uniform(-30, 30, (200, 3))
+    twice, upright = supercell(x)
+    r_max = float(SHEARED.heights.min()) / 2
+    ours = radial_distribution(x, SHEARED, r_max, bins=50).coordination
+    np.testing.assert_allclose(radial_distribution(twice, upright, r_max, bins=50).coordination, ours, rtol=1e-12)
+    whole = np.array([[1, 0, 0], [0, 1, 0], [2, -1, 3], [-1, 4, 2]])
+    k = whole @ reciprocal(SHEARED)
+    there = np.rint(k * np.diag(upright.matrix) / (2 * np.pi)).astype(int)
+    one, other = structure_factor(x, SHEARED, vectors=whole), structure_factor(twice, upright, vectors=there)
+    np.testing.assert_allclose(one.k, other.k, rtol=1e-13)
+    np.testing.assert_allclose(2 * one.s, other.s, rtol=1e-10)
+
+
+@settings(max_examples=60, deadline=None)
+@given(matrices)
+def test_reciprocal_vectors_are_those_of_the_edges(matrix):
+    box = Box(matrix=matrix)
+    np.testing.assert_allclose(reciprocal(box) @ matrix.T, 2 * np.pi * np.eye(3), atol=1e-12)
+
+
+def test_structure_factor_of_a_leaning_box_equals_slow_sums():
+    x = np.random.default_rng(2).uniform(-30, 30, (3, 40, 3))
+    whole = np.array([[1, 0, 0], [0, -2, 1], [3, 3, -3], [0, 0, 5]])
+    k = 2 * np.pi * whole @ np.linalg.inv(LEANING.matrix).T
+    found = structure_factor(x, LEANING, vectors=whole)
+    slow = np.mean(np.abs(np.exp(-1j * x @ k.T).sum(axis=1)) ** 2, axis=0) / 40
+    np.testing.assert_allclose(found.s, slow, rtol=1e-10)
+    np.testing.assert_allclose(found.k, np.linalg.norm(k, axis=1), rtol=1e-13)
+
+
+def test_shells_hold_every_vector_once():
+    x = np.random.default_rng(2).uniform(-30, 30, (2, 30, 3))
+    found = structure_factor(x, LEANING, k_max=2.5, width=0.25)
+    grid = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 3), axis=-1).reshape(-1, 3)
+    k = 2 * np.pi * grid @ np.linalg.inv(LEANING.matrix).T
+    length = np.linalg.norm(k, axis=1)
+    assert found.vectors.sum() == np.count_nonzero((length > 0) & (length <= 2.5)) / 2
+    assert found.k[0] == pytest.approx(length[length > 0].min(), rel=0.2)
+    k = k[(length > 0) & (length <= 2.5)]
+    slow = np.mean(np.abs(np.exp(-1j * x @ k.T).sum(axis=1)) ** 2, axis=0) / 30
+    assert np.sum(found.s * found.vectors) == pytest.approx(slow.sum() / 2, rel=1e-10)
+
+
+def test_a_crystal_in_its_primitive_cell_has_its_bragg_peaks():
+    """fcc in a rhombohedral box: every reciprocal vector of the primitive cell is a peak, and there are no peaks in
+    between."""
+    primitive = np.array([[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+    sites = np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3)
+    box, rotation = Box.from_vectors(4 * primitive)
+    x = sites @ primitive @ rotation.T
+    whole = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3), axis=-1).reshape(-1, 3)
+    found = structure_factor(x, box, vectors=whole)
+    shift = whole @ reciprocal(box) @ (primitive @ rotation.T).T / (2 * np.pi)
+    bragg = np.all(np.abs(shift - np.rint(shift)) < 1e-9, axis=1)
+    assert bragg.sum() > 8
+    np.testing.assert_allclose(found.s, np.where(bragg, 64.0, 0.0), atol=1e-9)
+
+
+def test_waves_of_a_plane_lie_in_it():
+    box = Box(matrix=[[9.0, 0.0], [-4.5, 10.0]])
+    x = np.random.default_rng(2).uniform(-30, 30, (2, 40, 3)) * [1, 1, 0]
+    found = structure_factor(x, box, k_max=3.0)
+    grid = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 2), axis=-1).reshape(-1, 2)
+    length = np.linalg.norm(2 * np.pi * grid @ np.linalg.inv(box.matrix[:2, :2]).T, axis=1)
+    assert found.vectors.sum() == np.count_nonzero((length > 0) & (length <= 3.0)) / 2
+    with pytest.raises(InputError, match="expected 0 along open axes"):
+        structure_factor(x, box, vectors=[[1, 0, 1]])
+
+
+def solid(dimensions=3) -> kd.System:
+    rng = np.random.default_rng(4)
+    n, matrix = 8, np.array([[8.4, 0, 0], [-4.2, 8.3, 0], [3.3, 4.0, 8.5]])
+    if dimensions == 2:
+        n, matrix = 10, np.array([[12.0, 0], [6.0, 12.0]])
+    sites = np.indices((n,) * dimensions).reshape(dimensions, -1).T
+    sites = (sites + rng.uniform(0.42, 0.58, sites.shape)) / n
+    force = kd.LennardJones(cutoff=2.5, tail=dimensions == 3, truncation="cut")
+    v = rng.normal(size=sites.shape)
+    return kd.System(sites @ matrix, v, box=Box(matrix=matrix), forces=[force], dimensions=dimensions)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_the_trace_of_the_tensor_is_the_pressure_of_the_run(tmp_path, dimensions):
+    path = tmp_path / "run.h5md"
+    kd.Simulation(solid(dimensions), "velocity-verlet", 0.002).run(40, every=10, output=path)
+    with kd.open(path) as run:
+        found = pressure_tensor(run)
+        traces = np.trace(found.tensors, axis1=1, axis2=2) / dimensions
+        np.testing.assert_allclose(traces, run[:].observables["pressure"], rtol=1e-11)
+        assert found.pressure == pytest.approx(traces.mean(), rel=1e-12)
+
+
+def test_a_mean_squared_displacement_goes_through_leaning_walls(tmp_path):
+    """Free particles have (v t)^2, from a file that holds the positions inside the box."""
+    system = kd.System(np.random.default_rng(5).uniform(0, 9, (20, 3)), np.full((20, 3), 3.0), box=LEANING)
+    path = tmp_path / "run.h5md"
+    kd.Simulation(system, "velocity-verlet", 0.5).run(40, every=4, output=path, file=kd.FileOptions(write=("images",)))
+    found = kd.analysis.mean_squared_displacement(path)
+    np.testing.assert_allclose(found.values, 27 * found.times**2, rtol=1e-10)
+
+
+def test_diffusion_in_two_dimensions_divides_by_four(tmp_path):
+    """Between these two lags of free particles with v^2 = 18, the slope is 18 (t1 + t0)."""
+    x = np.random.default_rng(5).uniform(0, 9, (20, 2))
+    system = kd.System(x, np.full((20, 2), 3.0), box=[[9.0, 0.0], [4.5, 9.0]], dimensions=2)
+    path = tmp_path / "run.h5md"
+    kd.Simulation(system, "velocity-verlet", 0.5).run(40, every=4, output=path)
+    displacement = kd.analysis.mean_squared_displacement(path, lags=4)
+    first, second = displacement.times[2:4]
+    assert displacement.diffusion(first, second).value == pytest.approx(18 * (first + second) / 4, rel=1e-9)
+    velocity = kd.analysis.velocity_autocorrelation(path, lags=4)
+    assert velocity.diffusion(second).value == pytest.approx(18 * second / 2, rel=1e-9)
+
+
+def test_a_distance_beyond_half_the_least_height_is_refused():
+    x = np.random.default_rng(3).uniform(0, 20, (30, 3))
+    half = float(LEANING.heights.min()) / 2
+    with pytest.raises(InputError, match=rf"r_max = 4.9 is not in \(0, {half:g}\], half the least height of the box"):
+        radial_distribution(x, LEANING, r_max=4.9)
+    with pytest.raises(InputError, match="periodic along all axes, or particles in one plane"):
+        radial_distribution(x, Box((9.0, 9.0, 9.0), periodic=(True, False, True)))
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_a_plot_shows_g_of_a_leaning_box(tmp_path, dimensions):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "run.h5md"
+    kd.Simulation(solid(dimensions), "velocity-verlet", 0.002).run(20, every=10, output=path)
+    from kickdrift.plots import runs
+
+    with kd.open(path) as run:
+        r, g, frames = runs._rdf(run)
+    assert frames == 2
+    assert g[r > 1].max() > 1.2
+    assert runs.plot_run(path, tmp_path / "run.png").stat().st_size > 0

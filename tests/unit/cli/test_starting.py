@@ -59,19 +59,6 @@ def test_no_file_is_replaced(kickdrift, folder):
     assert kickdrift("new", "plants")[2].endswith("got 'plants'; did you mean 'planets'?\n")
 
 
-@pytest.mark.parametrize("name", sorted({method.name for method in INTEGRATORS.values()}))
-def test_every_method_has_a_reference(name):
-    """Each DOI of a method's source is in an entry, and no key stands twice."""
-    text, source = kd.cite(name), INTEGRATORS[name].source
-    keys = re.findall(r"^@\w+\{([\w-]+),$", text, re.MULTILINE)
-    assert keys[0] == "kickdrift"
-    assert len(keys) == len(set(keys))
-    assert len(keys) > 1 or not re.search(r"\b(1[789]|20)\d\d\b", source)
-    for doi in re.findall(r"doi:(10\.\S+?)(?=[;,]?(?:\s|$))", source):
-        assert f"doi = {{{doi.rstrip(',;')}}}" in text
-    assert text.count("{") == text.count("}")
-
-
 @pytest.mark.parametrize(
     ("name", "known"),
     [
@@ -87,14 +74,20 @@ def test_the_sources_of_forces_engines_and_systems(name, known):
     assert [line for line in known if line not in text] == []
 
 
-@pytest.mark.parametrize("name", [*FORCES, *ENGINES, *shipped()])
+@pytest.mark.parametrize(
+    "name", [*sorted({method.name for method in INTEGRATORS.values()}), *FORCES, *ENGINES, *shipped()]
+)
 def test_every_name_is_cited(name):
+    """No key stands twice, and each DOI of a method's source is in an entry."""
     text = kd.cite(name)
     keys = re.findall(r"^@\w+\{([\w-]+),$", text, re.MULTILINE)
     assert keys[0] == "kickdrift"
     assert len(keys) == len(set(keys))
-    assert len(keys) > 1 or name not in ENGINES or name == "native"
     assert text.count("{") == text.count("}")
+    source = INTEGRATORS[name].source if name in INTEGRATORS else ""
+    assert len(keys) > 1 or not (re.search(r"\b(1[789]|20)\d\d\b", source) or name in {*ENGINES} - {"native"})
+    for doi in re.findall(r"doi:(10\.\S+?)(?=[;,]?(?:\s|$))", source):
+        assert f"doi = {{{doi.rstrip(',;')}}}" in text
 
 
 def test_a_run_is_cited_from_its_file(kickdrift):

@@ -185,9 +185,6 @@ def test_the_help_pages_are_the_commands():
     ]
 
 
-# --- JSON on standard output ---
-
-
 @pytest.mark.parametrize("quiet", [[], ["--quiet"]])
 def test_json_on_standard_output_is_alone(kickdrift, tmp_path, monkeypatch, quiet):
     monkeypatch.chdir(tmp_path)
@@ -212,9 +209,6 @@ def test_lists_and_info_as_json(kickdrift, tmp_path, monkeypatch):
     assert (code, out, err) == (2, "", "kickdrift: two-body: --json is for the file of a run\n")
     assert kickdrift("list", "systems", "--json", "systems.json")[0] == 0
     assert [row["name"] for row in json.loads((tmp_path / "systems.json").read_text())["rows"]] == [*shipped()]
-
-
-# --- layout ---
 
 
 def test_tables_wrap_only_the_last_column():

@@ -11,33 +11,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.systemfile.reading import STRUCTURES
+from kickdrift_validation.fuzzing.lammps_data import CHAIN
 
-CHAIN = """LAMMPS FENE chain data file
-
-  3  atoms
-  2  bonds
-  1  atom types
-  1  bond types
-
- 0 10 xlo xhi
- 0 10 ylo yhi
- 0 10 zlo zhi
-
-Masses
-
- 1 1.0
-
-Atoms # molecular
-
- 1 1 1 1.0 1.0 1.0
- 2 1 1 2.0 1.0 1.0
- 3 1 1 3.0 1.0 1.0
-
-Bonds
-
- 1 1 1 2
- 2 1 2 3
-"""
 PSF = """PSF
 
        1 !NTITLE

@@ -437,9 +437,6 @@ def test_a_text_in_place_of_a_journal_stays():
     assert journal.read_text() == "precious"
 
 
-# --- names of systems ---
-
-
 def test_info_and_run_look_for_the_same_system(kickdrift):
     """A shipped system comes first, even if a file has its name; ./NAME is that file."""
     shutil.copy("run.h5md", "sun-jupiter")

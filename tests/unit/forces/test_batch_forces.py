@@ -113,14 +113,8 @@ def test_an_error_of_a_run_is_raised_after_all_have_ended():
         (lambda x, v, t, b: (-x, [1.0] * len(x), 0.0), "returned virials of shape (), expected (1,)"),
         (lambda x, v, t, b: -x, "expected (forces, energy) or (forces, energy, virial)"),
         (lambda x, v, t, b: (-x, None), "returned no energy; a force without potential energy needs works=True"),
-        (
-            lambda x, v, t, b: (-x, np.full(len(x), (x * x).sum())),
-            "batch: another replica beside a replica changes its energy",
-        ),
-        (
-            lambda x, v, t, b: (x.mean(axis=0) - 2 * x, np.zeros(len(x))),
-            "batch: another replica beside a replica changes its forces",
-        ),
+        (lambda x, v, t, b: (-x, np.full(len(x), (x * x).sum())), "batch: another replica beside a replica changes"),
+        (lambda x, v, t, b: (x.mean(axis=0) - 2 * x, np.zeros(len(x))), "batch: another replica beside a replica"),
     ],
 )
 def test_wrong_functions_are_refused_in_one_line(function, message):
@@ -133,9 +127,6 @@ def test_wrong_functions_are_refused_in_one_line(function, message):
 def test_batch_is_true_or_false():
     with pytest.raises(kd.InputError, match="python: batch must be True or False, got 8"):
         kd.PythonForce(traps, batch=8)
-
-
-# --- calculators ---
 
 
 class Alone(Calculator):
@@ -209,9 +200,6 @@ def test_wrong_results_of_a_calculator_end_the_run_in_one_line(answer, message):
     with pytest.raises(kd.RunError) as raised:
         kd.Simulation(warm(0, Wrong), "velocity-verlet", dt=0.002).run(2)
     assert f"step 0 (t = 0): Wrong {message}" in str(raised.value)
-
-
-# --- ensembles ---
 
 
 def test_the_members_of_a_task_ask_together(monkeypatch):

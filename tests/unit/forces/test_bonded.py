@@ -282,15 +282,9 @@ def test_a_system_that_does_not_fit_a_force_is_refused(bonds, force, more, messa
         (lambda: kd.MorseBond(1.0, -1.0, 1.0), "morse-bond: width must be zero or more, got -1.0"),
         (lambda: kd.HarmonicAngle(1.0, 181.0), "harmonic-angle: rest must be 0 to 180 degrees, got 181: no angle"),
         (lambda: kd.HarmonicAngle(1.0, 90.0, types={"a": {"rest": -1.0}}), "type a: rest must be 0 to 180 degrees"),
-        (
-            lambda: kd.HarmonicImproper(1.0, 181.0),
-            "harmonic-improper: rest must be 0 to 180 degrees, got 181: the sign",
-        ),
+        (lambda: kd.HarmonicImproper(1.0, 181.0), "harmonic-improper: rest must be 0 to 180 degrees, got 181: the"),
         (lambda: kd.HarmonicImproper(1.0, -200.0), "harmonic-improper: rest must be 0 to 180 degrees, got -200"),
-        (
-            lambda: kd.PeriodicDihedral(10.0, 1.5, 45.0),
-            "multiplicity must be a whole number, zero or more, got 1.5: the",
-        ),
+        (lambda: kd.PeriodicDihedral(10.0, 1.5, 45.0), "multiplicity must be a whole number, zero or more, got 1.5"),
         (lambda: kd.PeriodicDihedral(10.0, -2.0), "multiplicity must be a whole number, zero or more, got -2"),
         (lambda: kd.PeriodicImproper(10.0, 2.5), "periodic-improper: multiplicity must be a whole number"),
         (lambda: kd.Fene(types={"a": {"stiffnes": 1.0}}), "unknown parameter 'stiffnes'; did you mean 'stiffness'"),

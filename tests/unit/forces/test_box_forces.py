@@ -94,9 +94,6 @@ def test_springs_go_to_the_nearest_image():
     assert measured.potential == pytest.approx(expected, rel=1e-12)
 
 
-# --- the same particles in two boxes ---
-
-
 def supercell(matrix, times):
     """Whole-number combinations (m, 3) of edge vectors, one for each copy of the box in a larger one."""
     return np.array(list(itertools.product(*map(range, times)))) @ matrix
@@ -151,9 +148,6 @@ def test_nist_configurations_in_a_sheared_cell_keep_their_energies(number, signs
             assert measured.virial == pytest.approx(4 * right["W"], rel=1e-12)
 
 
-# --- the list ---
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.tuples(tilts, tilts, tilts), st.sampled_from(AXES), st.integers(2, 400), st.integers(0, 2**32 - 1))
 def test_the_list_holds_every_pair_within_its_skin_once(leans, axes, n, seed):
@@ -201,8 +195,6 @@ def images_within(pairs, system):
     reach = pairs.cutoff + pairs.outer_skin
     return np.sort(np.concatenate([all_pairs[all_pairs < reach], np.sort(own[own < reach])[::2]]))
 
-
-# --- runs ---
 
 LIQUID = """
 units = "lj"

@@ -199,23 +199,17 @@ def test_room_for_neighbours_grows(name):
 
 
 @pytest.mark.parametrize("name", ["eam", "stillinger-weber", "tersoff"])
-def test_a_run_does_not_depend_on_threads_pieces_or_the_order_of_particles(name):
+def test_a_run_does_not_depend_on_the_order_of_particles(name):
     system = crystal(example(kd.forces.FORCES[name]))
-    whole, threads, pieces = (kd.Simulation(system, dt=0.002, threads=k) for k in (1, 2, 1))
-    for sim in (whole, threads):
-        sim.run(40)
-    pieces.run(13)
-    pieces.run(27, every=1)
     order = np.random.default_rng(3).permutation(len(system))
     state = system.state
     species = [system.species[k] for k in system.species_index]
     mixed = kd.System(
         state.positions[order], state.velocities[order], state.masses, system.box, system.forces, "metal", species
     )
-    other = kd.Simulation(mixed, dt=0.002)
+    whole, other = (kd.Simulation(each, dt=0.002) for each in (system, mixed))
+    whole.run(40)
     other.run(40)
-    for sim in (threads, pieces):
-        np.testing.assert_array_equal(sim.state.phase, whole.state.phase)
     np.testing.assert_array_equal(other.state.positions, whole.state.positions[order])
     assert whole.report().energy.max_relative_error < 1e-4
 
@@ -249,9 +243,6 @@ def test_silicon_has_its_published_lattice_constant_and_energy():
     assert energy(5.431) == pytest.approx(-4.3366, abs=1e-4)  # two bonds of depth epsilon for each atom
     assert energy(5.431) == pytest.approx(-2 * SILICON["epsilon"], rel=1e-6)
     assert energy(5.431) < min(energy(5.425), energy(5.437))
-
-
-# --- files ---
 
 
 def test_a_run_goes_on_from_its_file_until_the_potential_changes(tmp_path, monkeypatch):
@@ -324,10 +315,7 @@ def test_a_system_that_does_not_fit_is_refused():
         (lambda: kd.StillingerWeber({"Si": SILICON}), r"expected three species such as 'Si-Si-Si', got 'Si'"),
         (lambda: kd.StillingerWeber({"Si-Si-Si": {"a": 1.0}}), r"entries.Si-Si-Si: epsilon: required key is missing"),
         (lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"x": 1}}), r"unknown key 'x'; expected epsilon"),
-        (
-            lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"sigma": 0}}),
-            r"Si-Si-Si: sigma must not be negative, nor",
-        ),
+        (lambda: kd.StillingerWeber({"Si-Si-Si": SILICON | {"sigma": 0}}), r"Si-Si-Si: sigma must not be negative"),
         (lambda: kd.Tersoff({"Si-Si-Si": CARBON | {"D": 4.0}}), r"D = 4 must be less than R = 3"),
         (lambda: two(kd.Tersoff({"Si-Si-Si": CARBON | {"m": 2}})), r"tersoff: Si-Si-Si: m must be 1 or 3, got 2"),
         (

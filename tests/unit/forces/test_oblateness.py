@@ -13,7 +13,6 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, Oblateness
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.systemfile.reading import loads
 
 
 def bodies(seed=0, n=5, units="nbody", **options):
@@ -94,9 +93,6 @@ def test_potential_and_its_slope(pole, j2, j4):
     assert abs(torque @ axis) <= 1e-13 * np.abs(torque).max()
 
 
-# --- orbits ---
-
-
 def node_and_pericentre(state):
     """Longitude of the node and argument of the pericentre of a test particle, G M = 1."""
     x, v = (array[1] - array[0] for array in (state.positions, state.velocities))
@@ -140,9 +136,6 @@ def test_what_is_conserved():
     assert np.abs(change[:2]).max() > 1e-5  # the pole stays fixed
 
 
-# --- bad input ---
-
-
 def test_refusals():
     for options, message in [
         ({"j2": math.nan}, "j2: expected a finite number, got nan"),
@@ -163,32 +156,3 @@ def test_refusals():
     ]:
         with pytest.raises(InputError, match=f"^j2: {message}$"):
             kd.System(np.eye(3), forces=[Oblateness(1e-3, 1.0, **force)], **options)
-
-
-FILE = """units = "si"
-[particles]
-positions = [[0, 0, 0], [7e6, 0, 0]]
-masses = [5.97e24, 1000]
-[[force]]
-type = "j2"
-"""
-
-
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
-        ('j2 = 1.08e-3\nradius = "6378 km"\npole = [0, 0.4, 0.9]\ncentral = 0', None),
-        ("j2 = 1.08e-3", "force[0].radius: required key is missing"),
-        ('radius = "6378 km"', "force[0].j2: required key is missing"),
-        ('j2 = 1\nradius = "3 kg"', "force[0].radius: expected a length"),
-        ("j2 = 1\nradius = 6e6\npole = [1, 2]", "force[0].pole: expected 3 items, got 2"),
-    ],
-)
-def test_what_a_file_says(lines, message):
-    if message is None:
-        (force,) = loads(FILE + lines).forces
-        assert force == Oblateness(1.08e-3, 6.378e6, central=0, pole=(0.0, 0.4, 0.9))
-        return
-    with pytest.raises(InputError) as error:
-        loads(FILE + lines)
-    assert message in str(error.value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import inspect
 import json
@@ -23,8 +22,7 @@ from kickdrift.model.system import System
 from kickdrift_validation.folders import DATA
 from tests.long import rest
 from tests.oracle.agreement import assert_right, round_off
-from tests.oracle.forces import interacting_pairs, pair_oracle, truncated_lennard_jones
-from tests.processes import python
+from tests.oracle.forces import interacting_pairs, pair_oracle
 from tests.systems import CUTOFF, GRID, fluid, make_system, moved, on_grid
 
 NIST = DATA / "nist-lj"
@@ -150,14 +148,6 @@ def test_coordinates_that_are_no_round_numbers(truncation, mixed):
     assert_right(make_system(x, None, truncation, mixed))
 
 
-@every_combination
-def test_forces_sum_to_nothing(truncation, mixed):
-    x, edges = fluid(np.random.default_rng(9), 500)
-    system = make_system(x, edges, truncation, mixed)
-    forces = assert_right(system).accelerations * system.coherent_masses
-    assert np.abs(forces.sum(axis=1)).max() <= 1e-13 * np.abs(forces).sum()
-
-
 # --- the law and its truncations ---
 
 
@@ -176,32 +166,6 @@ def test_every_distance(truncation, mixed):
     allowed = np.zeros(len(x))
     allowed[pairs.i] = allowed[pairs.j] = 2 * round_off(pairs, system)  # each dimer alone
     assert (np.abs(forces - expected).max(axis=1) <= allowed).all()
-
-
-@pytest.mark.parametrize("truncation", TRUNCATIONS)
-def test_the_oracles_force_is_the_slope_of_its_energy(truncation):
-    force, h = LennardJones(cutoff=CUTOFF, truncation=truncation), 1e-6
-    r = np.linspace(0.85, CUTOFF - 2 * h, 500)
-    above, below = (truncated_lennard_jones(force, r + s, 1.3, 0.9)[0] for s in (h, -h))
-    radial = truncated_lennard_jones(force, r, 1.3, 0.9)[1]
-    np.testing.assert_allclose((below - above) / (2 * h), radial, rtol=1e-7, atol=1e-8)
-
-
-@every_combination
-def test_force_is_the_slope_of_the_energy(truncation, mixed):
-    rng = np.random.default_rng(4)
-    x, edges = fluid(rng, 60)
-    system = make_system(x, edges, truncation, mixed)
-    bound, phase, h = BoundForces(system), system.state.phase, 1e-5
-    forces = bound.measure(0.0, phase).accelerations * system.coherent_masses
-    for _ in range(10):
-        direction = np.zeros_like(phase)
-        direction[0, :, rng.integers(60)] = rng.normal(size=3)
-        above, below = (bound.measure(0.0, phase + s * direction) for s in (h, -h))
-        if truncation == "cut" and above.pairs != below.pairs:
-            continue  # the energy jumps at the cutoff
-        slope = (below.potential - above.potential) / (2 * h)
-        assert slope == pytest.approx((forces * direction[0]).sum(), rel=1e-6, abs=1e-5)
 
 
 def test_where_truncations_end():
@@ -397,37 +361,10 @@ def test_tail_of_a_mixture():
         make_system(x, None, "cut", tail=True)
 
 
-# --- threads ---
-
-
-def fingerprint_of_motion(n, threads):
-    """Hash of all bits of a BoundForces along a short path."""
-    rng = np.random.default_rng(n)
-    x, edges = fluid(rng, n)
-    system = make_system(x, edges)
-    bound, digest = BoundForces(system, threads), hashlib.sha256()
-    for step in (0.0, 0.02, 0.1, 0.5, 0.02):
-        x = x + rng.uniform(-step, step, x.shape)
-        measured = bound.measure(0.0, make_system(x, edges).state.phase)
-        digest.update(measured.accelerations.tobytes() + np.array(measured[1:]).tobytes())
-    return digest.hexdigest()
-
-
-@pytest.mark.parametrize("n", [500, 5000])
-def test_threads_do_not_change_the_bits(n):
-    one = fingerprint_of_motion(n, 1)
-    code = f"from {__name__} import fingerprint_of_motion as f; print(*(f({n}, k) for k in (2, 3, 4)))"
-    run = python(code, NUMBA_NUM_THREADS="4")
-    assert run.stdout.split() == [one] * 3, run.stderr
-
-
 @pytest.mark.parametrize("threads", [0, -1, 10_000])
 def test_threads_that_there_are_not(threads):
     with pytest.raises(InputError, match=r"threads must be 1 to \d+ here, got"):
         BoundForces(make_system(np.zeros((1, 3))), threads)
-
-
-# --- laws of users ---
 
 
 @pair_law
@@ -458,6 +395,7 @@ def test_a_users_copy_gives_the_same_bits(tmp_path, monkeypatch):
             assert a[1:] == b[1:]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("periodic", [True, False], ids=["periodic", "open"])
 def test_a_users_morse(periodic):
     x, edges = fluid(np.random.default_rng(1), 200)

@@ -100,6 +100,7 @@ def test_the_energy_of_all_pairs_in_relativity_stays_to_second_order():
         kd.DynamicalFriction(0.02, 0.6, 3.0),
         kd.LenseThirring((0.1, 0.2, 0.5), c=10.0),
         kd.EinsteinInfeldHoffmann(c=20.0),
+        kd.PostNewtonian(c=20.0),
         kd.MassChange([-0.05, 0.02]),
     ],
     ids=lambda force: force.name,
@@ -123,9 +124,6 @@ def test_slow_bodies_are_braked_in_proportion_to_their_speed():
         )  # fmt: skip
         found.append(BoundForces(system).measure(0.0, system.state.phase).accelerations[1, 1] / speed)
     assert found[0] == pytest.approx(found[1], rel=1e-8)
-
-
-# --- bad input ---
 
 
 @pytest.mark.parametrize(
@@ -165,18 +163,10 @@ def test_refused_parameters(make, message):
         (kd.EinsteinInfeldHoffmann(), {}, "relativity-eih: units 'nbody' define no speed of light; give c"),
         (kd.LenseThirring((0, 0, 1)), {}, "lense-thirring: units 'nbody' define no speed of light; give c"),
         (kd.RadiationPressure(0.1), {}, "radiation-pressure: units 'nbody' define no speed of light; give c"),
-        (
-            kd.RadiationReaction(c=3.0),
-            {"masses": [1, 0, 0]},
-            "relativity-2.5pn: needs 2 or more bodies with a mass; this",
-        ),
+        (kd.RadiationReaction(c=3.0), {"masses": [1, 0, 0]}, "relativity-2.5pn: needs 2 or more bodies with a mass"),
         (kd.Migration(3.0), {"units": "lj"}, "migration: units 'lj' define no G; give G"),
         (kd.Migration(3.0, central=1), {"masses": [1, 0, 0]}, "migration: central: particle 1 has no mass"),
-        (
-            kd.CentralPotential(1.0, 1.0, central=4),
-            {},
-            "central-potential: central: there is no body 4; expected 0 to 2",
-        ),
+        (kd.CentralPotential(1.0, 1.0, central=4), {}, "central-potential: central: there is no body 4; expected 0 to"),
         (kd.NonGravitational(1.0, 1.0), {"box": (9, 9, 9)}, "non-gravitational: needs open space, and the box is per"),
         (kd.RadiationPressure([0.1, 0.2], c=1.0), {}, "radiation-pressure: beta: 2 values for 3 particles; particle 2"),
         (kd.MassChange(0.1), {"gravity": 0.1}, "mass-change: needs gravity without softening, and 'gravity' has soft"),
@@ -193,10 +183,7 @@ def test_refused_systems(force, options, message):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (
-            {"tau": 0.1},
-            "spin: Star has a time lag and no spin; give its spin, or rotation = 'none' or 'synchronous' or",
-        ),
+        ({"tau": 0.1}, "spin: Star has a time lag and no spin; give its spin, or rotation = 'none' or 'synchronous'"),
         ({"tau": 0.1, "rotation": "synchronous"}, "spin: the central body, Star, has a time lag and no spin; rotation"),
         ({"tau": [0, 0.1, 0]}, "spin: b has a time lag and no spin"),
         ({"k2": 0.3}, "k2: dust has no mass, so its tide would move it without limit; give 0"),

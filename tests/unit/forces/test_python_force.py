@@ -125,9 +125,6 @@ def test_a_function_may_be_a_slow_force_of_respa():
     assert ends[0] == ends[1]
 
 
-# --- restarts ---
-
-
 def test_a_file_names_the_function_and_a_resumed_run_has_the_same_bits(tmp_path):
     path = tmp_path / "run.h5md"
     kd.Simulation(four(kd.PythonForce(trap)), "yoshida4", dt=0.01).run(20, every=5, output=path)
@@ -174,9 +171,6 @@ def test_a_system_file_names_a_function_of_a_loaded_file(tmp_path):
     assert 'function = "own_trap_7.pull"' in system.to_toml()
     with pytest.raises(kd.InputError, match="expected an import path"):
         loads(SYSTEM.format(function="pull"))
-
-
-# --- failures ---
 
 
 def test_failing_particles_are_written_beside_the_file_which_stays_whole(tmp_path):

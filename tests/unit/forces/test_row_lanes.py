@@ -86,7 +86,7 @@ def test_forces_of_every_width_in_a_mixture(monkeypatch, lanes):
     for n in (2, 9, 33, 200):
         x, edges = fluid(np.random.default_rng(n), n)
         for box in (edges, None):
-            system = make_system(x, box, "switch", True, n)
+            system = make_system(x, box, "shift", True, n)  # a loop that other tests compile
             check(system, bound_with(monkeypatch, system, lanes), is_single(lanes))
 
 

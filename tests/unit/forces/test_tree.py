@@ -198,9 +198,6 @@ def test_force_is_about_the_slope_of_the_energy():
     assert slope == pytest.approx((got.accelerations.T * shift).sum(), rel=1e-4)
 
 
-# --- bits ---
-
-
 def fingerprint(n, threads):
     rng = np.random.default_rng(n)
     masses = rng.uniform(0.1, 3.0, n)
@@ -235,24 +232,6 @@ def test_threads_and_reruns_do_not_change_the_bits():
     expected = [fingerprint(9, 1)] * 4 + [fingerprint(3000, 1)] * 4 + [fingerprint(MANY, 1)]
     assert run.stdout.split() == expected, run.stderr
     assert fingerprint(3000, 1) == fingerprint(3000, 1)
-
-
-def test_pieces_and_looks_do_not_change_the_bits():
-    def bits(*pieces):
-        sim = kd.Simulation(system, "leapfrog", dt=0.01)
-        for steps in pieces:
-            sim.run(steps)
-            sim.energy()
-        return sim.state.phase.tobytes()
-
-    rng = np.random.default_rng(11)
-    system = kd.System(
-        plummer(500, rng), rng.normal(size=(500, 3)) / 3, 1 / 500, forces=[GravityTree(1e-2, 0.05)], units="nbody"
-    )
-    assert bits(12) == bits(1, 0, 4, 7)
-
-
-# --- bad input ---
 
 
 def test_refusals():

@@ -117,9 +117,6 @@ def test_weights_are_those_of_the_integrals():
     np.testing.assert_allclose(ahead.sum(axis=0), 1.3 ** np.arange(8), rtol=1e-14)
 
 
-# --- order ---
-
-
 def oscillator(separable):
     return kd.Problem(
         lambda t, y: (y[1], -y[0]), [1.0, 0.0], separable=separable, name="oscillator",
@@ -236,9 +233,6 @@ def test_forces_that_depend_on_velocities():
     assert sim.state.positions == pytest.approx(np.array([[still, 0.0, pushed], [0.0, 2 * still, 0.0]]), abs=3e-15)
 
 
-# --- round-off ---
-
-
 def test_sums_keep_what_rounding_loses():
     """The steps of a free particle, each four times as long as the last, add up with twice the digits."""
     speed, first = 0.1, 0.7
@@ -347,31 +341,6 @@ def test_bodies_that_fall_onto_each_other_are_named():
         sim.run(until=3.0)
 
 
-# --- looks ---
-
-
-def test_pieces_and_looks_never_change_the_bits():
-    def made():
-        return kd.Simulation(ODES["arenstorf"](), NAME, rtol=1e-7)
-
-    whole = made()
-    whole.run(until=5.0)
-    pieces = made()
-    for until in (0.1, 0.100001, 1.0, 1.0, 2.7, 5.0):
-        pieces.run(until=until)
-        assert pieces.time == until
-        pieces.energy()
-    looks = made()
-    looks.run(until=5.0, interval=0.37, observe=lambda sim: sim.state)
-    counted = made()
-    counted.run(whole.steps_done - 1)
-    counted.run(until=5.0)
-    for sim in (pieces, looks, counted):
-        assert sim.state.y.tolist() == whole.state.y.tolist()
-        assert sim.steps_done == whole.steps_done
-        assert sim.record.rejected_steps == whole.record.rejected_steps
-
-
 @pytest.fixture(scope="module")
 def orbits():
     return {rtol: kd.Simulation(ODES["kepler"](0.5), NAME, rtol=rtol) for rtol in (1e-9, 1e-4)}
@@ -386,9 +355,6 @@ def test_states_between_step_points_are_as_good_as_those(orbits, rtol, times):
         sim.run(until=time)
         assert sim.time == time
         assert abs(sim.state.y - problem.exact(time)).max() < (2e-14 if rtol == 1e-9 else 1e-8)
-
-
-# --- input ---
 
 
 @pytest.mark.parametrize(

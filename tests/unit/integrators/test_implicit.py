@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators import integrator
 from kickdrift.integrators.flows.flow import flow_of
 from kickdrift.integrators.flows.jacobian import difference_jacobian
 from kickdrift.integrators.implicit import method as implicit
@@ -105,15 +102,6 @@ def solved(f, y0, name, steps, end, **options):
 
 
 @pytest.mark.parametrize("f", [pendulum, driven])
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_order_is_the_slope_of_the_error(name, f):
-    steps = (160, 320, 640) if name == "backward-euler" else (40, 80, 160)
-    exact = reference(f, [1.0, 0.3], 4.0)
-    errors = [np.abs(solved(f, [1.0, 0.3], name, n, 4.0) - exact).max() for n in steps]
-    assert -np.diff(np.log2(errors)) == pytest.approx(np.full(2, integrator(name).order), abs=0.15)
-
-
-@pytest.mark.parametrize("f", [pendulum, driven])
 def test_order_of_the_rosenbrock_method(f):
     """Fixed steps: the tolerance accepts every step. Without df/dt a driven problem would have order 2."""
     exact = reference(f, [1.0, 0.3], 4.0)
@@ -150,37 +138,6 @@ def test_rodas_fulfils_the_order_conditions():
     assert max(abs(embedded @ tree - value) for tree, value in fourth) > 1e-3
 
 
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_symplectic_rows_and_no_others_keep_the_symplectic_form(name):
-    """J^T Omega J = Omega for the Jacobian J of a flow of 20 steps, by central differences."""
-    h, problem = 1e-4, kd.Problem(pendulum, [0.0, 0.0])
-    sim = kd.Simulation(problem, name, dt=0.2)
-
-    def flow(y):
-        sim.state = dataclasses.replace(problem.state, y=y)
-        sim.run(20, every=20)
-        return sim.state.y
-
-    start = np.array([1.0, 0.3])
-    jacobian = np.transpose([(flow(start + h * e) - flow(start - h * e)) / (2 * h) for e in np.eye(2)])
-    form = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    error = np.abs(jacobian.T @ form @ jacobian - form).max()
-    assert integrator(name).symplectic == (name in GAUSS)
-    assert error < 1e-7 if name in GAUSS else error > 1e-2
-
-
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_reversible_rows_and_no_others_come_back(name):
-    problem = kd.Problem(pendulum, [1.0, 0.3])
-    sim = kd.Simulation(problem, name, dt=0.2)
-    sim.run(50)
-    sim.state = dataclasses.replace(sim.state, y=sim.state.y * [1.0, -1.0])
-    sim.run(50)
-    error = np.abs(sim.state.y - [1.0, -0.3]).max()
-    assert integrator(name).reversible == (name in GAUSS)
-    assert error < 1e-12 if name in GAUSS else error > 1e-2
-
-
 @pytest.mark.parametrize("iteration", implicit.ITERATIONS)
 def test_energy_does_not_drift(iteration):
     """The energy must not drift even at the level of rounding. Stages solved less accurately drift by 2e-16 per unit of
@@ -189,22 +146,6 @@ def test_energy_does_not_drift(iteration):
     report = kd.Simulation(problem, "implicit-midpoint", dt=0.1, iteration=iteration).run(5000, every=5)
     assert abs(report.energy.drift_per_unit_time) < 1e-16
     assert report.energy.max_relative_error < 1e-3
-
-
-@pytest.mark.parametrize("name", GAUSS)
-def test_compensated_sums_lose_less(name):
-    """Gauss methods conserve a quadratic form exactly, except for rounding (Cooper 1987)."""
-
-    def oscillator(t, y):
-        return (y[1], -y[0])
-
-    lost = []
-    for compensated in (False, True):
-        sim = kd.Simulation(kd.Problem(oscillator, [1.0, 0.5]), name, dt=0.02, compensated=compensated)
-        sim.run(2000, every=2000)
-        lost.append(abs(sim.state.y @ sim.state.y - 1.25))
-    assert lost[1] < 2e-15
-    assert lost[1] < lost[0]
 
 
 # --- the iteration ---
@@ -300,9 +241,6 @@ def test_a_right_hand_side_that_begins_at_the_start():
     assert sim.state.y[0] == pytest.approx(2 / 3, abs=1e-6)
 
 
-# --- published end values ---
-
-
 @pytest.mark.parametrize("problem", TEST_SET)
 @pytest.mark.parametrize("name", STIFF)
 def test_end_values_of_the_test_set(name, problem):
@@ -312,9 +250,6 @@ def test_end_values_of_the_test_set(name, problem):
     close = {"rosenbrock": 1e-5, "radau": 2e-5, "bdf": 1e-3, "lsoda": 1e-3}[name]
     np.testing.assert_allclose(sim.state.y, values, rtol=close)
     assert report.time == end
-
-
-# --- particles ---
 
 
 def cluster() -> kd.System:
@@ -339,41 +274,12 @@ def test_particles_move_as_with_velocity_verlet():
     assert np.abs(runs["velocity-verlet", 0.002] - runs["implicit-midpoint", 0.002]).max() > 1e-6
 
 
-@pytest.mark.parametrize("name", ["implicit-midpoint", "rosenbrock", "radau"])
-def test_looking_does_not_change_a_particle_runs_bits(name):
-    options = {"dt": 0.002} if name == "implicit-midpoint" else {"rtol": 1e-5, "atol": 1e-6}
-    rng = np.random.default_rng(5)
-    x = np.indices((2, 2, 2)).reshape(3, -1).T * 1.15
-    system = kd.System(x, rng.normal(size=(8, 3)) * 0.3, forces=[kd.LennardJones(cutoff=4.0)])
-    one, other = (kd.Simulation(system, name, **options) for _ in range(2))
-    one.integration.stepper.advance(12)
-    for _ in range(4):
-        other.integration.stepper.advance(3)
-        other.energy()
-    np.testing.assert_array_equal(one.state.phase, other.state.phase)
-
-
 def test_newton_on_particles_agrees_with_fixed_point():
     system = cluster()
     sims = [kd.Simulation(system, "gauss-legendre4", dt=0.01, iteration=way) for way in implicit.ITERATIONS]
     for sim in sims:
         sim.run(4)
     np.testing.assert_allclose(sims[0].state.phase, sims[1].state.phase, rtol=0, atol=1e-12)
-
-
-# --- runs in pieces, and times inside steps ---
-
-
-@pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])
-def test_a_run_in_pieces_gives_the_same_bits(name):
-    options = {"compensated": True} if name == "gauss-legendre4" else {}
-    one, other = (kd.Simulation(kd.Problem(driven, [1.0, 0.3]), name, dt=0.03, **options) for _ in range(2))
-    one.run(200)
-    for _ in range(20):
-        other.run(10, every=3)
-    np.testing.assert_array_equal(one.state.y, other.state.y)
-    assert one.time == other.time
-    assert one.integration.stepper.counts == other.integration.stepper.counts
 
 
 @pytest.mark.parametrize("name", STIFF)
@@ -393,29 +299,6 @@ def test_the_solution_between_steps(name):
 
 
 # --- bad input ---
-
-
-@pytest.mark.parametrize("name", IMPLICIT)
-def test_an_unknown_iteration_is_refused(name):
-    with pytest.raises(InputError, match="iteration 'picard' is unknown; known are newton, fixed-point"):
-        kd.Simulation(kd.Problem(pendulum, [1.0, 0.3]), name, dt=0.1, iteration="picard")
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "said"),
-    [
-        ("bdf", {"controller": "pi"}, "controller: bdf does not take it; it takes dt, rtol, atol"),
-        ("rosenbrock", {"compensated": True}, "compensated: rosenbrock does not take it"),
-        ("rosenbrock", {"controller": "x"}, "controller 'x' is unknown; known are i, pi, pid"),
-        ("radau", {"iteration": "newton"}, "iteration: radau does not take it"),
-        ("lsoda", {"rtol": -1.0}, "rtol must be a positive number"),
-        ("rk4", {"iteration": "newton", "dt": 0.1}, "iteration: rk4 does not take it"),
-        ("implicit-midpoint", {"rtol": 1e-6, "dt": 0.1}, "rtol: implicit-midpoint does not take it"),
-    ],
-)
-def test_options_that_a_method_does_not_take_are_refused(name, options, said):
-    with pytest.raises(InputError, match=said):
-        kd.Simulation(kd.Problem(pendulum, [1.0, 0.3]), name, **options)
 
 
 @pytest.mark.parametrize("name", [*IMPLICIT, *STIFF])

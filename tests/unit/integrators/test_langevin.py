@@ -99,9 +99,6 @@ def test_a_report_of_brownian_judges_no_temperature():
         kd.Simulation(wells(2), "brownian", 0.01, temperature=1.0)
 
 
-# --- refined noise ---
-
-
 @pytest.mark.parametrize("name", WORDS)
 def test_refined_noise_gives_free_particles_the_same_velocities(name):
     """The bridge is exact: without forces, velocities at dt and at dt / 2 are equal at every time."""
@@ -164,9 +161,6 @@ def test_refined_noise_needs_equal_parts():
         unregister("uneven")
 
 
-# --- words of one's own ---
-
-
 @pytest.mark.parametrize(
     ("word", "options"),
     [
@@ -189,9 +183,6 @@ def test_a_word_with_a_bath_is_one_line(word, options):
 def test_two_baths_in_a_word_are_refused():
     with pytest.raises(InputError, match=r"^mine: a word has one heat bath, not 2: O \(Ornstein-Uhlenbeck\) and C"):
         kd.register_splitting("mine", word="BAOCAB", order=2, source="a test")
-
-
-# --- the chain under other splittings ---
 
 
 @pytest.mark.parametrize(

@@ -296,9 +296,6 @@ def test_an_error_in_a_python_force_is_named(after):
         kd.Simulation(system, "trace", dt=2.0).run(60)
 
 
-# --- bad input ---
-
-
 @pytest.mark.parametrize(
     ("system", "options", "message"),
     [

@@ -30,7 +30,6 @@ from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
 from tests.long import shortened
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict, "as_written": as_written}
-EACH = pytest.mark.parametrize("kind", KINDS)
 ROWS = 11  # number of vectors from the formulas below
 
 
@@ -85,10 +84,12 @@ def compiled(formula, kind: str, lanes: tuple[bool, bool, bool]):
 
 
 MIXTURES = [(True, True, True), (True, True, False), (True, False, True), (False, True, False), (False, False, False)]
-ALIKE = [MIXTURES[0], MIXTURES[-1]]
+LANES, NUMBERS = MIXTURES[0], MIXTURES[-1]
 RUNS = {
     (kind, lanes): [compiled(f, kind, lanes) for f in (in_vectors, written_out)] for kind in KINDS for lanes in MIXTURES
 }
+SHORT = [*((kind, LANES) for kind in KINDS), ("jit", MIXTURES[1]), ("jit", NUMBERS), ("as_written", NUMBERS)]
+ALIKE = shortened([run for run in RUNS if run[1] in (LANES, NUMBERS)], [run for run in SHORT if run[1] != MIXTURES[1]])
 moderate = st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
 near_one = st.floats(0.5, 2.0) | st.floats(-2.0, -0.5)  # sums cancel here
 
@@ -108,28 +109,22 @@ def found(run, a, b, w):
     return out
 
 
-@EACH
-@pytest.mark.parametrize(
-    "lanes",
-    shortened(MIXTURES, ALIKE + MIXTURES[1:2]),
-    ids=lambda lanes: "".join("L" if each else "n" for each in lanes),
-)
+@pytest.mark.parametrize("run", shortened(RUNS, SHORT), ids=str)
 @given(operands())
 @settings(max_examples=60, deadline=None)
-def test_bits_are_those_of_components_written_out(kind, lanes, numbers):
-    vectors, components = RUNS[kind, lanes]
+def test_bits_are_those_of_components_written_out(run, numbers):
+    vectors, components = RUNS[run]
     np.testing.assert_array_equal(found(vectors, *numbers), found(components, *numbers))
 
 
-@EACH
-@pytest.mark.parametrize("lanes", ALIKE, ids=["lanes", "numbers"])
+@pytest.mark.parametrize("run", ALIKE, ids=str)
 @given(operands())
 @settings(max_examples=60, deadline=None)
-def test_values_are_numpys(kind, lanes, numbers):
+def test_values_are_numpys(run, numbers):
     """Equal to the last bit if there is one rounding, else within that of the largest term."""
     a, b, w = numbers
-    got = found(RUNS[kind, lanes][0], a, b, w)
-    if not lanes[0]:
+    got = found(RUNS[run][0], a, b, w)
+    if run[1] == NUMBERS:
         a, b, w, got = a[:, :1], b[:, :1], w[:1], got[:, :, :1]
     np.testing.assert_array_equal(got[:5], [a + b, a - b, -a, w * a, a * w])
     products = np.array([(a * b).sum(axis=0), w + (a * b).sum(axis=0), (b * b).sum(axis=0) + w])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, LennardJones
@@ -205,22 +204,6 @@ def test_bad_structure_files(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ase.io", None)
     with pytest.raises(InputError, match=r"pip install 'kickdrift\[ase\]'"):
         read_structure(path, METAL)
-
-
-@given(
-    count=st.integers(2, 60), edge=st.floats(0.5, 20.0), stretch=st.floats(1.0, 3.0), periodic=st.booleans(),
-    factor=st.sampled_from([0.3, 0.999, 1.001, 3.0]), seed=st.integers(0, 2**32),
-)  # fmt: skip
-@settings(deadline=None)
-def test_any_nearer_agrees_with_a_tree(count, edge, stretch, periodic, factor, seed):
-    edges = (edge, stretch * edge, edge / stretch) if periodic else None
-    positions = np.random.default_rng(seed).random((count, 3)) * (edges or 3 * (edge,))
-    distances, places = (found[:, 1] for found in cKDTree(positions, boxsize=edges).query(positions, k=2))
-    first = int(np.argmin(distances))
-    limit = factor * float(distances[first])
-    if limit < min(edges or [np.inf]) / 2:  # the tree returns nearest images
-        few = positions[np.unique([first, places[first], 0, 1])]  # four particles are no crowd
-        assert any_nearer(positions if factor > 1 else few, edges, limit) == (factor > 1)
 
 
 def test_far_away_and_crowded_places():

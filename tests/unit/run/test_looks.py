@@ -42,13 +42,8 @@ def unit_masses() -> kd.System:
 RUNS = {
     "splitting": (planets, "leapfrog", {"dt": 0.01}),
     "drift first": (planets, "leapfrog-dkd", {"dt": 0.01}),
-    "runge-kutta": (planets, "rk4", {"dt": 0.01}),
-    "compensated": (planets, "yoshida4", {"dt": 0.01, "compensated": True}),
-    "jacobi": (planets, "wisdom-holman", {"dt": 0.01}),
-    "heliocentric": (planets, "wisdom-holman", {"dt": 0.01, "coordinates": "democratic-heliocentric"}),
     "corrected": (planets, "wisdom-holman", {"dt": 0.01, "corrector": 11}),
     "lists": (liquid, "velocity-verlet", {"dt": 0.004}),
-    "lists, drift first": (liquid, "leapfrog-dkd", {"dt": 0.004}),
     "lists, mixed": (liquid, "velocity-verlet", {"dt": 0.004, "precision": "mixed"}),
     "python's steps": (planets, "gauss-legendre4", {"dt": 0.05}),
     "whole numbers": (planets, "leapfrog-exact", {"dt": 0.01}),

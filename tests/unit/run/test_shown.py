@@ -119,9 +119,6 @@ def test_the_steps_of_a_report_are_a_plain_number_inside_a_step():
     json.dumps(sim.run(until=sim.time + 1.0, interval=0.3).as_json())
 
 
-# --- progress
-
-
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True

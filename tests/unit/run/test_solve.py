@@ -124,9 +124,6 @@ def test_an_integrators_value_stands_in_place_of_its_name():
     assert np.abs(found.y - exact(found.t)).max() < 1e-9
 
 
-# -- fixed steps
-
-
 @pytest.mark.parametrize(("method", "order"), [("velocity-verlet", 2), ("rk4", 4), ("yoshida4", 4)])
 def test_the_last_step_is_shorter_where_the_interval_is_no_whole_number_of_steps(method, order):
     errors = []
@@ -143,9 +140,6 @@ def test_a_whole_number_of_steps_ends_at_the_end_of_the_interval_to_the_last_bit
     found = kd.solve(oscillator, (0.1, 0.4), [1, 0], "rk4", args=(1.0,), dt=0.1)
     assert len(found.t) == 4
     assert found.t[-1] == 0.4
-
-
-# -- complex numbers
 
 
 @pytest.mark.parametrize("method", ["dormand-prince45", "DOP853", "gauss-radau15", "BDF"])
@@ -289,9 +283,6 @@ def test_a_solution_shows_its_times_and_travels_to_another_process():
     np.testing.assert_array_equal(there.sol(0.3), found.sol(0.3))
     assert "dormand-prince45" in repr(found)
     assert len(repr(found).splitlines()) < 20
-
-
-# -- bad input
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,6 @@ def test_gauss_newton_finds_the_frequencies():
     assert found.slope == pytest.approx(0.01, rel=1e-10)
 
 
-# --- two waves closer than the resolution 2 pi / n ---
-
-
 @pytest.mark.parametrize("n", [200, 201])
 @pytest.mark.parametrize("apart", [0.5, 0.1, 0.02])  # of the resolution; the closed forms cancel below 0.1
 @pytest.mark.parametrize("middle", [1.0, 0.02, np.pi - 0.02])

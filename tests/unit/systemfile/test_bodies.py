@@ -191,9 +191,6 @@ def test_elements_need_a_gravitational_constant():
     assert len(loads(given + "G = 2.0\n")) == 4
 
 
-# -- Plummer's sphere
-
-
 def test_a_plummer_sphere_has_its_energy_and_rests():
     x, v, m = plummer(500, seed=2)
     r = np.linalg.norm(x[:, None] - x[None], axis=2)[np.triu_indices(500, 1)]
@@ -233,8 +230,6 @@ def test_seeds_tell_spheres_apart():
     assert loads(CLUSTER, seed=9).seed == 9
     assert systemfile.load("plummer-1000").seed == 1
 
-
-# -- TRAPPIST-1
 
 # Days (BJD - 2450000) and one standard deviation: the posterior of Agol et al. 2021 (doi:10.3847/PSJ/abd022), from
 # data/times_obs_and_posterior.txt of github.com/ericagol/TRAPPIST1_Spitzer. The system file has the most likely orbits.

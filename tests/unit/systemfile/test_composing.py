@@ -86,11 +86,7 @@ BAD = [
     (([SUN, 3],), {}, "bodies[1]: expected a table, got 3"),
     (([{**SUN, "a": 1.0}],), {}, "bodies[0].a: unknown key"),
     (([SUN, {**JUPITER, "inclination": 1.0}],), {}, "bodies[1].inclination: unknown key"),
-    (
-        ([SUN, JUPITER, {**COMET, "e": -1.0}],),
-        {},
-        "bodies[2] (comet).e: expected an eccentricity, zero or more, got -1.0",
-    ),
+    (([SUN, JUPITER, {**COMET, "e": -1.0}],), {}, "bodies[2] (comet).e: expected an eccentricity, zero or more, got"),
     (([SUN, {**JUPITER, "mass": "1 km"}],), {}, "bodies[1].mass: expected a mass"),
     (([SUN, {**JUPITER, "body": "x"}],), {}, "bodies[1]: name: expected name or body, its older key, got both"),
     (
@@ -197,9 +193,6 @@ def test_an_orbit_needs_a_central_body_or_a_primary():
     with pytest.raises(kd.InputError, match="primary: required, since no body of 'system' has half of all mass"):
         three.with_body(mass=0.0, a=0.1)
     assert three.with_body(mass=0.0, a=0.1, primary=2)[3].elements(2).a == pytest.approx(0.1)
-
-
-# --- bodies by name ---
 
 
 def test_a_body_by_name_or_id():
@@ -334,9 +327,6 @@ def test_units_that_say_nothing_have_no_symbol():
     assert {nbody.symbol(each) for each in ("time", "energy", "velocity", "temperature", "mass")} == {""}
     assert nbody.symbol("angle") == "deg"
     assert metal.symbol("velocity") == metal.unit("velocity") == "angstrom/ps"
-
-
-# --- the command line ---
 
 
 def test_show_prints_a_file_to_edit(kickdrift, tmp_path, monkeypatch):

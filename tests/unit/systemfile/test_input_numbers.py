@@ -16,7 +16,6 @@ from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import unit_system
 from kickdrift.systemfile.reading import loads
-from kickdrift.text import LINE, clean
 
 TWO = [[1.0, 1.0, 1.0], [2.5, 1.0, 1.0]]
 BOX = (10.0, 10.0, 10.0)
@@ -89,17 +88,6 @@ def test_no_unit_takes_long_to_refuse(text):
     with pytest.raises(kd.InputError) as refused:
         quantity(text, "mass", METAL, "mass")
     assert len(str(refused.value)) < 300
-
-
-# --- messages ---
-
-
-def test_a_message_is_one_printable_line():
-    text = str(kd.InputError("key\x1b[31m\u202e\x07 a\nb " + "x" * 10_000))
-    assert text.isprintable()
-    assert len(text) <= LINE
-    assert text.startswith(r"key\x1b[31m\u202e\x07 a\nb xxx")
-    assert clean("plain é") == "plain é"
 
 
 LATTICE = """units = "lj"

@@ -116,15 +116,6 @@ def test_a_file_that_is_no_runs_is_refused_in_one_line(tmp_path, whole, monkeypa
     assert {each.name for each in tmp_path.iterdir()} <= {"bad.h5md", "whole.h5md"}
 
 
-def test_a_wrong_suffix_is_refused_before_anything_runs(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(sys, "argv", ["kickdrift", "run", "lj-1000", "--output", str(tmp_path / "run.h5")])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 2
-    assert "must end in .h5md" in capfd.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_info_says_what_a_kill_left(whole):
     with h5py.File(whole, "r+") as file:
         file["kickdrift/closed"][0] = 0

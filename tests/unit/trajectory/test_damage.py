@@ -17,7 +17,7 @@ from kickdrift.model.state import State
 from kickdrift.systemfile.files import shipped
 from kickdrift.trajectory.file.opening import open_to_read
 from kickdrift.trajectory.layout import checksums
-from kickdrift.trajectory.layout.checkpoints import decoded, encoded
+from kickdrift.trajectory.layout.checkpoints import decoded
 from kickdrift.trajectory.layout.contents import MOST_NESTED
 from kickdrift.trajectory.read.info import describe, info
 from kickdrift.trajectory.write.h5md import Writer
@@ -186,8 +186,6 @@ def test_checksums_see_bits_and_places():
     assert checksums.sums(np.zeros((1, 64))) == 1, "0, the fill value, must not be a checksum of zeros"
     assert checksums.sums_of_vectors(rng.normal(size=(4, 7, 3)).astype("f4"), 3).shape == (4, 3)
 
-
-# --- parts that are written once ---
 
 CHANGES = {
     "gravity": lambda file: file["kickdrift/units"].attrs.__setitem__("boltzmann", 1.5),
@@ -474,9 +472,6 @@ def test_a_file_that_another_program_wrote_anew_is_not_continued(path, written):
     assert path.read_bytes() == before
 
 
-# --- checkpoints ---
-
-
 def with_text(text):
     data = text.encode()
     return len(data).to_bytes(8, "little") + data
@@ -496,14 +491,6 @@ def with_text(text):
 def test_bytes_of_no_checkpoint_are_a_value_error(data):
     with pytest.raises(ValueError):  # noqa: PT011
         decoded(data)
-
-
-def test_a_checkpoint_is_decoded_as_it_was():
-    found = decoded(
-        encoded({"x": np.arange(6.0).reshape(2, 3), "none": None, "empty": np.zeros((0, 3)), "i": [1, "a"]})
-    )
-    np.testing.assert_array_equal(found["x"], np.arange(6.0).reshape(2, 3))
-    assert (found["none"], found["empty"].shape, found["i"]) == (None, (0, 3), [1, "a"])
 
 
 # --- continuation ---

@@ -127,20 +127,6 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
             np.testing.assert_allclose(atoms.arrays["velocities"], atoms.get_velocities(), atol=1e-8)
 
 
-@pytest.mark.parametrize("units", UNITS)
-def test_ase_makes_the_system_of_a_frame_again(path, units):
-    """`System.from_ase` reads the run's own System from an export."""
-    system = make_system(units)
-    written = write(path, system)
-    kd.export(path, path.with_suffix(".traj"), unwrapped=True)
-    again = System.from_ase(ase_io.read(path.with_suffix(".traj"), 2), forces=[], units=units)
-    np.testing.assert_allclose(again.state.positions, written[2].positions, rtol=1e-14)
-    np.testing.assert_allclose(again.state.velocities, written[2].velocities, rtol=1e-14)
-    np.testing.assert_allclose(again.state.masses, written[2].masses, rtol=1e-14)
-    assert (again.species, again.names) == (system.species, system.names)
-    np.testing.assert_array_equal(again.species_index, system.species_index)
-
-
 @pytest.mark.parametrize("suffix", [".dcd", ".trr", ".xyz"])
 def test_a_removed_body_is_nan_where_the_format_has_a_place_for_each(path, suffix):
     system = make_system("nbody")

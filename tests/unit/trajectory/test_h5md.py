@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 import sys
-import textwrap
 import time
 from collections import namedtuple
 from pathlib import Path
@@ -39,17 +38,6 @@ def make_system(n=30, box=(5.0, 6.0, 7.0), units="lj", scale=1.0) -> System:
     return System(
         x, v, masses=np.arange(1.0, n + 1), box=box, units=units, species=["A", "Bb", "A"] * (n // 3), source="# lj\n"
     )
-
-
-def test_bodies_keep_their_names(tmp_path):
-    system = System([[0, 0, 0], [1, 0, 0]], units="nbody", names=["Sun", "Jupiter"])
-    with Writer(tmp_path / "run.h5md", system, method=METHOD, every=1) as writer:
-        writer.append(system.state, sample(0))
-    with reader.open(tmp_path / "run.h5md") as run:
-        assert run.names == ("Sun", "Jupiter")
-        assert list(run.universe().atoms.names) == ["Sun", "Jupiter"]
-    assert system.body(1) == "Jupiter"
-    assert make_system().body(1) == "particle 1"
 
 
 @pytest.mark.parametrize("units", ["lj", "si"])
@@ -127,24 +115,6 @@ def test_mdanalysis_opens_with_no_keyword(path, box):
     universe.trajectory.close()
 
 
-def test_universe_has_names_masses_and_time_step(path):
-    pytest.importorskip("MDAnalysis")
-    system = write(path)
-    with reader.open(path) as run:
-        universe = run.universe()
-        assert list(universe.atoms.names[:3]) == ["A", "Bb", "A"]
-        np.testing.assert_array_equal(universe.atoms.masses, system.state.masses)
-        assert universe.trajectory.dt == pytest.approx(0.1, rel=1e-15)
-        universe.trajectory.close()
-
-
-def test_universe_without_mdanalysis_says_how_to_get_it(path, monkeypatch):
-    write(path)
-    monkeypatch.setitem(sys.modules, "MDAnalysis", None)
-    with reader.open(path) as run, pytest.raises(InputError, match=r"pip install 'kickdrift\[mdanalysis\]'"):
-        run.universe()
-
-
 @pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
 def test_si_is_stored_in_angstrom_and_ps(path):
     MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -218,38 +188,6 @@ def test_plain_h5py_finds_h5md_1_1(path):
 # -- our reader
 
 
-def test_run_is_a_sequence_of_exact_frames(path):
-    system = write(path, report={"steps": 40})
-    with reader.open(path) as run:
-        assert len(run) == 3
-        for index, step in enumerate((0, 20, 40)):
-            state = make_state(system, step)
-            np.testing.assert_array_equal(run[index].positions, state.positions)
-            np.testing.assert_array_equal(run[index].velocities, state.velocities)
-            np.testing.assert_array_equal(run[index].wrapped(), state.wrapped())
-            assert (run[index].step, run[index].time) == (step, state.time)
-        assert run[-1].step == 40
-        assert [frame.step for frame in run[1:]] == [20, 40]
-        assert [frame.step for frame in run[::-2]] == [40, 0]
-        assert [frame.step for frame in run] == [0, 20, 40]
-        with pytest.raises(IndexError):
-            run[3]
-        np.testing.assert_array_equal(run.steps, [0, 20, 40])
-        np.testing.assert_array_equal(run.times, np.array([0, 20, 40]) * 0.005)
-        np.testing.assert_array_equal(run.sample_times, np.arange(0, 50, 10) * 0.005)
-        np.testing.assert_array_equal(run.energies.total, [sample(k)["total_energy"] for k in range(0, 50, 10)])
-        assert run.observables["momentum"].shape == (5, 3)
-        np.testing.assert_array_equal(run.path_of(3), [make_state(system, k).positions[3] for k in (0, 20, 40)])
-        assert run.units == system.units
-        assert run.nominal_units
-        assert run.system_source == "# lj\n"
-        assert run.method == METHOD
-        assert run.report == {"steps": 40}
-        assert run.box == system.box
-        assert run.species == ("A", "Bb")
-        np.testing.assert_array_equal(run.initial_phase, system.state.phase)
-
-
 def test_frames_keep_the_order_of_the_ids(path):
     system = make_system()
     order = np.random.default_rng(2).permutation(30)
@@ -300,11 +238,6 @@ def test_info_tells_what_is_there(path):
     for part in ("1 σ as 1 angstrom", "velocity-verlet", "0 to 0.2 τ", "bounded", "5 × 6 × 7", "20 A, 10 Bb"):
         assert part in text
     json.dumps(found)
-
-
-def test_info_of_an_unfinished_run(path):
-    write(path)
-    assert "not properly" in describe(info(path))
 
 
 def test_info_and_writing_do_not_load_numba(path):
@@ -471,53 +404,6 @@ def test_a_full_disk_keeps_what_was_flushed(path, monkeypatch):
         assert run.report is None
 
 
-def test_a_real_full_disk(tmp_path):
-    """A tmpfs of 4 MB in the child's own mount namespace; HDF5 alone would crash on it at close."""
-    if shutil.which("unshare") is None:
-        pytest.skip("needs unshare")
-    code = """
-        import sys, numpy as np
-        from kickdrift.errors import InputError, RunError
-        from kickdrift.model.state import State
-        from kickdrift.model.system import System
-        from kickdrift.trajectory.read import reader
-        from kickdrift.trajectory.write.h5md import Writer
-        system = System(np.zeros((500, 3)), box=(9, 9, 9))
-        s = system.state
-        path = sys.argv[1] + "/run.h5md"
-        try:
-            with Writer(path, system, method={}, every=1, flush_bytes=100_000) as writer:
-                for step in range(1000):
-                    state = State(np.full((2, 3, 500), float(step)), s.masses, s.ids, s.box, step, step)
-                    writer.append(state, {"total_energy": step})
-        except RunError as error:
-            print(error)
-        with reader.open(path) as run:
-            assert len(run) > 30, len(run)
-            assert all((frame.positions == frame.step).all() for frame in run)
-            print("frames", len(run))
-        open(sys.argv[1] + "/rest", "wb").write(b"")
-        with open(sys.argv[1] + "/rest", "ab", buffering=0) as rest:
-            try:
-                while rest.write(bytes(4096)):
-                    pass
-            except OSError:
-                pass
-        try:
-            Writer(sys.argv[1] + "/two.h5md", system, method={}, every=1)
-        except InputError as error:
-            print(error)
-    """
-    mount = 'mount -t tmpfs -o size=4m tmpfs "$1" || exit 77; exec "$2" -c "$3" "$1"'
-    command = ["unshare", "-m", "sh", "-c", mount, "sh", str(tmp_path), sys.executable, textwrap.dedent(code)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode == 77 or "unshare" in done.stderr:
-        pytest.skip("may not mount here")
-    assert done.returncode == 0, done.stderr
-    assert "disk full" in done.stdout
-    assert "no space left" in done.stdout
-
-
 def test_a_removed_file_is_noticed(path):
     system = make_system()
     writer = Writer(path, system, method=METHOD, every=1)
@@ -640,35 +526,3 @@ def test_changed_observables_are_refused(path):
             writer.append(make_state(system, 1), {"time": 1.0})
         with pytest.raises(InputError, match="holds 30 particles; this state has 2"):
             writer.append(make_state(System(np.zeros((2, 3))), 1), {"total_energy": 1.0})
-
-
-def test_files_that_are_no_runs(tmp_path, path):
-    def message(file) -> str:
-        with pytest.raises(InputError) as caught:
-            reader.open(file)
-        return str(caught.value)
-
-    assert "no such file" in message(tmp_path / "none.h5md")
-    assert "is a folder" in message(tmp_path)
-    plain = tmp_path / "plain.h5md"
-    plain.write_text("hello")
-    assert "is not an HDF5 file" in message(plain)
-    plain.write_bytes(b"")
-    assert "is not an HDF5 file" in message(plain)
-    with h5py.File(plain, "w") as file:
-        file["x"] = 1
-    assert "not H5MD: it has no group 'h5md'" in message(plain)
-    with h5py.File(plain, "w") as file:
-        file.create_group("h5md/creator").attrs["name"] = "h5xx"
-    assert "an H5MD file written by h5xx" in message(plain)
-    write(path)
-    plain.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    assert "is truncated" in message(plain)
-    shutil.copy(path, plain)
-    with h5py.File(plain, "r+") as file:
-        file["kickdrift"].attrs["schema"] = 99
-    assert "newer kickdrift (schema 99" in message(plain)
-    shutil.copy(path, plain)
-    with h5py.File(plain, "r+") as file:
-        del file["particles/trajectory/mass"]
-    assert "damaged" in message(plain)

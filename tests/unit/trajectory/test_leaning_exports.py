@@ -56,20 +56,6 @@ def test_mdanalysis_reads_the_box_of_a_file(tmp_path, units, images):
         universe.trajectory.close()
 
 
-def test_distances_of_mdanalysis_are_ours(tmp_path):
-    path = tmp_path / "run.h5md"
-    system = leaning()
-    write(path, system)
-    with kd.open(path) as run:
-        universe, state = run.universe(), run[2].state
-    ts = universe.trajectory[2]
-    i, j = np.triu_indices(N, 1)
-    ours = np.linalg.norm(state.box.minimum_image(state.positions[i] - state.positions[j]), axis=1)
-    theirs = MDAnalysis.lib.distances.calc_bonds(ts.positions[i], ts.positions[j], box=ts.dimensions)
-    np.testing.assert_allclose(theirs, ours, rtol=1e-5)
-    universe.trajectory.close()
-
-
 def test_mdanalysis_sees_no_period_along_an_open_axis(tmp_path):
     path = tmp_path / "run.h5md"
     system = leaning(periodic=PLANE, matrix=np.diag([15.0, 16.0, 17.5]))
@@ -125,23 +111,3 @@ def test_ase_reads_the_box_of_an_export(tmp_path, suffix, periodic):
         np.testing.assert_allclose(atoms.cell[:], matrix, rtol=1e-14)
         assert tuple(atoms.pbc) == state.box.periodic_axes
         np.testing.assert_allclose(atoms.positions, state.wrapped(), rtol=0, atol=5.1e-9)
-
-
-@pytest.mark.parametrize("suffix", [".trr", ".extxyz"])
-def test_each_frame_is_exported_with_its_own_box(tmp_path, suffix):
-    from kickdrift.model.state import State
-    from kickdrift.trajectory.write.h5md import Writer
-
-    path, system = tmp_path / "run.h5md", leaning("metal")
-    s = system.state
-    with Writer(path, system, method={"dt": 1.0}, every=1) as writer:
-        for step in range(3):
-            box = kd.Box(matrix=MATRIX * (1 + step / 10))
-            writer.append(State(s.phase, s.masses, s.ids, box, float(step), step), {})
-    kd.export(path, path.with_suffix(suffix))
-    if suffix == ".trr":
-        with MDAnalysis.coordinates.core.reader(str(path.with_suffix(suffix)), n_atoms=N) as found:
-            cells = [vectors(ts.dimensions) for ts in found]
-    else:
-        cells = [atoms.cell[:] for atoms in ase_io.read(path.with_suffix(suffix), ":")]
-    np.testing.assert_allclose(cells, [MATRIX, MATRIX * 1.1, MATRIX * 1.2], rtol=0, atol=2e-5)

@@ -108,39 +108,12 @@ def test_info_shows_the_box(tmp_path, name, text):
     assert kd.Box(found["box"], periodic=found["periodic"]) == BOXES[name]
 
 
-def test_frames_may_have_boxes_of_their_own(tmp_path):
-    """Other programs' H5MD files have such boxes; no run of kickdrift changes its box so far."""
-    path, system = tmp_path / "run.h5md", falling(LEANING)
-    s = system.state
-    boxes = [kd.Box(matrix=LEANING.matrix * (1 + step / 100)) for step in range(4)]
-    with Writer(path, system, method={"dt": 1.0}, every=1, options=IMAGES) as writer:
-        for step, box in enumerate(boxes):
-            writer.append(State(s.phase, s.masses, s.ids, box, float(step), step), {})
-    with kd.open(path) as run:
-        assert [frame.box for frame in run] == boxes
-        assert run[0].box is run.box
-        np.testing.assert_allclose(run.positions, [s.positions] * 4, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(run[2].wrapped(), boxes[2].wrap(run[2].positions))
-
-
 def test_a_box_that_the_edges_cannot_hold_is_refused(tmp_path):
     system = falling(kd.Box((10.0, 9.0, 8.0)))
     s = system.state
     refused = pytest.raises(InputError, match=r"a box like 10 x 9 x 8 σ, but this state's is \[\[10, 0, 0\]")
     with Writer(tmp_path / "run.h5md", system, method={"dt": 1.0}, every=1) as writer, refused:
         writer.append(State(s.phase, s.masses, s.ids, LEANING, 0.0, 0), {})
-
-
-def test_a_damaged_edge_is_found(tmp_path):
-    path = tmp_path / "run.h5md"
-    run_files.write(path, falling(LEANING))
-    with h5py.File(path, "r+") as file:
-        file["particles/trajectory/box/edges/value"][2, 1, 0] = 3.0
-    with kd.open(path) as run:
-        assert run.damage().frames == [2]
-        assert run[1].box == LEANING
-        with pytest.raises(InputError, match="frame 2"):
-            run[2].box
 
 
 @pytest.mark.parametrize(

@@ -372,9 +372,6 @@ def test_options_of_frames_are_refused(path):
         kd.Simulation(PENDULUM).run(10, output=path.with_suffix(".csv"), file=kd.FileOptions(flush=1.0))
 
 
-# --- the command line ---
-
-
 def test_the_commands(kickdrift, tmp_path):
     run, table = tmp_path / "run.h5", tmp_path / "run.csv"
     assert kickdrift("run", "ode-pendulum", "--steps", "100", "--output", run)[0] == 0

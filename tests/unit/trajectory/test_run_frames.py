@@ -66,9 +66,6 @@ def run(file):
         yield opened
 
 
-# --- sequences ---
-
-
 def test_a_run_is_the_sequence_of_its_frames(run, file):
     assert len(run) == FRAMES
     assert [frame.step for frame in run] == list(range(0, FRAMES * EVERY, EVERY))
@@ -150,15 +147,6 @@ def test_nothing_is_read_before_it_is_asked_for(file, monkeypatch):
         assert read[1:] == [(slice(1, 8, 2), slice(0, 7))], "one checksum covers a block of particles, here all 7"
 
 
-def test_units_of_si_come_back(tmp_path):
-    path = tmp_path / "run.h5md"
-    system = kd.System(np.eye(3) * 1e-9, np.eye(3) * 300.0, 6e-26, units="si", forces=[])
-    write(path, system)
-    with kd.open(path) as run:
-        np.testing.assert_allclose(run[::-1].positions[-1], system.state.positions, rtol=1e-15)
-        np.testing.assert_allclose(run.velocities[5], system.state.velocities, rtol=1e-15)
-
-
 def test_a_closed_run_says_so(file):
     with kd.open(file[0]) as run:
         frame, part = run[2], run[::3]
@@ -181,9 +169,6 @@ def test_a_file_without_energies_says_so(tmp_path):
         for read in (lambda: run.energies, lambda: run[:].energies, lambda: run[0].energies):
             with pytest.raises(kd.InputError, match="holds no kinetic_energy"):
                 read()
-
-
-# --- tables ---
 
 
 def test_pandas_has_a_row_for_each_sample(run):
@@ -227,9 +212,6 @@ def test_what_is_not_installed_is_named(run, monkeypatch, call, package):
     for frames in (run, run[2:]):
         with pytest.raises(kd.InputError, match=rf"{call}\(\) needs {package}: pip install 'kickdrift\[tables\]'"):
             getattr(frames, call)()
-
-
-# --- new runs ---
 
 
 def orbits() -> kd.System:

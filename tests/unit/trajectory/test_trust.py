@@ -278,9 +278,6 @@ def test_a_law_of_a_loaded_file(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "loaded_law")
 
 
-# --- checkpoints: compiled code checks no bounds ---
-
-
 def short(array):
     return array[..., :-1].copy()
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis import mean_squared_displacement, radial_distribution
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.model.system import System
@@ -22,9 +20,6 @@ MDAnalysis = pytest.importorskip("MDAnalysis")
 @pytest.fixture
 def path(tmp_path) -> Path:
     return tmp_path / "run.h5md"
-
-
-# -- the Universe
 
 
 @pytest.mark.parametrize("units", UNITS)
@@ -54,20 +49,6 @@ def test_universe_has_all_that_the_file_knows(path, units):
     assert hasattr(atoms, "elements") == (units in ("metal", "si"))
     assert universe.select_atoms("type Kr or type Bb").n_atoms == N // 3
     trajectory.close()
-
-
-@pytest.mark.filterwarnings("ignore:Reader has no dt information:UserWarning")
-def test_mdanalysis_alone_reads_the_same(path):
-    written = write(path, make_system("metal"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # MDAnalysis guesses types and masses, and warns if it cannot
-        universe = MDAnalysis.Universe(str(path))
-    for ts, state in zip(universe.trajectory, written, strict=True):
-        np.testing.assert_allclose(ts.positions, state.positions, rtol=1e-7)
-        assert ts.time == pytest.approx(state.time, rel=1e-12)
-    # MDAnalysis reads no time between frames from H5MD files; the times of frames are the file's.
-    assert universe.trajectory.dt == 1.0
-    universe.trajectory.close()
 
 
 @pytest.mark.parametrize("units", ["metal", "si"])
@@ -134,46 +115,12 @@ def test_a_file_without_frames_is_refused(path):
         kd.export(path, path.with_suffix(".xyz"))
 
 
-# -- results that MDAnalysis computes from the file, against our own
-
-
 def on_a_grid(system: System) -> list[State]:
     """Frames whose positions and box are exact in float32, so that differences are not rounding."""
     of = states(system, range(0, 200, 20))
     for state in of:
         state.phase[0] = np.round(state.phase[0] * 1024) / 1024
     return of
-
-
-def test_radial_distribution_is_ours(path):
-    rdf = pytest.importorskip("MDAnalysis.analysis.rdf")
-    system = make_system("lj", n=60)
-    written = write(path, system, on_a_grid(system))
-    with kd.open(path) as run:
-        universe = run.universe()
-        ours = radial_distribution(run, r_max=7.3, bins=40)
-    theirs = rdf.InterRDF(universe.atoms, universe.atoms, nbins=40, range=(0.0, 7.3), exclusion_block=(1, 1)).run()
-    np.testing.assert_allclose(ours.r, theirs.results.bins, rtol=1e-12)
-    np.testing.assert_allclose(ours.g, theirs.results.rdf, rtol=1e-6)  # MDAnalysis' volume is float32
-    ideal = len(written) * 60 * 59 * 4 / 3 * np.pi * np.diff(theirs.results.edges**3) / system.box.volume
-    # The pairs are the same. (MDAnalysis' distances in float32 are wrong by 2e-6 here, and none is so near to a bin's
-    # edge.)
-    np.testing.assert_allclose(ours.g * ideal, theirs.results.count, rtol=1e-12)
-    universe.trajectory.close()
-
-
-def test_mean_squared_displacement_is_ours(path):
-    msd = pytest.importorskip("MDAnalysis.analysis.msd")
-    system = make_system("lj", n=60)
-    write(path, system, on_a_grid(system))
-    with kd.open(path) as run:
-        universe = run.universe()
-        ours = mean_squared_displacement(run, lags=len(run) - 1)
-    theirs = msd.EinsteinMSD(universe, fft=False).run()
-    lags = len(ours.times)
-    np.testing.assert_allclose(ours.times, theirs.results.delta_t_values[:lags], rtol=1e-12)
-    np.testing.assert_allclose(ours.values, theirs.results.timeseries[:lags], rtol=1e-12, atol=1e-12)
-    universe.trajectory.close()
 
 
 @pytest.mark.filterwarnings("ignore:Box padding:UserWarning")

@@ -101,9 +101,6 @@ def whole_table(tmp_path_factory):
     return path
 
 
-# --- links out of a file, each made in a good file ---
-
-
 def external_link(file, canary):
     del file["x"]
     file["x"] = h5py.ExternalLink(canary, "x")
@@ -437,9 +434,6 @@ def test_a_file_that_grows_while_it_is_read(tmp_path, whole):
             file.write(os.urandom(100_000))
         assert np.isfinite(run.positions).all()
         assert len(run) == run_files.FRAMES
-
-
-# --- hard links ---
 
 
 def append_one(path):

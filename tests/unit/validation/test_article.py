@@ -84,9 +84,6 @@ def test_a_rate_that_is_wrong_fails(monkeypatch):
     assert not stiff.crossing(1.0, 1e-3).met
 
 
-# --- the rows themselves ---
-
-
 def test_what_becomes_of_the_words():
     yes, no = (article.near(text, 2.0, text == "a", 2.0, 1e-9, "theory", "times") for text in "ab")
     off = article.near("c", 2.0, True, 2.1, 1e-3, "theory")

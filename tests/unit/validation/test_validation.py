@@ -141,9 +141,6 @@ def test_both_programs_sample_the_same_plane(monkeypatch, fluid):
     assert ours == pytest.approx(theirs, rel=1e-10)
 
 
-# --- integrators ---
-
-
 @pytest.mark.long
 def test_integrators_in_small(capsys):
     """One method of each kind; the claims cover the others."""
@@ -246,9 +243,6 @@ def test_the_file_for_mdanalysis_tests_is_its_reference(tmp_path):
         expected = np.array([81.1, 82.2, 83.3, 75, 80, 85]) + frame * np.array([1, 1, 1, 0.1, 0.1, 0.1])
         np.testing.assert_allclose(ts.dimensions, expected, rtol=1e-6)
     universe.trajectory.close()
-
-
-# --- planted faults ---
 
 
 def test_each_fault_has_one_place():

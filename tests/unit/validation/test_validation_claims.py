@@ -14,8 +14,6 @@ from kickdrift.forces.pairs.law import PairForce
 from kickdrift_validation import closed_forms, force_gradients, lennard_jones, lj_lammps_melt, oscillator
 from tests.oracle.forces import pair_oracle
 
-# --- sums in NumPy ---
-
 
 def fluid(n=64, edge=5.2):
     random = np.random.default_rng(2)
@@ -83,9 +81,6 @@ def test_the_lattice_sum_is_the_published_one():
     assert virial == pytest.approx(-6.23531727, abs=1e-8)
 
 
-# --- closed forms ---
-
-
 def test_the_period_of_a_small_swing():
     """omega^2 = U'' / mu, U'' = 72 / 2^(1/3) at the minimum, mu = 1/2."""
     swing = closed_forms.swing(2 ** (1 / 6), 1e-3)
@@ -112,9 +107,6 @@ def test_the_time_to_pericentre():
     assert closed_forms.to_pericentre(x, u, 1.0) == pytest.approx(0.02, rel=1e-9)
 
 
-# --- matrices ---
-
-
 def test_velocity_verlets_matrix_turns_by_its_angle():
     many = oscillator.power(oscillator.step("velocity-verlet", Decimal("0.1"))[0], 1000)
     assert float(many[0][0]) == pytest.approx(math.cos(2000 * math.asin(0.05)), abs=1e-12)
@@ -132,9 +124,6 @@ def test_matrices_have_their_order_and_symplectic_ones_their_area(name):
         assert a * d - b * c == pytest.approx(1.0, abs=1e-14)
 
 
-# --- forces and units ---
-
-
 def test_every_force_of_the_registry_is_looked_at_or_named():
     pair_forces = {force.name for force in FORCES.values() if issubclass(force, PairForce)}
     assert {*force_gradients.others(), *force_gradients.NOT_GRADIENTS, *pair_forces} == set(FORCES)
@@ -148,9 +137,6 @@ def test_slopes_and_places():
     separation = x[i] - x[j]
     r = np.linalg.norm(separation - force_gradients.EDGE * np.round(separation / force_gradients.EDGE), axis=1)
     assert np.abs(r - force_gradients.CUTOFF).min() > force_gradients.CLEAR
-
-
-# --- missing peers ---
 
 
 @pytest.mark.parametrize("name", ["lj_ase", "solar_system_rebound"])

@@ -167,11 +167,6 @@ def test_a_ring_patch_shows_the_images_inside_the_patch():
     assert (np.abs(found[0][..., :2]) <= [patch.width / 2, patch.length / 2]).all()
 
 
-def test_a_name_that_is_no_system_gets_the_nearest_one():
-    with pytest.raises(InputError, match="'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'"):
-        scene_of("lj-100")
-
-
 def test_up_is_the_axis_of_bodies_that_go_round_alike():
     assert scene_of("plummer-1000")["up"] == [0.0, 0.0, 1.0]
     assert 0.9 < scene_of("solar-system")["up"][2] < 0.93  # 23 degrees from the axis of the Earth
