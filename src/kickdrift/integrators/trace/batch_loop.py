@@ -18,10 +18,10 @@ from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.trace.batch_alone import enter_alone, leave_alone
 from kickdrift.integrators.trace.batch_events import Limits, happens, may_happen
-from kickdrift.integrators.trace.state import NONE, Hybrid
+from kickdrift.integrators.trace.state import NONE
 from kickdrift.integrators.trace.switch import comes_near, passage
 from kickdrift.integrators.wisdom_holman.batch_loop import MUTUAL, LaneOrbits, add3, drift, leave, mutual_accelerations
-from kickdrift.integrators.wisdom_holman.bodies import GM, OTHERS, Bodies
+from kickdrift.integrators.wisdom_holman.bodies import GM, OTHERS
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
@@ -167,7 +167,7 @@ def batch_trace_loop(forces, given, alone, alone_at, quiet_at, y, dt, done, coun
     of samples; fewer if events may have happened. A step alone is that of ``loop``, which is at ``alone_at``."""
     own, dt, cursor = handle(given), unowned(dt), unowned(cursor)
     y, counts, looks = unowned(y), unowned(counts), unowned(looks)
-    orbits, marks, room, here = own.orbits, own.marks, handle(alone), alone.hybrid.bodies
+    orbits, marks, room = own.orbits, own.marks, handle(alone)
     for sample in range(first, counts.size):
         left, loud = True, 0
         while left and loud == 0:
@@ -176,21 +176,10 @@ def batch_trace_loop(forces, given, alone, alone_at, quiet_at, y, dt, done, coun
                 k = lowest_bit(some)
                 some &= some - 1
                 enter_alone(own, room, k)
-                hybrid = alone.hybrid
-                bodies = Bodies(
-                    here.orbit, here.carry, here.centre, here.table, here.inside, here.first, here.work, here.massive,
-                    here.jacobi, here.order, here.central, orbits.central[k], here.shares, here.x, here.a, None,
-                )  # fmt: skip
-                hybrid = Hybrid(
-                    bodies, hybrid.near, hybrid.meets, hybrid.passes, hybrid.reach, hybrid.zone, hybrid.counts,
-                    hybrid.start, hybrid.centre, hybrid.middle, hybrid.group, hybrid.path, hybrid.kept, hybrid.meeting,
-                    hybrid.tables, hybrid.groups, hybrid.present, hybrid.span, hybrid.speeds, hybrid.latest,
-                    hybrid.used, hybrid.moving, hybrid.way, hybrid.inner,
-                )  # fmt: skip
                 cursor[STEP], before = 0, cursor[EVALUATIONS]
                 status = status_at(
                     alone_at,
-                    (forces, hybrid, alone.slots, alone.listed, alone.masses, dt[k], 0.0, alone.y, 0, 1, cursor),
+                    (forces, alone.hybrid, alone.slots, alone.listed, alone.masses, dt[k], 0.0, alone.y, 0, 1, cursor),
                 )
                 marks[COST, k] += cursor[EVALUATIONS] - before
                 marks[FLAGGED, k] = leave_alone(own, room, k, status == OK)

@@ -11,7 +11,7 @@ from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.forces.slopes.bound_slopes import call_slopes
 from kickdrift.forces.slopes.dual_slopes import NO_DUALS
 from kickdrift.integrators.trace.others import ROUNDED, STALLED, TURNS
-from kickdrift.integrators.trace.tangent_rows import (
+from kickdrift.integrators.trace.tangent_state import (
     BEFORE_V,
     MASSES,
     MIDDLE_V,
