@@ -16,22 +16,30 @@ from kickdrift.forces.gravity.batch import look_in_lanes
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
 from kickdrift.integrators.stepping.loops import STEP
-from kickdrift.integrators.trace.batch_alone import enter_alone, leave_alone
 from kickdrift.integrators.trace.batch_events import Limits, happens, may_happen
-from kickdrift.integrators.trace.state import NONE
+from kickdrift.integrators.trace.state import NONE, PAIRS, PASSAGES, READY, Hybrid
 from kickdrift.integrators.trace.switch import comes_near, passage
-from kickdrift.integrators.wisdom_holman.batch_loop import MUTUAL, LaneOrbits, add3, drift, leave, mutual_accelerations
-from kickdrift.integrators.wisdom_holman.bodies import GM, OTHERS
+from kickdrift.integrators.wisdom_holman import bodies as rows
+from kickdrift.integrators.wisdom_holman.batch_loop import (
+    MUTUAL,
+    LaneOrbits,
+    drift,
+    jump,
+    kick,
+    leave,
+    mutual_accelerations,
+)
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import lowest_bit, mask_bits, select
 from kickdrift.jit.lanes.memory import load, store
-from kickdrift.jit.lanes.vector3 import dot, load3, thrice
+from kickdrift.jit.lanes.vector3 import dot, load3
 from kickdrift.jit.lanes.vectors import WIDTH
 
 ALL = 255  # bits of eight lanes
+FAR = 4.0  # empty slots circle this many times as far out as the farthest body, as in ``WisdomHolmanStepper``
 # Rows of ``marks``: 1 for a system with a near pair or a passage at the step point; steps of the present sample's that
 # are done; 1 for a system that has stopped for good; 1 for a system in whose last step an event may have happened;
 # evaluations.
@@ -54,30 +62,23 @@ class LaneTrace(NamedTuple):
     way: int  # of pericentre passages
 
 
-@in_order
-def half_kick(own, h):
-    v, mutual = own.orbits.orbit[1], own.orbits.work[MUTUAL]
-    stride = own.orbits.table[GM].size
-    for p in range(0, stride, WIDTH):
-        add3(v, p, stride, h * load3(mutual, p, stride))
+class Alone(NamedTuple):
+    """Room for a system that takes a step alone, as ``loop`` has it."""
+
+    hybrid: Hybrid
+    slots: NDArray[np.int64]  # (n,) arguments of ``wisdom_holman.loop.leave``, whose result is not used
+    listed: NDArray[np.int64]  # (n,)
+    masses: NDArray[np.float64]  # (3, n)
+    y: NDArray[np.float64]  # (2, 3, n)
 
 
-@in_order
-def lanes_jump(own, h):
-    """Move all bodies with the central one."""
-    x, v, share = own.orbits.orbit[0], own.orbits.orbit[1], own.orbits.table[OTHERS]
-    stride = share.size
-    momentum = thrice(splat(0.0))
-    for p in range(0, stride, WIDTH):
-        momentum = momentum + load(share, p) * load3(v, p, stride)
-    for p in range(0, stride, WIDTH):
-        add3(x, p, stride, h * momentum)
+# --- steps together ---
 
 
 @in_order
 def lanes_flags(own, dt, way):
     """Bits of the lanes with a near pair or a pericentre passage; see ``switch``."""
-    x, v, gm, reach = own.orbits.orbit[0], own.orbits.orbit[1], own.orbits.table[GM], own.reach
+    x, v, gm, reach = own.orbits.orbit[0], own.orbits.orbit[1], own.orbits.table[rows.GM], own.reach
     stride, half = gm.size, 0.5 * dt
     found = splat(0.0) > 1.0
     for p in range(0, stride, WIDTH):
@@ -109,12 +110,12 @@ def step_together(own, dt):
     copy_in_lanes(own.start, own.orbits.orbit)
     copy_in_lanes(own.begun, own.orbits.work[MUTUAL])
     half, zero = 0.5 * dt, splat(0.0)
-    half_kick(own, half)
-    lanes_jump(own, half)
+    kick(own.orbits, half)
+    jump(own.orbits, half)
     drift(own.orbits, own.orbits.orbit, dt, zero, False)
-    lanes_jump(own, half)
+    jump(own.orbits, half)
     mutual_accelerations(own.orbits, own.orbits.orbit[0], zero)
-    half_kick(own, half)
+    kick(own.orbits, half)
 
 
 @jit
@@ -159,6 +160,56 @@ def steps_together(own, dt, count):
     for k in range(WIDTH):
         marks[FLAGGED, k] = (flagged >> k) & 1
     return some, near, bits != 0
+
+
+# --- steps alone ---
+
+
+@jit
+def enter_alone(own, alone, k):
+    """Put the bodies of lane k, at the step's start, into the slots of a system alone."""
+    room = alone.hybrid
+    orbit, table, slots, start = room.bodies.orbit, room.bodies.table, own.slots, own.start
+    room.counts[READY] = 0
+    central, farthest = own.orbits.central[k], 0.0
+    for i in range(slots.shape[0]):
+        d2 = 0.0
+        for axis in range(3):
+            d2 += start[0, axis, i, k] ** 2
+        farthest = max(farthest, d2)
+    farthest = FAR * np.sqrt(farthest)
+    for s in range(orbit.shape[1]):
+        table[rows.LIVE, s] = table[rows.SOURCE, s] = table[rows.OTHERS, s] = room.reach[s] = 0.0
+        table[rows.GM, s] = central
+        for row in range(6):
+            orbit[row, s] = 0.0
+        orbit[0, s] = farthest * (1.0 + s)
+        orbit[4, s] = np.sqrt(central / orbit[0, s])
+    for i in range(slots.shape[0]):
+        s = slots[i, k]
+        table[rows.LIVE, s], table[rows.SOURCE, s] = 1.0, own.orbits.table[rows.SOURCE, i, k]
+        table[rows.OTHERS, s], room.reach[s] = own.orbits.table[rows.OTHERS, i, k], own.reach[i, k]
+        for half in range(2):
+            for axis in range(3):
+                orbit[3 * half + axis, s] = start[half, axis, i, k]
+
+
+@jit
+def leave_alone(own, alone, k, fine):
+    """Put the bodies back into lane k, with their accelerations; numbers that are not finite after a failure. Return 1
+    if the system has a near pair or a passage now, else 0."""
+    room = alone.hybrid
+    orbit, work, slots, mutual = room.bodies.orbit, room.bodies.work, own.slots, own.orbits.work[MUTUAL]
+    for i in range(slots.shape[0]):
+        s = slots[i, k]
+        for axis in range(3):
+            mutual[axis, i, k] = work[rows.MUTUAL + axis, s]
+            for half in range(2):
+                own.orbits.orbit[half, axis, i, k] = orbit[3 * half + axis, s] if fine else np.nan
+    return 1 if room.counts[PAIRS] + room.counts[PASSAGES] > 0 else 0
+
+
+# --- the loop ---
 
 
 @driver

@@ -17,8 +17,8 @@ from typing import Any
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED
 from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import next_step, verdict
-from kickdrift.integrators.trace.others import INSIDE, add_inside
-from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS, TABLE_ROW
+from kickdrift.integrators.trace.others import add_inside
+from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FOUND, INSIDE, NUMBER, POINTS, TABLE_ROW
 from kickdrift.integrators.wisdom_holman.bodies import GM
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes.memory import flat, load, store

@@ -29,8 +29,14 @@ from kickdrift.integrators.wisdom_holman.bodies import (
     add_centre,
     add_vectors,
 )
-from kickdrift.integrators.wisdom_holman.kicks import heliocentric_kick, jacobi_kick, jump, places
-from kickdrift.integrators.wisdom_holman.others import add_accelerations, fill_others
+from kickdrift.integrators.wisdom_holman.map import (
+    add_accelerations,
+    fill_others,
+    heliocentric_kick,
+    jacobi_kick,
+    jump,
+    places,
+)
 from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, splat

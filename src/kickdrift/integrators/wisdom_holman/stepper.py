@@ -15,26 +15,11 @@ from kickdrift.integrators.options.options import Options
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Retimed
-from kickdrift.integrators.wisdom_holman.bodies import (
-    GM,
-    HILL,
-    INSIDE,
-    LIVE,
-    NEAR,
-    OTHERS,
-    ROWS,
-    SHARE,
-    SOURCE,
-    UNBOUND,
-    WHICH,
-    WORK,
-    Bodies,
-)
+from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
 from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kernel_of
 from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
-from kickdrift.integrators.wisdom_holman.loop import wisdom_holman_loop
-from kickdrift.integrators.wisdom_holman.places import leave, listed_masses, shown_steps
+from kickdrift.integrators.wisdom_holman.loop import leave, listed_masses, shown_steps, wisdom_holman_loop
 from kickdrift.jit.by_address import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -108,19 +93,14 @@ class WisdomHolmanStepper(Retimed, Regular):
         before = np.zeros(slots)  # G times the mass of the other bodies listed before
         before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
         before[~self._real] = gm[others].sum()
-        table = aligned((ROWS, slots))
-        table[LIVE, self._real], table[SOURCE, self._real] = 1.0, gm[order[self._real]]
-        table[INSIDE] = 1.0 / (gm[central] + before)
-        table[GM] = gm[central] + before + table[SOURCE]
-        table[SHARE] = table[SOURCE] / table[GM]
-        table[OTHERS] = before * table[INSIDE]
-        if not self._jacobi:
-            table[GM], table[OTHERS] = gm[central], table[SOURCE] / gm[central]
+        table, source = aligned((rows.ROWS, slots)), np.zeros(slots)
+        table[rows.LIVE, self._real], source[self._real] = 1.0, gm[order[self._real]]
+        rows.fill_table(table, gm[central], source, before, self._jacobi)
         inside = np.searchsorted(heavy, order)
-        self._bodies = Bodies(
+        self._bodies = rows.Bodies(
             orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)),
             centre=aligned((5, WIDTH)), table=table, inside=inside, first=np.full((3, slots), np.nan),
-            work=aligned((WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
+            work=aligned((rows.WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
             gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
             a=np.zeros((3, len(masses))),
         )  # fmt: skip
@@ -152,12 +132,12 @@ class WisdomHolmanStepper(Retimed, Regular):
         bodies.centre[:2, :3] = q[:, :, 0]
         farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
         out = farthest * (1.0 + np.arange(len(self._real)))  # no two of them at one place
-        speed = np.sqrt(bodies.table[GM] / out)
+        speed = np.sqrt(bodies.table[rows.GM] / out)
         for row, filling in enumerate((out, 0.0, 0.0, 0.0, speed, 0.0)):
             bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
         bodies.carry[...] = 0.0
 
-    def _leave(self, bodies: Bodies) -> Floats:
+    def _leave(self, bodies: rows.Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
         y = np.empty((2, 3, len(self._listed)))
         leave(bodies.orbit, bodies.carry, bodies.centre, self._slots, self._listed, self._masses, self._jacobi, y)
@@ -187,7 +167,7 @@ class WisdomHolmanStepper(Retimed, Regular):
         self._begin_at(run.y.copy(), run.time, run.steps_done)
         for key in ("orbit", "carry", "centre"):
             getattr(own, key)[...] = getattr(there, key)
-        own.table[HILL], self._shortest = run._hill, run._shortest
+        own.table[rows.HILL], self._shortest = run._hill, run._shortest
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
@@ -201,9 +181,11 @@ class WisdomHolmanStepper(Retimed, Regular):
     @property
     def _hill(self) -> Floats:
         """Squared Hill radii at the start."""
-        return self._bodies.table[HILL]
+        return self._bodies.table[rows.HILL]
 
-    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None) -> int:
+    def _call(
+        self, bodies: rows.Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None
+    ) -> int:
         return (others or self._others).call(
             wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
         )  # fmt: skip
@@ -240,9 +222,8 @@ class WisdomHolmanStepper(Retimed, Regular):
             given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
             self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
-            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, shown.kernel,
-            self._step, self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt,
-            self._start, self.y,
+            others.table, self._loop_at, own, shown, self._step, self._end, self._decorrect, self._aside, self._slots,
+            self._listed, self._masses, self.dt, self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
 
@@ -271,12 +252,12 @@ class WisdomHolmanStepper(Retimed, Regular):
         """Find Hill radii, and the body whose pericentre passage takes fewest steps."""
         bodies, real = self._bodies, np.flatnonzero(self._real)
         self._shortest = None
-        bodies.table[HILL] = 0.0
+        bodies.table[rows.HILL] = 0.0
         if not len(real):
             return
         orbit, table = bodies.orbit[:, real], bodies.table[:, real]
-        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], bodies.gm)
-        bodies.table[HILL, real] = hill
+        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[rows.GM], table[rows.SOURCE], bodies.gm)
+        bodies.table[rows.HILL, real] = hill
         k = int(np.argmin(passages))
         if passages[k] < np.inf:
             self._shortest = float(passages[k]), int(bodies.order[real[k]])
@@ -285,12 +266,12 @@ class WisdomHolmanStepper(Retimed, Regular):
     def warnings(self) -> list[str]:
         """Warnings about effects that the map does not follow."""
         first, order = self._bodies.first, self._bodies.order
-        unbound = np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
-        near = np.flatnonzero(~np.isnan(first[NEAR]))
+        unbound = np.flatnonzero(~np.isnan(first[rows.UNBOUND]) & self._real)
+        near = np.flatnonzero(~np.isnan(first[rows.NEAR]))
         return warning_lines(
             self._system, self.dt, self._least, self._shortest,
-            [(int(order[slot]), float(first[UNBOUND, slot])) for slot in unbound],
-            [(int(order[slot]), int(order[int(first[WHICH, slot])]), float(first[NEAR, slot])) for slot in near],
+            [(int(order[k]), float(first[rows.UNBOUND, k])) for k in unbound],
+            [(int(order[k]), int(order[int(first[rows.WHICH, k])]), float(first[rows.NEAR, k])) for k in near],
         )  # fmt: skip
 
 
