@@ -12,9 +12,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator
-from kickdrift.integrators.options.option import HELIOCENTRIC, JACOBI
+from kickdrift.integrators.options.option import CORRECTOR, HELIOCENTRIC, JACOBI
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
-from kickdrift.integrators.wisdom_holman.method import CORRECTORS, LEAPFROG, SABA
+from kickdrift.integrators.wisdom_holman.method import LEAPFROG, SABA
 from tests.folders import DATA
 from tests.oracle.kepler import moved
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets
@@ -195,7 +195,7 @@ def test_correctors_are_the_published_ones():
     under reversal."""
     alpha = sqrt(7 / 40)
     np.testing.assert_allclose(corrector(3), [[alpha, -2 * alpha, alpha], [-1 / (48 * alpha), 1 / (48 * alpha), 0.0]])
-    for order in CORRECTORS[1:]:
+    for order in CORRECTOR.choices[1:]:
         row = corrector(order)
         assert row[0].sum() == pytest.approx(0.0, abs=1e-14)
         assert row[1].sum() == pytest.approx(0.0, abs=1e-14)

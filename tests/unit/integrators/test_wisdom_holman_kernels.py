@@ -7,9 +7,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators.options.option import COMPOSITION, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
+from kickdrift.integrators.options.option import COMPOSITION, CORRECTOR, HELIOCENTRIC, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.wisdom_holman.corrector import corrector
-from kickdrift.integrators.wisdom_holman.method import CORRECTORS
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets
 
 KERNELS = LAZY, COMPOSITION, MODIFIED_KICK
@@ -98,7 +97,7 @@ def test_other_forces_join_the_kernel(kernel):
     assert fine < 0.1 * error(0.1, STANDARD)
 
 
-@pytest.mark.parametrize("order", CORRECTORS[1:])
+@pytest.mark.parametrize("order", CORRECTOR.choices[1:])
 def test_a_mirrored_corrector_has_the_same_linear_terms_and_is_a_palindrome(order):
     plain, mirrored = corrector(order), corrector(order, mirrored=True)
     assert mirrored.shape[1] == 2 * plain.shape[1] - 2

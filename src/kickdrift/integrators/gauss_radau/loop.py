@@ -11,20 +11,7 @@ import numpy as np
 
 from kickdrift.forces.bound.evaluate import fill_last
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK, RAISED
-from kickdrift.integrators.gauss_radau.series import (
-    ENDS,
-    NOW,
-    V_BEFORE,
-    X_BEFORE,
-    V,
-    X,
-    as_before,
-    copied,
-    iteration,
-    pass_on,
-    predict,
-    set_scale,
-)
+from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import next_step, verdict
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, NEXT, TIME
 from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
@@ -51,7 +38,7 @@ def accelerate(move, t):
     return fill_last(bound, t, trial, dy, cursor)
 
 
-iterate = iteration(accelerate, verdict, as_before)
+iterate = series.iteration(accelerate, verdict, series.as_before)
 
 
 @driver
@@ -96,14 +83,14 @@ def gauss_radau_loop(
                 return OK
             h = end - t
         for half in range(halves):  # velocities too, for forces that read them
-            copied(trial_flat, half * size, work, width, X if half < halves - 1 else V, size)
+            series.copied(trial_flat, half * size, work, width, series.X if half < halves - 1 else series.V, size)
         if not cursor[FRESH]:
             status = fill_last(bound, t, trial, dy, cursor)
             if status != OK:
                 return status
             odd = splat(0.0)
             for i in range(0, width, WIDTH):
-                store(work, NOW * width + i, load(dy_flat, offset + i))
+                store(work, series.NOW * width + i, load(dy_flat, offset + i))
                 odd = odd + 0.0 * load(dy_flat, offset + i)
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
@@ -111,8 +98,8 @@ def gauss_radau_loop(
         if not (last or h > least) or clock[SHORTEST] > SHORTEST_MOST:
             return STOPPED
         ratio = h / clock[STEP_LAST] if clock[STEP_LAST] > 0.0 and clock[SHORTEST] == 0.0 else 0.0
-        predict(work, width, ratio, clock[RATIO], tables.shifts)
-        set_scale(work, width, h, y.shape[1] > 1)
+        series.predict(work, width, ratio, clock[RATIO], tables.shifts)
+        series.set_scale(work, width, h, y.shape[1] > 1)
         status = iterate(
             (bound, trial, dy, cursor), t, h, trial_flat, trial_flat, dy_flat, offset, work, width, tables, halves > 1,
             velocities or halves == 1,
@@ -121,7 +108,7 @@ def gauss_radau_loop(
             return status
         wanted = SHORTER * h
         if status == OK:
-            wanted = next_step(work, width, NOW, ENDS, V, y.shape[1], y.shape[2], h, eta)
+            wanted = next_step(work, width, series.NOW, series.ENDS, series.V, y.shape[1], y.shape[2], h, eta)
         too_long = not wanted >= SHORTER * h
         if status != OK or (too_long and wanted > 4.0 * least and not near):
             if near:
@@ -132,12 +119,12 @@ def gauss_radau_loop(
         clock[SHORTEST] = clock[SHORTEST] + 1.0 if too_long else 0.0  # lets a shortest step pass a jump
         wanted = max(wanted, 4.0 * least) if too_long else wanted
         for i in range(0, width, WIDTH):
-            store(work, X_BEFORE * width + i, load(work, X * width + i))
-            store(work, V_BEFORE * width + i, load(work, V * width + i))
-        pass_on(work, width, tables, h, halves > 1)
+            store(work, series.X_BEFORE * width + i, load(work, series.X * width + i))
+            store(work, series.V_BEFORE * width + i, load(work, series.V * width + i))
+        series.pass_on(work, width, tables, h, halves > 1)
         if halves > 1:
-            copied(flat_y, 0, work, width, X, size)
-        copied(flat_y, offset, work, width, V, size)
+            series.copied(flat_y, 0, work, width, series.X, size)
+        series.copied(flat_y, offset, work, width, series.V, size)
         following = min(wanted, h / SHORTER)
         clock[BEFORE], clock[STEP_LAST], clock[RATIO] = t, h, ratio
         clock[NEXT] = max(following, clock[NEXT]) if last else following

@@ -19,16 +19,8 @@ from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.trace.batch_events import Limits, happens, may_happen
 from kickdrift.integrators.trace.state import NONE, PAIRS, PASSAGES, READY, Hybrid
 from kickdrift.integrators.trace.switch import comes_near, passage
+from kickdrift.integrators.wisdom_holman import batch_loop as lanes
 from kickdrift.integrators.wisdom_holman import bodies as rows
-from kickdrift.integrators.wisdom_holman.batch_loop import (
-    MUTUAL,
-    LaneOrbits,
-    drift,
-    jump,
-    kick,
-    leave,
-    mutual_accelerations,
-)
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
@@ -50,7 +42,7 @@ MARKS = 5
 class LaneTrace(NamedTuple):
     """Eight systems, their bodies in the order of the list with the central one first."""
 
-    orbits: LaneOrbits
+    orbits: lanes.LaneOrbits
     start: NDArray[np.float64]  # (2, 3, n - 1, 8) orbits at the step's start
     begun: NDArray[np.float64]  # (3, n - 1, 8) accelerations there
     reach: NDArray[np.float64]  # (n - 1, 8) squared hand-over radii, see ``state.Hybrid``
@@ -96,7 +88,7 @@ def lanes_flags(own, dt, way):
 @in_order
 def go_back(own):
     """Put idle lanes back to the step's start."""
-    orbit, start, mutual, begun = own.orbits.orbit, own.start, own.orbits.work[MUTUAL], own.begun
+    orbit, start, mutual, begun = own.orbits.orbit, own.start, own.orbits.work[lanes.MUTUAL], own.begun
     idle = load(own.idle, 0) > 0.5
     for p in range(0, orbit.size, WIDTH):
         store(orbit, p, select(idle, load(start, p), load(orbit, p)))
@@ -108,14 +100,14 @@ def go_back(own):
 def step_together(own, dt):
     """A step of all lanes, without encounters."""
     copy_in_lanes(own.start, own.orbits.orbit)
-    copy_in_lanes(own.begun, own.orbits.work[MUTUAL])
+    copy_in_lanes(own.begun, own.orbits.work[lanes.MUTUAL])
     half, zero = 0.5 * dt, splat(0.0)
-    kick(own.orbits, half)
-    jump(own.orbits, half)
-    drift(own.orbits, own.orbits.orbit, dt, zero, False)
-    jump(own.orbits, half)
-    mutual_accelerations(own.orbits, own.orbits.orbit[0], zero)
-    kick(own.orbits, half)
+    lanes.kick(own.orbits, half)
+    lanes.jump(own.orbits, half)
+    lanes.drift(own.orbits, own.orbits.orbit, dt, zero, False)
+    lanes.jump(own.orbits, half)
+    lanes.mutual_accelerations(own.orbits, own.orbits.orbit[0], zero)
+    lanes.kick(own.orbits, half)
 
 
 @jit
@@ -199,7 +191,7 @@ def leave_alone(own, alone, k, fine):
     """Put the bodies back into lane k, with their accelerations; numbers that are not finite after a failure. Return 1
     if the system has a near pair or a passage now, else 0."""
     room = alone.hybrid
-    orbit, work, slots, mutual = room.bodies.orbit, room.bodies.work, own.slots, own.orbits.work[MUTUAL]
+    orbit, work, slots, mutual = room.bodies.orbit, room.bodies.work, own.slots, own.orbits.work[lanes.MUTUAL]
     for i in range(slots.shape[0]):
         s = slots[i, k]
         for axis in range(3):
@@ -244,7 +236,7 @@ def batch_trace_loop(forces, given, alone, alone_at, quiet_at, y, dt, done, coun
         if loud:
             return sample
         done += counts[sample]
-        leave(orbits, orbits.orbit, y, float(done) * load(dt, 0))
+        lanes.leave(orbits, orbits.orbit, y, float(done) * load(dt, 0))
         for k in range(WIDTH):
             marks[TAKEN, k] = 0
             if marks[STILL, k]:
@@ -257,7 +249,7 @@ def batch_trace_loop(forces, given, alone, alone_at, quiet_at, y, dt, done, coun
 def begin_lanes(given, dt):
     """Accelerations and switches at the start."""
     own = handle(given)
-    mutual_accelerations(own.orbits, own.orbits.orbit[0], splat(0.0))
+    lanes.mutual_accelerations(own.orbits, own.orbits.orbit[0], splat(0.0))
     found = lanes_flags(own, load(unowned(dt), 0), own.way)
     for k in range(WIDTH):
         own.marks[FLAGGED, k] = (found >> k) & 1

@@ -32,36 +32,34 @@ SHORTER = 0.6  # a step is done again if the next would be shorter by this facto
 SHORTEST = 1e-13  # of the time h
 
 
+@inlined
+def inverse_cube(d):
+    """1 / |d|^3."""
+    inverse2 = 1.0 / dot(d, d)
+    return inverse2 * math.sqrt(inverse2)
+
+
 @jit
 def attract(hybrid, others, s):
     """Fill the accelerations of the bodies that meet, a time s after the step's start. Return a status."""
     meeting, near, x, a = hybrid.meeting, hybrid.near, hybrid.meeting.x, hybrid.meeting.a
     slots, gm, jumps = meeting.slots, meeting.gm, meeting.jumps
     gm_0, n, everyone = hybrid.bodies.table[GM, slots[0]], meeting.size[NUMBER], meeting.size[ALL]
-    pull_x, pull_y, pull_z = 0.0, 0.0, 0.0
+    pull = vector3(0.0, 0.0, 0.0)
     for i in range(n):
-        px, py, pz = x[i], x[n + i], x[2 * n + i]
-        inverse2 = 1.0 / (px * px + py * py + pz * pz)
-        cube = inverse2 * math.sqrt(inverse2)
-        w, pull = -gm_0 * cube, gm[i] * cube
-        ax, ay, az = w * px, w * py, w * pz
-        pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
+        here = numbers3(x, i, n)
+        cube = inverse_cube(here)
+        own, pull = (-gm_0 * cube) * here, pull + (gm[i] * cube) * here
         for j in range(i):
             if everyone or near[slots[j], slots[i]]:
-                dx, dy, dz = x[j] - px, x[n + j] - py, x[2 * n + j] - pz
-                inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
-                cube = inverse2 * math.sqrt(inverse2)
-                w, back = gm[j] * cube, gm[i] * cube
-                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-                a[j] -= back * dx
-                a[n + j] -= back * dy
-                a[2 * n + j] -= back * dz
-        a[i], a[n + i], a[2 * n + i] = ax, ay, az
+                d = numbers3(x, j, n) - here
+                cube = inverse_cube(d)
+                own = own + (gm[j] * cube) * d
+                store3(a, j, n, numbers3(a, j, n) - (gm[i] * cube) * d)
+        store3(a, i, n, own)
     for i in range(n):
         if jumps[i]:
-            a[i] -= pull_x
-            a[n + i] -= pull_y
-            a[2 * n + i] -= pull_z
+            store3(a, i, n, numbers3(a, i, n) - pull)
     meeting.size[FOUND] += 1
     return add_inside(hybrid, others, s, x, a) if hybrid.present[INSIDE] else OK
 
@@ -84,9 +82,9 @@ def note_path(hybrid, t):
 
 
 @inlined
-def rate2(x, y, z, u, v, w, gm):
+def rate2(x, v, gm):
     """1 / tau^2 of a Kepler motion; see ``switch.passage``."""
-    r2, v2, along = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w
+    r2, v2, along = dot(x, x), dot(v, v), dot(x, v)
     sigma2 = along * along / r2
     c = 2.0 * gm / math.sqrt(r2) - 3.0 * v2 + 15.0 * sigma2
     root = math.sqrt(max(0.0, c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2))
@@ -97,18 +95,14 @@ def rate2(x, y, z, u, v, w, gm):
 def shortest_time(hybrid):
     """Shortest time scale at the start: that of a motion about the central body, or of a near pair."""
     meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.table[GM, hybrid.meeting.slots[0]]
-    slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
-    n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
+    slots, gm, n, fastest = meeting.slots, meeting.gm, meeting.size[NUMBER], 0.0
     for i in range(n):
-        j, k = n + i, 2 * n + i
-        fastest = max(fastest, rate2(x[i], x[j], x[k], v[i], v[j], v[k], gm_0))
-        for b in range(i):
-            if everyone or near[slots[b], slots[i]]:
-                c, d = n + b, 2 * n + b
-                rate = rate2(
-                    x[i] - x[b], x[j] - x[c], x[k] - x[d], v[i] - v[b], v[j] - v[c], v[k] - v[d], gm[i] + gm[b]
-                )  # fmt: skip
-                fastest = max(fastest, rate)
+        x, v = numbers3(meeting.x, i, n), numbers3(meeting.v, i, n)
+        fastest = max(fastest, rate2(x, v, gm_0))
+        for j in range(i):
+            if meeting.size[ALL] or near[slots[j], slots[i]]:
+                d, u = x - numbers3(meeting.x, j, n), v - numbers3(meeting.v, j, n)
+                fastest = max(fastest, rate2(d, u, gm[i] + gm[j]))
     return 1.0 / math.sqrt(fastest)
 
 
@@ -157,8 +151,8 @@ def enter_work(meeting, size, width):
 
 
 @inlined
-def put_back(meeting, width, moving):
-    """Positions, and if the bodies' forces are ``moving`` velocities, <- those of the step's start."""
+def to_start(meeting, width, moving):
+    """Return to the positions at the step's start, and with ``moving`` to the velocities."""
     work, x, v = meeting.work, flat(meeting.x), flat(meeting.v)
     for i in range(0, width, WIDTH):
         store(x, i, load(work, series.X * width + i))
@@ -245,7 +239,7 @@ def follow(hybrid, others, h):
         rest = h - done
         parts = math.ceil(rest / step - 1e-9)
         step = rest / parts if parts > 1 else rest
-        put_back(meeting, width, hybrid.moving)
+        to_start(meeting, width, hybrid.moving)
         status = attract(hybrid, others, done)
         if status != OK:
             return status

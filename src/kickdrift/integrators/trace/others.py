@@ -14,7 +14,7 @@ from kickdrift.forces.bound.table import accelerate_by
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.trace.state import HEAVY, INSIDE, NUMBER, PAIRS, PASSAGES, compiled_hermite
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, OTHERS
-from kickdrift.integrators.wisdom_holman.map import add_accelerations, fill_positions
+from kickdrift.integrators.wisdom_holman.flows import add_accelerations, fill_positions
 from kickdrift.jit.compile import jit
 from kickdrift.jit.lanes.memory import set_zero
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.evaluate import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.lists.listed import ListedForce
 from kickdrift.integrators.gauss_radau import series
@@ -57,10 +56,7 @@ class TraceStepper(WisdomHolmanStepper):
         self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, others, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self.y, self.steps_done = y.copy(), steps
-        self._start = time - steps * self.dt
-        self._cursor = np.zeros(SLOTS, np.int64)
-        self._others.forget()
+        self._begin_at(y.copy(), time, steps)
         for flags in (self._hybrid.counts, self._hybrid.near, self._hybrid.meets, self._hybrid.passes):
             flags[...] = 0
         self._enter(y)

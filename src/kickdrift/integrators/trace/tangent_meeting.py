@@ -12,7 +12,7 @@ from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import AGAIN, CONVERGED, MOST, PATIENCE, TERMS
 from kickdrift.integrators.trace import extrapolation
-from kickdrift.integrators.trace.meeting import enter_work, leave_work, put_back, stepping, width_of
+from kickdrift.integrators.trace.meeting import enter_work, leave_work, stepping, to_start, width_of
 from kickdrift.integrators.trace.state import FULL, GAUSS_RADAU
 from kickdrift.integrators.trace.tangent_others import add_inside_duals
 from kickdrift.integrators.trace.tangent_state import MASSES, MIDDLE_V, MIDDLE_X
@@ -130,7 +130,7 @@ def replay(hybrid, own, rows, n, everyone, first, points):
         if at >= points or not path[at, 0] > done:
             return BLOWN_UP
         step = path[at, 0] - done
-        put_back(meeting, width, own.moving)
+        to_start(meeting, width, own.moving)
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status

@@ -15,7 +15,7 @@ from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.batch_stepping import Deviations, Members, from_lanes, to_lanes
 from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.batch_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop
-from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
+from kickdrift.integrators.wisdom_holman.stepper import passages_and_hill, warning_lines
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
@@ -43,11 +43,11 @@ class WisdomHolmanLanes:
         elapsed = (from_lanes(members.dt, full) * members.done)[:, None]
         q[:, 0, :, 0] -= elapsed * q[:, 1, :, 0]
         self._centre = to_lanes(q[..., 0])
-        table = self._tables(gm)
+        constants = self._tables(gm)
         x, v = np.moveaxis(q[..., 1:], (1, 2), (0, 1))
-        self._passages, hill = passages_and_hill(x, v, table[:, rows.GM], table[:, rows.SOURCE], gm[:, :1])
-        table[:, rows.HILL] = hill
-        self._table, self._central = to_lanes(table), to_lanes(gm[:, 0])
+        self._passages, hill = passages_and_hill(x, v, constants[:, rows.GM], constants[:, rows.SOURCE], gm[:, :1])
+        constants[:, rows.HILL] = hill
+        self._table, self._central = to_lanes(constants), to_lanes(gm[:, 0])
         self._shares = to_lanes(masses[:, 1:] / masses.sum(axis=1, keepdims=True))
         self._gm, self._masses = to_lanes(gm), to_lanes(masses)
         self._first = aligned((blocks, 3, *self._table.shape[2:]), np.inf)

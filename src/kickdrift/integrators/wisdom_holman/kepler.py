@@ -27,7 +27,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.functions import inverse_sqrt_estimate, lanes_like, multiply_add
 from kickdrift.jit.lanes.masks import any_lane, select
-from kickdrift.jit.lanes.vector3 import dot, numbers3, store3
+from kickdrift.jit.lanes.vector3 import dot
 
 SERIES = 0.7  # largest |beta X^2| for which eight terms of the series reach round-off; beyond, X is halved
 SETTLED = 1e-9  # square of the last correction, relative to the scale of X, that leaves an error below 1e-17
@@ -276,20 +276,6 @@ def kepler_increments(gm, dt, x, v):
     g = solution(gm, beta, r0, eta, zeta, ahead)
     f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, 1.0 / r0, eta, zeta, g)
     return f1 * x + (sign * g_) * v, (sign * fdot) * x + gdot1 * v
-
-
-@jit
-def kepler_step(gm, dt, position, velocity):
-    """Return the relative position and velocity (3,) of two bodies of G (m1 + m2) = ``gm`` after a time ``dt``.
-
-    Takes their relative position and velocity (3,), any conic, any dt of either sign, also many periods.
-    """
-    x, v = numbers3(position, 0, 1), numbers3(velocity, 0, 1)
-    moved, kicked = kepler_increments(gm, dt, x, v)
-    after = np.empty((2, 3))
-    store3(after, 0, 1, x + moved)
-    store3(after, 3, 1, v + kicked)
-    return after[0], after[1]
 
 
 @inlined

@@ -11,8 +11,8 @@ import numpy as np
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman.eight import steps_of_eight, takes
+from kickdrift.integrators.wisdom_holman.flows import drift, jump
 from kickdrift.integrators.wisdom_holman.kernels import kick
-from kickdrift.integrators.wisdom_holman.map import drift, jump
 from kickdrift.jit.by_address import status_at
 from kickdrift.jit.compile import driver, inlined, strict
 from kickdrift.jit.handle import handle, unowned
