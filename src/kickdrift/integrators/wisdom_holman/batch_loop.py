@@ -16,14 +16,14 @@ from kickdrift.forces.gravity.batch import LaneBodies, look_in_lanes
 from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
 from kickdrift.integrators.stepping.loops import FRESH
 from kickdrift.integrators.wisdom_holman.bodies import GM, HILL, INSIDE, NEAR, OTHERS, SHARE, SOURCE, UNBOUND, WHICH
-from kickdrift.integrators.wisdom_holman.flows import central_part, one_by_one
-from kickdrift.integrators.wisdom_holman.kepler import lanes_increments
-from kickdrift.jit.compile import driver, in_order
+from kickdrift.integrators.wisdom_holman.flows import central_part
+from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lanes_increments
+from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes.functions import inverse_sqrt, splat
 from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
 from kickdrift.jit.lanes.memory import load, store
-from kickdrift.jit.lanes.vector3 import dot, load3, select3, store3, thrice
+from kickdrift.jit.lanes.vector3 import dot, load3, numbers3, select3, store3, thrice
 from kickdrift.jit.lanes.vectors import WIDTH
 
 # Vectors of ``work``: positions from the central body, their offset from Jacobi's, the acceleration by the other
@@ -60,7 +60,7 @@ def drift(own, orbit, dt, t, noting):
         if left:
             way = own.way
             store(way, 6 * WIDTH, dt)
-            one_by_one(orbit, table, p, stride, way, 0, WIDTH, left)
+            one_by_one(own, orbit, p // WIDTH, left)
             moved = select3(solved, moved, load3(way, 0, WIDTH))
             kicked = select3(solved, kicked, load3(way, 3 * WIDTH, WIDTH))
         if noting and any_lane(beta <= 0.0):
@@ -73,6 +73,22 @@ def drift(own, orbit, dt, t, noting):
 @in_order
 def add3(array, p, stride, change):
     store3(array, p, stride, load3(array, p, stride) + change)
+
+
+@jit
+def one_by_one(own, orbit, i, left):
+    """way <- the increments of body i in the remaining lanes; nan in the others."""
+    stride = orbit[0, 0].size
+    for k in range(WIDTH):
+        if (left >> k) & 1:
+            body = i * WIDTH + k
+            x, v = numbers3(orbit[0], body, stride), numbers3(orbit[1], body, stride)
+            moved, kicked = kepler_increments(own.table[GM, i, k], own.way[6, k], x, v)
+            store3(own.way, k, WIDTH, moved)
+            store3(own.way, 3 * WIDTH + k, WIDTH, kicked)
+        else:
+            for row in range(6):
+                own.way[row, k] = np.nan
 
 
 @in_order

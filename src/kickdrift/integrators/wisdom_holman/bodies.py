@@ -23,8 +23,8 @@ from kickdrift.model.state import Floats
 GM, SOURCE, SHARE, INSIDE, OTHERS, LIVE, HILL = range(7)
 ROWS = 7
 # Rows of ``work``: positions from the central body; their offset from Jacobi's; the acceleration by the other bodies;
-# the acceleration by the central one per G m_0; the terms of both for the sums; the last are increments solved one by
-# one, and dt.
+# the acceleration by the central one per G m_0; the terms of both for the sums; the last three are increments solved
+# one by one.
 PLACE, OFFSET, MUTUAL, STAR, WAY = 0, 3, 6, 9, 12
 WORK = 22  # also room for the constants of ``eight``
 # Rows of ``first``: times when a body was first unbound and first near another, and which other (a slot).

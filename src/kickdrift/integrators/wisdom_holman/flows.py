@@ -16,7 +16,7 @@ from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lanes_
 from kickdrift.jit.compile import inlined, is_finite, jit
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, rotated, splat
 from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
-from kickdrift.jit.lanes.memory import flat, load, store
+from kickdrift.jit.lanes.memory import load
 from kickdrift.jit.lanes.vector3 import dot, lane_sums, load3, numbers3, select3, store3, thrice, vector3
 from kickdrift.jit.lanes.vectors import WIDTH
 
@@ -35,10 +35,9 @@ def drift(bodies, dt, t):
     for b in range(0, n, WIDTH):
         gm = load(table[rows.GM], b)
         moved, kicked, beta, solved = lanes_increments(gm, dt, load3(orbit, b, n), load3(orbit, 3 * n + b, n))
-        left = ~mask_bits(solved) & 255
-        if left:
-            store(work, (rows.WAY + 6) * n + b, splat(dt))
-            if one_by_one(orbit, table, b, n, work, rows.WAY * n + b, n, left) != OK:
+        done = mask_bits(solved)
+        if done != 255:
+            if one_by_one(bodies, dt, b, done) != OK:
                 return BLOWN_UP
             moved = select3(solved, moved, load3(work, rows.WAY * n + b, n))
             kicked = select3(solved, kicked, load3(work, (rows.WAY + 3) * n + b, n))
@@ -51,24 +50,20 @@ def drift(bodies, dt, t):
 
 
 @jit
-def one_by_one(orbit, table, b, n, way, first, stride, left):
-    """Compute the increments of some of the eight orbits from number b on, of n, where ``left`` has bits. Return a
-    status.
-
-    They go to the rows of ``way``, from number ``first`` on and ``stride`` apart: three of positions, three of
-    velocities, nan for other orbits. The row after these holds each orbit's dt."""
-    status, numbers, gm = OK, flat(way), flat(table)
-    for k in range(WIDTH):
-        i, at = b + k, first + k
-        moved, kicked = thrice(np.nan), thrice(np.nan)
-        if (left >> k) & 1:
+def one_by_one(bodies, dt, b, done):
+    """Compute the increments of the unsolved lanes in ``work``. Return a status."""
+    orbit, work = bodies.orbit, bodies.work
+    n = orbit.shape[1]
+    for i in range(b, b + WIDTH):
+        if not (done >> (i - b)) & 1:
             x, v = numbers3(orbit, i, n), numbers3(orbit, 3 * n + i, n)
-            moved, kicked = kepler_increments(gm[rows.GM * n + i], numbers[at + 6 * stride], x, v)
-            if not is_finite(moved.x + moved.y + moved.z + kicked.x + kicked.y + kicked.z):
-                status = BLOWN_UP
-        store3(way, at, stride, moved)
-        store3(way, at + 3 * stride, stride, kicked)
-    return status
+            moved, kicked = kepler_increments(bodies.table[rows.GM, i], dt, x, v)
+            store3(work, rows.WAY * n + i, n, moved)
+            store3(work, (rows.WAY + 3) * n + i, n, kicked)
+            total = moved.x + moved.y + moved.z + kicked.x + kicked.y + kicked.z
+            if not is_finite(total):
+                return BLOWN_UP
+    return OK
 
 
 @jit
