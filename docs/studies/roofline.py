@@ -27,8 +27,7 @@ from kickdrift.forces.bound.table import accelerate
 from kickdrift.forces.lists.clusters import N_CLUSTERS
 from kickdrift.integrators.gauss_radau.series import NODES, correct, prepare
 from kickdrift.integrators.gauss_radau.tables import tables
-from kickdrift.integrators.wisdom_holman.drift import drift
-from kickdrift.integrators.wisdom_holman.kicks import heliocentric_kick, jacobi_kick, jump
+from kickdrift.integrators.wisdom_holman.flows import drift, heliocentric_kick, jacobi_kick, jump
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes.functions import lane_max, splat

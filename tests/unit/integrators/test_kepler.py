@@ -9,16 +9,30 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kickdrift.integrators.wisdom_holman.kepler import kepler_step, lanes_increments
+from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lanes_increments
 from kickdrift.jit.compile import jit
 from kickdrift.jit.lanes.masks import mask_bits
 from kickdrift.jit.lanes.memory import aligned, load
-from kickdrift.jit.lanes.vector3 import load3, store3
+from kickdrift.jit.lanes.vector3 import load3, numbers3, store3
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift_validation.problems import kepler
 from tests.oracle.kepler import moved
 
 EPS = float(np.finfo(float).eps)
+
+
+@jit
+def kepler_step(gm, dt, position, velocity):
+    """Return the relative position and velocity (3,) of two bodies of G (m1 + m2) = ``gm`` after a time ``dt``.
+
+    Takes their relative position and velocity (3,), any conic, any dt of either sign, also many periods.
+    """
+    x, v = numbers3(position, 0, 1), numbers3(velocity, 0, 1)
+    moved, kicked = kepler_increments(gm, dt, x, v)
+    after = np.empty((2, 3))
+    store3(after, 0, 1, x + moved)
+    store3(after, 3, 1, v + kicked)
+    return after[0], after[1]
 
 
 @jit

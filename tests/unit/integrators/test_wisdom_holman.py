@@ -11,9 +11,9 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators.options import COMPOSITION, HELIOCENTRIC, JACOBI, LAZY, MODIFIED_KICK, STANDARD
+from kickdrift.integrators.options import COMPOSITION, CORRECTOR, HELIOCENTRIC, JACOBI, LAZY, MODIFIED_KICK, STANDARD
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
-from kickdrift.integrators.wisdom_holman.method import CORRECTORS, SABA
+from kickdrift.integrators.wisdom_holman.method import SABA
 from tests.folders import DATA
 from tests.oracle.kepler import moved
 from tests.oracle.wisdom_holman import energy_error, plain_map, planets
@@ -184,7 +184,7 @@ def test_correctors_are_the_published_ones():
     under reversal."""
     alpha = sqrt(7 / 40)
     np.testing.assert_allclose(corrector(3), [[alpha, -2 * alpha, alpha], [-1 / (48 * alpha), 1 / (48 * alpha), 0.0]])
-    for order in CORRECTORS[1:]:
+    for order in CORRECTOR.choices[1:]:
         row = corrector(order)
         assert row[0].sum() == pytest.approx(0.0, abs=1e-14)
         assert row[1].sum() == pytest.approx(0.0, abs=1e-14)
@@ -454,7 +454,7 @@ def test_other_forces_join_the_kernel(kernel):
     assert fine < 0.1 * error(0.1, STANDARD)
 
 
-@pytest.mark.parametrize("order", CORRECTORS[1:])
+@pytest.mark.parametrize("order", CORRECTOR.choices[1:])
 def test_a_mirrored_corrector_has_the_same_linear_terms_and_is_a_palindrome(order):
     plain, mirrored = corrector(order), corrector(order, mirrored=True)
     assert mirrored.shape[1] == 2 * plain.shape[1] - 2

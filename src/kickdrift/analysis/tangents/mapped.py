@@ -173,7 +173,7 @@ class TraceTangentRun(MapRun):
             raise RunError(f"{which}: blew up before step {self.steps + 1}")
 
     def _deviations(self) -> list[Floats]:
-        from kickdrift.integrators.trace.tangent_rows import LOST_X
+        from kickdrift.integrators.trace.tangent_state import LOST_X
         from kickdrift.integrators.wisdom_holman.tangent import slopes_in
 
         return [*super()._deviations(), slopes_in(self._rows, LOST_X)]  # what rounding took is as large as they are

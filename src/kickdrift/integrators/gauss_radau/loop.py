@@ -11,38 +11,15 @@ import numpy as np
 
 from kickdrift.forces.bound.table import fill_last
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK, RAISED
-from kickdrift.integrators.gauss_radau.series import (
-    AHEAD,
-    AT_NODE,
-    BASE,
-    ENDS,
-    GUESS,
-    GUESS_LAST,
-    LAST,
-    LOST_V,
-    LOST_X,
-    NODES,
-    NOW,
-    V_BEFORE,
-    X_BEFORE,
-    V,
-    X,
-    copied,
-    correct,
-    finish,
-    place_velocities,
-    predict,
-    prepare,
-    set_scale,
-)
-from kickdrift.integrators.gauss_radau.step import AGAIN, MOST, TERMS, next_step, verdict
+from kickdrift.integrators.gauss_radau import series
+from kickdrift.integrators.gauss_radau.step import next_step, verdict
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, NEXT, TIME
 from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
 from kickdrift.integrators.stepping.loops import FRESH, REJECTED, STEP
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.jit.compile import driver, inlined, strict
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.lanes.functions import lane_max, plus, splat
+from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import mask_bits
 from kickdrift.jit.lanes.memory import flat, load, store
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -56,36 +33,12 @@ SHORTER = 0.25  # a step is rejected if the next would be shorter by this factor
 
 
 @inlined
-def iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, velocities, cursor):
-    """Correct the step's polynomial until only rounding is left. Return a status, BLOWN_UP without convergence."""
-    positions, residual = trial.shape[0] > 1, np.inf
-    offset = (trial.shape[0] - 1) * trial.shape[1] * trial.shape[2]
-    prepare(work, width, tables, 0, h, positions)
-    for i in range(0, width, WIDTH):
-        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
-        if positions:
-            store(trial_flat, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
-    for count in range(MOST):
-        worst = splat(0.0)  # over all nodes
-        for row in range(NODES):
-            following = row + 1 if row + 1 < NODES else 0
-            if velocities or not positions:
-                place_velocities(work, width, trial_flat, offset, tables, row, h)
-            status = fill_last(bound, t + tables.nodes[row + 1] * h, trial, dy, cursor)
-            if status != OK:
-                return status
-            prepare(work, width, tables, following, h, positions)
-            worst, odd = correct(
-                work, width, dy_flat, offset, trial_flat, tables, row, following, h, positions, worst
-            )  # fmt: skip
-            if mask_bits(odd >= 0.0) != 255:
-                return BLOWN_UP
-        missed = lane_max(worst)
-        status = verdict(count, missed, residual)
-        if status != AGAIN:
-            return status
-        residual = missed
-    return BLOWN_UP
+def accelerate(move, t):
+    bound, trial, dy, cursor = move
+    return fill_last(bound, t, trial, dy, cursor)
+
+
+iterate = series.iteration(accelerate, verdict, series.as_before)
 
 
 @driver
@@ -130,14 +83,14 @@ def gauss_radau_loop(
                 return OK
             h = end - t
         for half in range(halves):  # velocities too, for forces that read them
-            copied(trial_flat, half * size, work, width, X if half < halves - 1 else V, size)
+            series.copied(trial_flat, half * size, work, width, series.X if half < halves - 1 else series.V, size)
         if not cursor[FRESH]:
             status = fill_last(bound, t, trial, dy, cursor)
             if status != OK:
                 return status
             odd = splat(0.0)
             for i in range(0, width, WIDTH):
-                store(work, NOW * width + i, load(dy_flat, offset + i))
+                store(work, series.NOW * width + i, load(dy_flat, offset + i))
                 odd = odd + 0.0 * load(dy_flat, offset + i)
             if mask_bits(odd >= 0.0) != 255:
                 return BLOWN_UP
@@ -145,14 +98,17 @@ def gauss_radau_loop(
         if not (last or h > least) or clock[SHORTEST] > SHORTEST_MOST:
             return STOPPED
         ratio = h / clock[STEP_LAST] if clock[STEP_LAST] > 0.0 and clock[SHORTEST] == 0.0 else 0.0
-        predict(work, width, ratio, clock[RATIO], tables.shifts)
-        set_scale(work, width, h, y.shape[1] > 1)
-        status = iterate(bound, t, h, trial, trial_flat, dy, dy_flat, work, width, tables, velocities, cursor)
+        series.predict(work, width, ratio, clock[RATIO], tables.shifts)
+        series.set_scale(work, width, h, y.shape[1] > 1)
+        status = iterate(
+            (bound, trial, dy, cursor), t, h, trial_flat, trial_flat, dy_flat, offset, work, width, tables, halves > 1,
+            velocities or halves == 1,
+        )  # fmt: skip
         if status in (GROW, RAISED):
             return status
         wanted = SHORTER * h
         if status == OK:
-            wanted = next_step(work, width, NOW, ENDS, V, y.shape[1], y.shape[2], h, eta)
+            wanted = next_step(work, width, series.NOW, series.ENDS, series.V, y.shape[1], y.shape[2], h, eta)
         too_long = not wanted >= SHORTER * h
         if status != OK or (too_long and wanted > 4.0 * least and not near):
             if near:
@@ -162,17 +118,13 @@ def gauss_radau_loop(
             continue
         clock[SHORTEST] = clock[SHORTEST] + 1.0 if too_long else 0.0  # lets a shortest step pass a jump
         wanted = max(wanted, 4.0 * least) if too_long else wanted
-        for i in range(0, TERMS * width, WIDTH):
-            store(work, LAST * width + i, load(work, NOW * width + i))
-            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
         for i in range(0, width, WIDTH):
-            store(work, X_BEFORE * width + i, load(work, X * width + i))
-            store(work, V_BEFORE * width + i, load(work, V * width + i))
-        if halves == 2:
-            finish(work, width, X, LOST_X, tables.positions, tables.positions_low, h, True)
-            copied(flat_y, 0, work, width, X, size)
-        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, h, False)
-        copied(flat_y, offset, work, width, V, size)
+            store(work, series.X_BEFORE * width + i, load(work, series.X * width + i))
+            store(work, series.V_BEFORE * width + i, load(work, series.V * width + i))
+        series.pass_on(work, width, tables, h, halves > 1)
+        if halves > 1:
+            series.copied(flat_y, 0, work, width, series.X, size)
+        series.copied(flat_y, offset, work, width, series.V, size)
         following = min(wanted, h / SHORTER)
         clock[BEFORE], clock[STEP_LAST], clock[RATIO] = t, h, ratio
         clock[NEXT] = max(following, clock[NEXT]) if last else following

@@ -8,10 +8,16 @@ few bodies.
 
 from __future__ import annotations
 
-from kickdrift.integrators.gauss_radau.step import TERMS, larger
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from kickdrift.forces.seam.kernel import BLOWN_UP, OK
+from kickdrift.integrators.gauss_radau.step import AGAIN, MOST, TERMS, larger
 from kickdrift.jit.compile import in_order, inlined
 from kickdrift.jit.lanes.functions import lane_max, minus, multiply_add, plus, splat
-from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.masks import mask_bits, select
 from kickdrift.jit.lanes.memory import load, masked_store, store
 from kickdrift.jit.lanes.vectors import WIDTH
 
@@ -199,6 +205,64 @@ def finish(work, width, x, lost, tables, low, h, positions):
             before, product, rest = after, plus(rest, error), splat(0.0)
         store(work, x * width + i, before)
         store(work, lost * width + i, error)
+
+
+def iteration(
+    accelerate: Callable[..., Any], verdict: Callable[..., Any], rescale: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Compiled iteration of a step's polynomial, until only rounding is left.
+
+    ``accelerate(move, t)`` fills the accelerations and returns a status, ``verdict`` is as in ``step``, and
+    ``rescale(move, count)`` may change the scale of residuals before each iteration."""
+
+    @inlined
+    def iterate(move, t, h, x, v, a, offset, work, width, tables, positions, velocities):
+        """Correct the polynomial of a step of length h from t on. Positions are at ``x``, velocities and accelerations
+        at ``v[offset:]`` and ``a[offset:]``. Return a status, BLOWN_UP without convergence."""
+        residual = np.inf
+        prepare(work, width, tables, 0, h, positions)
+        for i in range(0, width, WIDTH):
+            store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
+            if positions:
+                store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
+        for count in range(MOST):
+            rescale(move, count)
+            worst = splat(0.0)  # over all nodes
+            for row in range(NODES):
+                following = row + 1 if row + 1 < NODES else 0
+                if velocities:
+                    place_velocities(work, width, v, offset, tables, row, h)
+                status = accelerate(move, t + tables.nodes[row + 1] * h)
+                if status != OK:
+                    return status
+                prepare(work, width, tables, following, h, positions)
+                worst, odd = correct(work, width, a, offset, x, tables, row, following, h, positions, worst)
+                if mask_bits(odd >= 0.0) != 255:
+                    return BLOWN_UP
+            missed = lane_max(worst)
+            status = verdict(count, missed, residual)
+            if status != AGAIN:
+                return status
+            residual = missed
+        return BLOWN_UP
+
+    return iterate
+
+
+@inlined
+def as_before(move, count):
+    """Leave the scale of residuals as it is."""
+
+
+@inlined
+def pass_on(work, width, tables, h, positions):
+    """Go to the step's end, and make its polynomial the last one."""
+    for i in range(0, TERMS * width, WIDTH):
+        store(work, LAST * width + i, load(work, NOW * width + i))
+        store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
+    if positions:
+        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, h, True)
+    finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, h, False)
 
 
 @inlined

@@ -12,7 +12,6 @@ from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.batch import LOOK, LaneBodies
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
-from kickdrift.integrators.trace.batch_alone import Alone
 from kickdrift.integrators.trace.batch_events import Limits
 from kickdrift.integrators.trace.batch_loop import (
     COST,
@@ -20,18 +19,17 @@ from kickdrift.integrators.trace.batch_loop import (
     MARKS,
     STILL,
     TAKEN,
+    Alone,
     LaneTrace,
     batch_trace_loop,
     begin_lanes,
 )
 from kickdrift.integrators.trace.loop import trace_loop
-from kickdrift.integrators.trace.room import hybrid_of
 from kickdrift.integrators.trace.state import COUNTS
-from kickdrift.integrators.trace.stepper import wide_lines
+from kickdrift.integrators.trace.stepper import hybrid_of, wide_lines
+from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.batch import WisdomHolmanLanes
 from kickdrift.integrators.wisdom_holman.batch_loop import WAY, WORK, LaneOrbits
-from kickdrift.integrators.wisdom_holman.bodies import HILL, ROWS, SOURCE, Bodies
-from kickdrift.integrators.wisdom_holman.bodies import WORK as WORK_ALONE
 from kickdrift.integrators.wisdom_holman.method import LEAPFROG
 from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
@@ -76,8 +74,8 @@ class TraceLanes(WisdomHolmanLanes):
         super().__init__(members, LEAPFROG, options)
         self._hill_radii, count = options.hill_radii, len(members.systems)
         blocks, _, _, bodies, _ = self._orbit.shape
-        self._table[:, HILL] = 0.0  # near bodies need no warning
-        heavy = (self._table[:, SOURCE] / (3.0 * self._central[:, None])) ** (1 / 3)
+        self._table[:, rows.HILL] = 0.0  # near bodies need no warning
+        heavy = (self._table[:, rows.SOURCE] / (3.0 * self._central[:, None])) ** (1 / 3)
         self._reach = (self._hill_radii * heavy) ** 2
         masses = from_lanes(self._masses, blocks * WIDTH)[:, 1:]
         full = WIDTH * -(-bodies // WIDTH)  # slots for as many massive bodies, and for as many massless ones
@@ -111,11 +109,11 @@ class TraceLanes(WisdomHolmanLanes):
     def _room(n: int, massive: int, massless: int, way: int, inner: int) -> Alone:
         """Room for a system of n bodies that takes a step alone."""
         slots = massive + massless
-        bodies = Bodies(
-            orbit=aligned((6, slots)), carry=aligned((6, 0)), centre=aligned((5, WIDTH)), table=aligned((ROWS, slots)),
-            inside=np.zeros(slots, np.int64), first=np.full((3, slots), np.nan), work=aligned((WORK_ALONE, slots)),
-            massive=massive, jacobi=False, order=np.full(slots, -1), central=0, gm=0.0, shares=np.zeros(1),
-            x=np.zeros((2, 3, 1)), a=np.zeros((3, 1)),
+        bodies = rows.Bodies(
+            orbit=aligned((6, slots)), carry=aligned((6, 0)), centre=aligned((5, WIDTH)),
+            table=aligned((rows.ROWS, slots)), inside=np.zeros(slots, np.int64), first=np.full((3, slots), np.nan),
+            work=aligned((rows.WORK, slots)), massive=massive, jacobi=False, order=np.full(slots, -1), central=0,
+            gm=0.0, shares=np.zeros(1), x=np.zeros((2, 3, 1)), a=np.zeros((3, 1)),
         )  # fmt: skip
         hybrid = hybrid_of(bodies, aligned((slots,)), way, inner)
         return Alone(hybrid, np.zeros(n, np.int64), np.arange(n), np.ones((3, n)), np.zeros((2, 3, n)))

@@ -8,11 +8,14 @@ Stoer 1966, doi:10.1007/BF02165234; Hairer, Norsett & Wanner 1993, II.14, doi:10
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED
-from kickdrift.integrators.trace.meeting import SHORTEST, attract, note_path
+from kickdrift.integrators.trace.meeting import SHORTEST, accelerate, attract, note_path
 from kickdrift.integrators.trace.state import NUMBER, TABLE_ROW
 from kickdrift.jit.compile import jit
+from kickdrift.jit.lanes.memory import flat
 
 COLUMNS = 9  # of the table of extrapolation
 TOLERANCE = 1e-11  # relative (Lu, Hernandez & Rein 2024)
@@ -37,20 +40,27 @@ def kick_and_drift(x, v, a, size, part, last):
             x[i] += part * v[i]
 
 
-@jit
-def leapfrog(hybrid, others, size, done, step, count):
-    """Move x and v from the step's start, a time ``done`` after that of the map's step, by ``count`` kicks and drifts.
-    Return a status."""
-    meeting = hybrid.meeting
-    work, x, v, a = meeting.work, meeting.x, meeting.v, meeting.a
-    part = step / count
-    set_out(work, x, v, size, part)
-    for k in range(count):
-        status = attract(hybrid, others, done + (k + 1) * part, x, a)
-        if status != OK:
-            return status
-        kick_and_drift(x, v, a, size, part, k == count - 1)
-    return OK
+def leapfrog_of(accelerate: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiled leapfrog of bodies that meet, of numbers or duals; ``accelerate`` is as in ``series.iteration``."""
+
+    @jit
+    def leapfrog(move, meeting, size, done, step, count):
+        """Move x and v from the step's start, a time ``done`` after that of the map's step, by ``count`` kicks and
+        drifts. Return a status."""
+        work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
+        part = step / count
+        set_out(work, x, v, size, part)
+        for k in range(count):
+            status = accelerate(move, done + (k + 1) * part)
+            if status != OK:
+                return status
+            kick_and_drift(x, v, a, size, part, k == count - 1)
+        return OK
+
+    return leapfrog
+
+
+leapfrog = leapfrog_of(accelerate)
 
 
 @jit
@@ -88,7 +98,7 @@ def converge(hybrid, others, size, done, step):
     raised an error."""
     before = 1e300
     for k in range(COLUMNS):
-        status = leapfrog(hybrid, others, size, done, step, 2 * (k + 1))
+        status = leapfrog((hybrid, others), hybrid.meeting, size, done, step, 2 * (k + 1))
         if status != OK:
             return -1 if status == RAISED else COLUMNS
         error = extrapolated(hybrid, size, k)
@@ -113,7 +123,7 @@ def follow_by_extrapolation(hybrid, others, h):
         step = rest / parts if parts > 1 else rest
         for i in range(size):
             work[X0 * size + i], work[V0 * size + i] = meeting.x[i], meeting.v[i]
-        status = attract(hybrid, others, done, meeting.x, meeting.a)
+        status = attract(hybrid, others, done)
         if status != OK:
             return status
         for i in range(size):

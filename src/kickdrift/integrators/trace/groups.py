@@ -10,8 +10,8 @@ from __future__ import annotations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.trace.extrapolation import follow_by_extrapolation
 from kickdrift.integrators.trace.meeting import follow, note_path
-from kickdrift.integrators.trace.others import INSIDE, meets_any, momentum
-from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FULL, GAUSS_RADAU, HEAVY, NUMBER
+from kickdrift.integrators.trace.others import meets_any, momentum
+from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FULL, GAUSS_RADAU, HEAVY, INSIDE, NUMBER
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, OTHERS, SOURCE
 from kickdrift.jit.compile import jit
 

@@ -20,9 +20,8 @@ from kickdrift.integrators.trace.others import kick_by_others, meets_any
 from kickdrift.integrators.trace.state import FOUND, FULL, HEAVY, PAIRS, PASSAGES, POINTS, READY, TWICE
 from kickdrift.integrators.trace.switch import clear_flags, find_flags, note_used
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, MUTUAL, SOURCE
-from kickdrift.integrators.wisdom_holman.drift import drift
-from kickdrift.integrators.wisdom_holman.kicks import jump, kick_velocities, mutual_accelerations
-from kickdrift.integrators.wisdom_holman.places import leave_democratic
+from kickdrift.integrators.wisdom_holman.flows import drift, jump, kick_velocities, mutual_accelerations
+from kickdrift.integrators.wisdom_holman.loop import leave_democratic
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes.functions import lane_sum, splat

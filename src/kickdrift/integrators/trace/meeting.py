@@ -11,39 +11,17 @@ In this way the drift includes the map's jump. Other forces add to these acceler
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from collections.abc import Callable
+from typing import Any
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED
-from kickdrift.integrators.gauss_radau.series import (
-    AHEAD,
-    AT_NODE,
-    BASE,
-    ENDS,
-    GUESS,
-    GUESS_LAST,
-    LAST,
-    LOST_V,
-    LOST_X,
-    NODES,
-    NOW,
-    ROWS,
-    V,
-    X,
-    correct,
-    finish,
-    place_velocities,
-    predict,
-    prepare,
-    set_scale,
-)
-from kickdrift.integrators.gauss_radau.step import AGAIN, MOST, TERMS, next_step, verdict
-from kickdrift.integrators.trace.others import INSIDE, add_inside
-from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FOUND, NUMBER, POINTS, TABLE_ROW
+from kickdrift.integrators.gauss_radau import series
+from kickdrift.integrators.gauss_radau.step import next_step, verdict
+from kickdrift.integrators.trace.others import add_inside
+from kickdrift.integrators.trace.state import ALL, FIRST_NOTED, FOUND, INSIDE, NUMBER, POINTS, TABLE_ROW
+from kickdrift.integrators.wisdom_holman.bodies import GM
 from kickdrift.jit.compile import inlined, jit
-from kickdrift.jit.lanes.functions import lane_max, plus, splat
-from kickdrift.jit.lanes.masks import mask_bits
-from kickdrift.jit.lanes.memory import load, store
+from kickdrift.jit.lanes.memory import flat, load, store
 from kickdrift.jit.lanes.vector3 import dot, numbers3, store3, vector3
 from kickdrift.jit.lanes.vectors import WIDTH
 
@@ -54,36 +32,34 @@ SHORTER = 0.6  # a step is done again if the next would be shorter by this facto
 SHORTEST = 1e-13  # of the time h
 
 
+@inlined
+def inverse_cube(d):
+    """1 / |d|^3."""
+    inverse2 = 1.0 / dot(d, d)
+    return inverse2 * math.sqrt(inverse2)
+
+
 @jit
-def attract(hybrid, others, s, x, a):
-    """a <- the accelerations at x of the bodies that meet, a time s after the step's start. Return a status."""
-    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+def attract(hybrid, others, s):
+    """Fill the accelerations of the bodies that meet, a time s after the step's start. Return a status."""
+    meeting, near, x, a = hybrid.meeting, hybrid.near, hybrid.meeting.x, hybrid.meeting.a
     slots, gm, jumps = meeting.slots, meeting.gm, meeting.jumps
-    n, everyone = meeting.size[NUMBER], meeting.size[ALL]
-    pull_x, pull_y, pull_z = 0.0, 0.0, 0.0
+    gm_0, n, everyone = hybrid.bodies.table[GM, slots[0]], meeting.size[NUMBER], meeting.size[ALL]
+    pull = vector3(0.0, 0.0, 0.0)
     for i in range(n):
-        px, py, pz = x[i], x[n + i], x[2 * n + i]
-        inverse2 = 1.0 / (px * px + py * py + pz * pz)
-        cube = inverse2 * math.sqrt(inverse2)
-        w, pull = -gm_0 * cube, gm[i] * cube
-        ax, ay, az = w * px, w * py, w * pz
-        pull_x, pull_y, pull_z = pull_x + pull * px, pull_y + pull * py, pull_z + pull * pz
+        here = numbers3(x, i, n)
+        cube = inverse_cube(here)
+        own, pull = (-gm_0 * cube) * here, pull + (gm[i] * cube) * here
         for j in range(i):
             if everyone or near[slots[j], slots[i]]:
-                dx, dy, dz = x[j] - px, x[n + j] - py, x[2 * n + j] - pz
-                inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
-                cube = inverse2 * math.sqrt(inverse2)
-                w, back = gm[j] * cube, gm[i] * cube
-                ax, ay, az = ax + w * dx, ay + w * dy, az + w * dz
-                a[j] -= back * dx
-                a[n + j] -= back * dy
-                a[2 * n + j] -= back * dz
-        a[i], a[n + i], a[2 * n + i] = ax, ay, az
+                d = numbers3(x, j, n) - here
+                cube = inverse_cube(d)
+                own = own + (gm[j] * cube) * d
+                store3(a, j, n, numbers3(a, j, n) - (gm[i] * cube) * d)
+        store3(a, i, n, own)
     for i in range(n):
         if jumps[i]:
-            a[i] -= pull_x
-            a[n + i] -= pull_y
-            a[2 * n + i] -= pull_z
+            store3(a, i, n, numbers3(a, i, n) - pull)
     meeting.size[FOUND] += 1
     return add_inside(hybrid, others, s, x, a) if hybrid.present[INSIDE] else OK
 
@@ -106,9 +82,9 @@ def note_path(hybrid, t):
 
 
 @inlined
-def rate2(x, y, z, u, v, w, gm):
+def rate2(x, v, gm):
     """1 / tau^2 of a Kepler motion; see ``switch.passage``."""
-    r2, v2, along = x * x + y * y + z * z, u * u + v * v + w * w, x * u + y * v + z * w
+    r2, v2, along = dot(x, x), dot(v, v), dot(x, v)
     sigma2 = along * along / r2
     c = 2.0 * gm / math.sqrt(r2) - 3.0 * v2 + 15.0 * sigma2
     root = math.sqrt(max(0.0, c * c - 12.0 * c * sigma2 + 36.0 * sigma2 * v2))
@@ -118,51 +94,81 @@ def rate2(x, y, z, u, v, w, gm):
 @jit
 def shortest_time(hybrid):
     """Shortest time scale at the start: that of a motion about the central body, or of a near pair."""
-    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
-    slots, gm, x, v = meeting.slots, meeting.gm, meeting.x, meeting.v
-    n, everyone, fastest = meeting.size[NUMBER], meeting.size[ALL], 0.0
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.table[GM, hybrid.meeting.slots[0]]
+    slots, gm, n, fastest = meeting.slots, meeting.gm, meeting.size[NUMBER], 0.0
     for i in range(n):
-        j, k = n + i, 2 * n + i
-        fastest = max(fastest, rate2(x[i], x[j], x[k], v[i], v[j], v[k], gm_0))
-        for b in range(i):
-            if everyone or near[slots[b], slots[i]]:
-                c, d = n + b, 2 * n + b
-                rate = rate2(
-                    x[i] - x[b], x[j] - x[c], x[k] - x[d], v[i] - v[b], v[j] - v[c], v[k] - v[d], gm[i] + gm[b]
-                )  # fmt: skip
-                fastest = max(fastest, rate)
+        x, v = numbers3(meeting.x, i, n), numbers3(meeting.v, i, n)
+        fastest = max(fastest, rate2(x, v, gm_0))
+        for j in range(i):
+            if meeting.size[ALL] or near[slots[j], slots[i]]:
+                d, u = x - numbers3(meeting.x, j, n), v - numbers3(meeting.v, j, n)
+                fastest = max(fastest, rate2(d, u, gm[i] + gm[j]))
     return 1.0 / math.sqrt(fastest)
 
 
-@jit
-def iterate(hybrid, others, width, done, h):
-    """Correct the step's polynomial until only rounding is left, as ``gauss_radau.loop.iterate`` does. Return a
-    status."""
-    meeting, tables = hybrid.meeting, hybrid.tables
-    work, x, a, residual = meeting.work, meeting.x, meeting.a, np.inf
-    prepare(work, width, tables, 0, h, True)
+# --- a step, of numbers or duals ---
+
+
+def stepping(
+    accelerate: Callable[..., Any], verdict: Callable[..., Any], rescale: Callable[..., Any], begin: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Compiled attempt of a Gauss-Radau step of bodies that meet; see ``series.iteration``.
+
+    ``begin(move, width, h, first)`` may change the predicted polynomial, and sets the scale of residuals."""
+    iterate = series.iteration(accelerate, verdict, rescale)
+
+    @inlined
+    def attempt(move, meeting, width, tables, moving, t, h, ratio, before):
+        """Find the polynomial of a step of length h from t on, where the accelerations are known. Return a status.
+
+        ``ratio`` and ``before`` are as in ``series.predict``."""
+        work, a = meeting.work, flat(meeting.a)
+        for i in range(0, width, WIDTH):
+            store(work, series.NOW * width + i, load(a, i))
+        series.predict(work, width, ratio, before, tables.shifts)
+        begin(move, width, h, ratio == 0.0)
+        return iterate(move, t, h, flat(meeting.x), flat(meeting.v), a, 0, work, width, tables, True, moving)
+
+    return attempt
+
+
+@inlined
+def width_of(size):
+    """Length of the workspace's rows for so many numbers."""
+    return WIDTH * ((size + WIDTH - 1) // WIDTH)
+
+
+@inlined
+def enter_work(meeting, size, width):
+    """Begin the workspace with the positions and velocities of ``meeting``."""
+    work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
+    for i in range(series.ROWS * width):
+        work[i] = 0.0
+    for i in range(size, width):
+        x[i] = a[i] = 0.0
+    for i in range(size):
+        work[series.X * width + i], work[series.V * width + i] = x[i], v[i]
+
+
+@inlined
+def to_start(meeting, width, moving):
+    """Return to the positions at the step's start, and with ``moving`` to the velocities."""
+    work, x, v = meeting.work, flat(meeting.x), flat(meeting.v)
     for i in range(0, width, WIDTH):
-        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
-        store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
-    for count in range(MOST):
-        worst = splat(0.0)
-        for row in range(NODES):
-            following = row + 1 if row + 1 < NODES else 0
-            if hybrid.moving:
-                place_velocities(work, width, meeting.v, 0, tables, row, h)
-            status = attract(hybrid, others, done + tables.nodes[row + 1] * h, x, a)
-            if status != OK:
-                return status
-            prepare(work, width, tables, following, h, True)
-            worst, odd = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
-            if mask_bits(odd >= 0.0) != 255:
-                return BLOWN_UP
-        missed = lane_max(worst)
-        status = verdict(count, missed, residual, SETTLED)
-        if status != AGAIN:
-            return status
-        residual = missed
-    return BLOWN_UP
+        store(x, i, load(work, series.X * width + i))
+        if moving:
+            store(v, i, load(work, series.V * width + i))
+
+
+@inlined
+def leave_work(meeting, size, width):
+    """Positions and velocities <- those at the step's end."""
+    work, x, v = meeting.work, flat(meeting.x), flat(meeting.v)
+    for i in range(size):
+        x[i], v[i] = work[series.X * width + i], work[series.V * width + i]
+
+
+# --- steps ---
 
 
 @inlined
@@ -178,9 +184,9 @@ def slopes(d, u, b, h):
 @jit
 def guess(hybrid, width, n, h):
     """Begin the first step's polynomial with its c_1 and c_2: the first two time derivatives of the attraction."""
-    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.gm
+    meeting, near, gm_0 = hybrid.meeting, hybrid.near, hybrid.bodies.table[GM, hybrid.meeting.slots[0]]
     slots, gm, x, v, a, work = meeting.slots, meeting.gm, meeting.x, meeting.v, meeting.a, meeting.work
-    one, two = (NOW + 1) * width, (NOW + 2) * width
+    one, two = (series.NOW + 1) * width, (series.NOW + 2) * width
     pull, bend = vector3(0.0, 0.0, 0.0), vector3(0.0, 0.0, 0.0)
     for i in range(n):
         first, second = slopes(numbers3(x, i, n), numbers3(v, i, n), numbers3(a, i, n), h)
@@ -199,56 +205,59 @@ def guess(hybrid, width, n, h):
             store3(work, two + i, n, numbers3(work, two + i, n) - bend)
 
 
+@inlined
+def accelerate(move, t):
+    hybrid, others = move
+    return attract(hybrid, others, t)
+
+
+@inlined
+def settled(count, missed, residual):
+    return verdict(count, missed, residual, SETTLED)
+
+
+@inlined
+def begin(move, width, h, first):
+    meeting = move[0].meeting
+    if first:
+        guess(move[0], width, meeting.size[NUMBER], h)
+    series.set_scale(meeting.work, width, h, True)
+
+
+attempt = stepping(accelerate, settled, series.as_before, begin)
+
+
 @jit
 def follow(hybrid, others, h):
     """Move the bodies of ``meeting`` from x and v over a time h by Gauss-Radau steps. Return a status."""
     meeting, tables = hybrid.meeting, hybrid.tables
     work, n = meeting.work, meeting.size[NUMBER]
-    width = WIDTH * ((3 * n + WIDTH - 1) // WIDTH)
-    for i in range(ROWS * width):
-        work[i] = 0.0
-    for i in range(3 * n, width):
-        meeting.x[i] = meeting.a[i] = 0.0
-    for i in range(3 * n):
-        work[X * width + i], work[V * width + i] = meeting.x[i], meeting.v[i]
+    width = width_of(3 * n)
+    enter_work(meeting, 3 * n, width)
     done, last, before, step = 0.0, 0.0, 0.0, min(h, ETA * shortest_time(hybrid))
     while done < h:
         rest = h - done
         parts = math.ceil(rest / step - 1e-9)
         step = rest / parts if parts > 1 else rest
-        for i in range(0, width, WIDTH):
-            store(meeting.x, i, load(work, X * width + i))
-            if hybrid.moving:
-                store(meeting.v, i, load(work, V * width + i))
-        status = attract(hybrid, others, done, meeting.x, meeting.a)
+        to_start(meeting, width, hybrid.moving)
+        status = attract(hybrid, others, done)
         if status != OK:
             return status
-        for i in range(0, width, WIDTH):
-            store(work, NOW * width + i, load(meeting.a, i))
         ratio = step / last if last > 0.0 else 0.0
-        predict(work, width, ratio, before, tables.shifts)
-        if last == 0.0:
-            guess(hybrid, width, n, step)
-        set_scale(work, width, step, True)
-        status = iterate(hybrid, others, width, done, step)
+        status = attempt((hybrid, others), meeting, width, tables, hybrid.moving, done, step, ratio, before)
         if status == RAISED:
             return status
         wanted = 0.0
         if status == OK:
-            wanted = next_step(work, width, NOW, ENDS, V, 3, n, step, ETA)
+            wanted = next_step(work, width, series.NOW, series.ENDS, series.V, 3, n, step, ETA)
         if not wanted >= SHORTER * step:
             step = wanted if 0.0 < wanted < SHORTER * step else 0.25 * step
             if not step > SHORTEST * h:
                 return BLOWN_UP
             continue
-        for i in range(0, TERMS * width, WIDTH):
-            store(work, LAST * width + i, load(work, NOW * width + i))
-            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
-        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, step, True)
-        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
+        series.pass_on(work, width, tables, step, True)
         done = h if parts <= 1 else done + step
         last, before, step = step, ratio, min(wanted, 4.0 * step)
-        for i in range(3 * n):
-            meeting.x[i], meeting.v[i] = work[X * width + i], work[V * width + i]
+        leave_work(meeting, 3 * n, width)
         note_path(hybrid, done)
     return OK

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from kickdrift.forces.bound.table import EVALUATIONS, accelerate_by, fill_by
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.integrators.trace.state import HEAVY, NUMBER, PAIRS, PASSAGES
+from kickdrift.integrators.trace.state import HEAVY, INSIDE, NUMBER, PAIRS, PASSAGES, compiled_hermite
 from kickdrift.integrators.wisdom_holman.bodies import LIVE, OTHERS
-from kickdrift.integrators.wisdom_holman.others import add_accelerations, fill_positions
+from kickdrift.integrators.wisdom_holman.flows import add_accelerations, fill_positions
 from kickdrift.jit.compile import jit
 from kickdrift.jit.lanes.memory import set_zero
 
-KICKS, INSIDE = range(2)  # groups of the other forces
 TURNS = 50  # iterations of a kick
 ROUNDED = 1e-14  # of the velocity: smaller changes in an iteration are rounding
 STALLED = 1e-9  # larger changes at the last iteration mean that it does not converge
@@ -51,10 +50,8 @@ def place_on_drift(hybrid, k, s):
     orbit, order, f = bodies.orbit, bodies.order, s / hybrid.span[1]
     for i in range(bodies.massive):
         if order[i] >= 0:
-            x0, v0, x1, v1 = middle[k, i], h * middle[3 + k, i], orbit[k, i], h * orbit[3 + k, i]
-            b, a = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
-            bodies.x[0, k, order[i]] = x0 + f * (v0 + f * (b + f * a))
-            bodies.x[1, k, order[i]] = (v0 + f * (2.0 * b + 3.0 * f * a)) / h
+            x, v = compiled_hermite(f, middle[k, i], h * middle[3 + k, i], orbit[k, i], h * orbit[3 + k, i])
+            bodies.x[0, k, order[i]], bodies.x[1, k, order[i]] = x, v / h
 
 
 @jit

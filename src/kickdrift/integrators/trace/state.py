@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kickdrift.integrators.gauss_radau.tables import Tables
 from kickdrift.integrators.wisdom_holman.bodies import Bodies
+from kickdrift.jit.compile import inlined
 
 # Entries of ``counts``: pairs and passages that the last search added; all near pairs; all passages; massive bodies in
 # passage; 1 if flags and accelerations belong to the present state; steps done twice; points in ``path``.
@@ -21,6 +22,7 @@ COUNTS = 7
 # Ways of a pericentre passage.
 NONE, PARTIAL, FULL = range(3)
 GAUSS_RADAU, BULIRSCH_STOER = range(2)
+KICKS, INSIDE = range(2)  # groups of the other forces
 # Entries of ``size``: number of bodies; 1 if all pairs attract each other here; evaluations in this step; first body
 # whose path is noted; last row of the table of extrapolation in the latest step, see ``extrapolation``.
 NUMBER, ALL, FOUND, FIRST_NOTED, TABLE_ROW = range(5)
@@ -71,3 +73,12 @@ class Hybrid(NamedTuple):
     moving: bool  # other forces depend on velocity
     way: int  # NONE, PARTIAL or FULL
     inner: int  # GAUSS_RADAU or BULIRSCH_STOER
+
+
+def hermite(f, x0, v0, x1, v1):
+    """Places and velocities at a fraction f of Hermite's cubic between two ends, with velocities per step."""
+    b, a = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
+    return x0 + f * (v0 + f * (b + f * a)), v0 + f * (2.0 * b + 3.0 * f * a)
+
+
+compiled_hermite = inlined(hermite)  # of numbers, or of vectors of duals

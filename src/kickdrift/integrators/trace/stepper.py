@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
+from kickdrift.forces.seam.group import ListedForce
+from kickdrift.integrators.gauss_radau import series
+from kickdrift.integrators.gauss_radau.tables import tables
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps
+from kickdrift.integrators.trace import state
 from kickdrift.integrators.trace.loop import trace_loop
-from kickdrift.integrators.trace.path import points_inside
-from kickdrift.integrators.trace.room import hybrid_of
-from kickdrift.integrators.trace.state import PAIRS, PASSAGES, PATH_COLUMNS, POINTS, TWICE
-from kickdrift.integrators.wisdom_holman.bodies import LIVE, SOURCE
+from kickdrift.integrators.wisdom_holman.bodies import LIVE, SOURCE, Bodies
 from kickdrift.integrators.wisdom_holman.method import LEAPFROG
 from kickdrift.integrators.wisdom_holman.stepper import WisdomHolmanStepper
 from kickdrift.jit.handle import address_of
@@ -56,10 +56,7 @@ class TraceStepper(WisdomHolmanStepper):
         self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, others, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self.y, self.steps_done = y.copy(), steps
-        self._start = time - steps * self.dt
-        self._cursor = np.zeros(SLOTS, np.int64)
-        self._others.forget()
+        self._begin_at(y.copy(), time, steps)
         for flags in (self._hybrid.counts, self._hybrid.near, self._hybrid.meets, self._hybrid.passes):
             flags[...] = 0
         self._enter(y)
@@ -77,16 +74,16 @@ class TraceStepper(WisdomHolmanStepper):
     @property
     def flags(self) -> tuple[int, int]:
         """Numbers of near pairs and of pericentre passages at the step point, once steps are done."""
-        return int(self._hybrid.counts[PAIRS]), int(self._hybrid.counts[PASSAGES])
+        return int(self._hybrid.counts[state.PAIRS]), int(self._hybrid.counts[state.PASSAGES])
 
     @property
     def _twice(self) -> int:
         """Number of steps done once more with further pairs or passages."""
-        return int(self._hybrid.counts[TWICE])
+        return int(self._hybrid.counts[state.TWICE])
 
     @_twice.setter
     def _twice(self, value: int) -> None:
-        self._hybrid.counts[TWICE] = value
+        self._hybrid.counts[state.TWICE] = value
 
     @property
     def _given(self) -> tuple[object, ...]:
@@ -106,7 +103,7 @@ class TraceStepper(WisdomHolmanStepper):
         bodies = self._bodies
         massive, slots = self._hybrid.near.shape
         self._hybrid = self._hybrid._replace(
-            path=np.zeros((rows, PATH_COLUMNS)), used=np.zeros((massive + 1, slots), np.uint8)
+            path=np.zeros((rows, state.PATH_COLUMNS)), used=np.zeros((massive + 1, slots), np.uint8)
         )
         slot = np.flatnonzero(self._real)
         return np.array([0, *slot]), slots, np.array([bodies.central, *bodies.order[slot]])
@@ -137,11 +134,11 @@ class TraceStepper(WisdomHolmanStepper):
         and the slot of each body, -1 for the central one."""
         slots = self._slots.copy()
         slots[self._bodies.central] = -1
-        return self._hybrid.counts[POINTS : POINTS + 1], self._hybrid.path, slots
+        return self._hybrid.counts[state.POINTS : state.POINTS + 1], self._hybrid.path, slots
 
     def inside(self, before: Floats) -> list[tuple[float, Floats]]:
         """Times and states inside the last step, which began at ``before``, at the points of the bodies that meet."""
-        rows = self._hybrid.path[: self._hybrid.counts[POINTS]]
+        rows = self._hybrid.path[: self._hybrid.counts[state.POINTS]]
         order, central = self._bodies.order, self._bodies.central
         return points_inside(rows, order, central, before, self.y, self.time - self.dt, self.dt)
 
@@ -160,3 +157,80 @@ def wide_lines(system: System, wide: Sequence[int], hill_radii: float) -> list[s
         f"{names}: the hand-over radius, hill_radii = {hill_radii:g}, covers the whole orbit, "
         "so every step is an encounter; take a smaller hill_radii"
     ]
+
+
+# --- memory ---
+
+
+def hybrid_of(
+    bodies: Bodies, reach: Floats, way: int, inner: int, others: Sequence[object] = (), moving: bool = False
+) -> state.Hybrid:
+    """The state of the hybrid map of these bodies, with ``reach`` (slots,) as in ``state``.
+
+    ``others`` are the forces other than gravity; ``moving`` tells whether they depend on velocity.
+    """
+    groups = np.array([state.KICKS if isinstance(force, ListedForce) else state.INSIDE for force in others], np.int64)
+    slots, massive = bodies.table.shape[1], bodies.massive
+    room = massive + 1
+    width = series.BLOCK * -(-3 * room // series.BLOCK) + series.BLOCK
+    return state.Hybrid(
+        bodies=bodies, near=np.zeros((massive, slots), np.uint8), meets=np.zeros(slots, np.int64),
+        passes=np.zeros(slots, np.uint8), reach=reach, zone=aligned((massive,)),
+        counts=np.zeros(state.COUNTS, np.int64), start=aligned((6, slots)), centre=aligned(bodies.centre.shape),
+        middle=aligned((6, slots)),
+        group=np.zeros(massive, np.int64), path=np.zeros((state.PATH_ROWS, state.PATH_COLUMNS)),
+        kept=aligned((6, slots)),
+        meeting=state.Meeting(
+            slots=np.zeros(room, np.int64), gm=np.zeros(room), jumps=np.zeros(room, np.uint8),
+            acts=np.zeros(room, np.uint8),
+            size=np.zeros(5, np.int64), x=aligned((width,)), v=aligned((width,)), a=aligned((width,)),
+            work=aligned((series.ROWS * width,)),
+        ),
+        tables=tables(), groups=groups, present=np.array([state.KICKS in groups, state.INSIDE in groups], np.uint8),
+        span=np.zeros(2), speeds=np.zeros((3, slots + 2)), latest=np.zeros((3, slots + 1)),
+        used=np.zeros((0, slots), np.uint8), moving=moving, way=way, inner=inner,
+    )  # fmt: skip
+
+
+# --- inside a step ---
+
+
+def points_inside(
+    rows: Floats, order: NDArray[np.int64], central: int, before: Floats, after: Floats, begin: float, h: float
+) -> list[tuple[float, Floats]]:
+    """Times and states (2, 3, n) between the ends of a step, at each time of ``rows`` (see ``state``).
+
+    The central body moves on a straight line. A body without rows follows Hermite's cubic between the ends of the step.
+    A body with rows follows cubics between its points. These paths are shifted so that they begin and end at the ends
+    of the step. The map shifts all bodies that meet by the same way, so the distances between them stay.
+    """
+    rows = rows[rows[:, 1] >= 0.0]  # no copies
+    times = np.unique(rows[:, 0])
+    times = times[(times > 0.0) & (times < h)]
+    if not len(times):
+        return []
+    s = (times / h)[:, None, None]
+    found = np.empty((len(times), 2, *before.shape[1:]))
+    found[:, 0], found[:, 1] = _cubics(s, before, after, h)
+    line = before[0, :, central] + s[:, 0] * (after[0, :, central] - before[0, :, central])
+    found[:, 0, :, central] = line
+    found[:, 1, :, central] = (after[0, :, central] - before[0, :, central]) / h
+    for slot in np.unique(rows[:, 1].astype(np.int64)):
+        own, body = rows[rows[:, 1] == slot], order[slot]
+        own = own[np.argsort(own[:, 0], kind="stable")]
+        first, last = before[0, :, body] - own[0, 2:5], after[0, :, body] - own[-1, 2:5]
+        place = np.clip(np.searchsorted(own[:, 0], times, side="right") - 1, 0, len(own) - 2)
+        left, right = own[place], own[place + 1]
+        length = (right[:, 0] - left[:, 0])[:, None]
+        part = (times[:, None] - left[:, :1]) / length
+        start, end = (np.array([each[:, 2:5], each[:, 5:8]]) for each in (left, right))
+        x, v = _cubics(part, start, end, length)
+        found[:, 0, :, body] = x + first + s[:, 0] * (last - first)
+        found[:, 1, :, body] = v + (last - first) / h
+    return [(begin + float(time), np.ascontiguousarray(y)) for time, y in zip(times, found, strict=True)]
+
+
+def _cubics(s: Floats, start: Floats, end: Floats, h: Floats | float) -> tuple[Floats, Floats]:
+    """Positions and velocities at fractions s of Hermite's cubic between two states (2, ...), a time h apart."""
+    x, v = state.hermite(s, start[0], h * start[1], end[0], h * end[1])
+    return x, v / h

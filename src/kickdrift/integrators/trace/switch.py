@@ -17,7 +17,7 @@ Hernandez & Dehnen 2023, MNRAS 522, 4639).
 from __future__ import annotations
 
 from kickdrift.integrators.trace.state import HEAVY, NEW, NONE, PAIRS, PASSAGES
-from kickdrift.integrators.wisdom_holman.bodies import LIVE
+from kickdrift.integrators.wisdom_holman.bodies import GM, LIVE
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, splat
 from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
@@ -112,7 +112,7 @@ def clear_flags(hybrid):
 def find_flags(hybrid, dt):
     """Add the pairs that are near and the passages at the present state. Return the number of new ones."""
     bodies, counts = hybrid.bodies, hybrid.counts
-    orbit, live = bodies.orbit, bodies.table[LIVE]
+    orbit, live, gm = bodies.orbit, bodies.table[LIVE], bodies.table[GM]
     n, half = orbit.shape[1], 0.5 * dt
     counts[NEW] = 0
     for b in range(0, bodies.massive, WIDTH):
@@ -121,7 +121,7 @@ def find_flags(hybrid, dt):
     for b in range(0, n, WIDTH):
         x, v = load3(orbit, b, n), load3(orbit, 3 * n + b, n)
         if hybrid.way != NONE:
-            short = passage(x, v, bodies.gm, dt) | (load(hybrid.reach, b) >= 1.0)
+            short = passage(x, v, load(gm, b), dt) | (load(hybrid.reach, b) >= 1.0)
             if any_lane(short):
                 note_passages(hybrid, b, mask_bits(short))
         own = load(hybrid.reach, b) * dot(x, x)

@@ -15,16 +15,10 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STEP
-from kickdrift.integrators.trace.state import POINTS
-from kickdrift.integrators.trace.tangent_attraction import DualMeeting, dual_meeting
-from kickdrift.integrators.trace.tangent_kicks import jump_duals, kick_duals, shift_duals
-from kickdrift.integrators.trace.tangent_meeting import (
-    enter_meeting,
-    heavy_passes,
-    meet_again,
-)
+from kickdrift.integrators.trace.state import FULL, POINTS
+from kickdrift.integrators.trace.tangent_meeting import enter_meeting, heavy_passes, meet_again, pull_of
 from kickdrift.integrators.trace.tangent_others import kick_by_others_duals
-from kickdrift.integrators.trace.tangent_rows import (
+from kickdrift.integrators.trace.tangent_state import (
     AFTER_V,
     AFTER_X,
     LOST_V,
@@ -33,8 +27,10 @@ from kickdrift.integrators.trace.tangent_rows import (
     MIDDLE_V,
     MIDDLE_X,
     ROWS,
+    DualMeeting,
     V,
     X,
+    dual_meeting,
 )
 from kickdrift.integrators.wisdom_holman.tangent_columns import (
     Derived,
@@ -247,6 +243,56 @@ def from_drift(hybrid, own, rows, t, h, heavy):
     if own.others.shape[0] > 0:
         return kick_by_others_duals(rows, own, t + h, 0.5 * h)
     return OK
+
+
+# --- kicks and jumps ---
+
+
+@jit
+def kick_duals(hybrid, own, rows, h, heavy):
+    """Kick each body by the massive bodies that are not near it, as ``loop.kick`` does."""
+    never_inline()
+    n, slot, used = own.slot.size, own.slot, hybrid.used
+    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
+    together = heavy and hybrid.way == FULL  # bodies that move together feel all attractions there
+    for i in range(2, n):
+        if together and own.met[i]:
+            continue
+        speed = vector_at(v, i)
+        for j in range(1, min(i, own.massive)):
+            if not used[slot[j], slot[i]]:
+                pull = h * pull_of(vector_at(x, j) - vector_at(x, i))
+                speed = speed + masses[0, j] * pull
+                if i < own.massive:
+                    put_vector(v, j, vector_at(v, j) - masses[0, i] * pull)
+        put_vector(v, i, speed)
+
+
+@jit
+def jump_duals(hybrid, own, rows, h):
+    """Move all bodies by the central body's way, except massless bodies that pass their pericentre."""
+    never_inline()
+    n, move, passes = own.slot.size, dual_vector((0.0, 0.0, 0.0)), hybrid.used.shape[0] - 1
+    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
+    for i in range(1, own.massive):
+        move = move + masses[2, i] * vector_at(v, i)
+    move = h * move
+    for i in range(1, n):
+        if not hybrid.used[passes, own.slot[i]]:
+            put_vector(x, i, vector_at(x, i) + move)
+
+
+@jit
+def shift_duals(own, rows):
+    """Move massless bodies that meet no other by half the central body's way."""
+    n = own.slot.size
+    x, moved = dual_rows(rows[X], n), 0.5 * vector_at(dual_rows(rows[AFTER_X], n), 0)
+    for i in range(own.massive, n):
+        if not own.met[i]:
+            put_vector(x, i, vector_at(x, i) + moved)
+
+
+# --- bodies that move together ---
 
 
 @jit

@@ -1,51 +1,74 @@
-"""Bodies that meet, with derivatives: the Gauss-Radau steps of the hybrid map once more, on duals.
+"""Bodies that meet, with derivatives: the steps of `meeting` or `extrapolation` once more, on duals.
 
-The steps have the lengths that the map took. A dual's numbers join the method's state as they are, since the method is
-linear in the accelerations.
+The steps have the lengths, and the rows of the table of extrapolation, that the map took. Both methods are linear in
+the accelerations, so a dual's numbers join their state as they are.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.integrators.gauss_radau.series import (
-    AHEAD,
-    AT_NODE,
-    BASE,
-    BLOCK,
-    GUESS,
-    GUESS_LAST,
-    LAST,
-    LOST_V,
-    LOST_X,
-    NODES,
-    NOW,
-    ROWS,
-    SCALE,
-    V,
-    X,
-    correct,
-    finish,
-    place_velocities,
-    predict,
-    prepare,
-)
-from kickdrift.integrators.gauss_radau.step import CONVERGED, MOST, PATIENCE, TERMS
+from kickdrift.integrators.gauss_radau import series
+from kickdrift.integrators.gauss_radau.step import AGAIN, CONVERGED, MOST, PATIENCE, TERMS
+from kickdrift.integrators.trace import extrapolation
+from kickdrift.integrators.trace.meeting import enter_work, leave_work, stepping, to_start, width_of
 from kickdrift.integrators.trace.state import FULL, GAUSS_RADAU
-from kickdrift.integrators.trace.tangent_attraction import attract_duals
-from kickdrift.integrators.trace.tangent_extrapolation import replay_extrapolation
-from kickdrift.integrators.trace.tangent_rows import MASSES, MIDDLE_V, MIDDLE_X
-from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
+from kickdrift.integrators.trace.tangent_others import add_inside_duals
+from kickdrift.integrators.trace.tangent_state import MASSES, MIDDLE_V, MIDDLE_X
+from kickdrift.jit.compile import as_written, inlined, is_finite, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
-from kickdrift.jit.duals.dual import as_dual, dual_rows
+from kickdrift.jit.duals.dual import as_dual, dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
-from kickdrift.jit.lanes.functions import lane_max, plus, splat
-from kickdrift.jit.lanes.memory import flat, load, store
-from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.jit.lanes.memory import flat
 
 STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
 LEAST = 2  # iterations before the first that may be the last: by then the scale of residuals is known
+
+
+@jit
+def pull_of(d):
+    """Return d / r^3 for a dual separation d."""
+    square = 1.0 / (d.value @ d.value)
+    cube = square * math.sqrt(square)
+    return dual(cube * d.value, cube * (d.slope - (3.0 * square * (d.slope @ d.value)) * d.value))
+
+
+@jit
+def attract_duals(hybrid, own, rows, n, everyone, s):
+    """a <- the accelerations of ``meeting.attract`` at x, a time s after the step's start. Return a status."""
+    never_inline()
+    meeting, masses = own.meeting, dual_rows(rows[MASSES], own.slot.size)
+    x, a, used = dual_rows(meeting.x, n), dual_rows(meeting.a, n), hybrid.used
+    members, slots = meeting.members, meeting.slots
+    total = dual_vector((0.0, 0.0, 0.0))
+    for i in range(n):
+        pull = pull_of(vector_at(x, i))
+        total = total + masses[0, members[i]] * pull
+        put_vector(a, i, -(masses[0, 0] * pull))
+    for i in range(n):
+        felt = vector_at(a, i)
+        for j in range(i):
+            if everyone or used[slots[j], slots[i]]:
+                pull = pull_of(vector_at(x, j) - vector_at(x, i))
+                felt = felt + masses[0, members[j]] * pull
+                put_vector(a, j, vector_at(a, j) - masses[0, members[i]] * pull)
+        put_vector(a, i, felt)
+    for i in range(n):
+        if meeting.jumps[i]:
+            put_vector(a, i, vector_at(a, i) - total)
+    if own.others.shape[0] == 0:
+        return OK
+    return add_inside_duals(rows, own, n, hybrid.span[0], s, hybrid.span[1])
+
+
+@inlined
+def accelerate(move, t):
+    hybrid, own, rows, n, everyone = move
+    return attract_duals(hybrid, own, rows, n, everyone, t)
+
+
+# --- Gauss-Radau ---
 
 
 @jit
@@ -55,99 +78,127 @@ def set_scales(work, width, size, numbers):
         largest = 0.0
         for i in range(column, size, numbers):
             total = 0.0
-            for row in range(NOW, NOW + TERMS):
+            for row in range(series.NOW, series.NOW + TERMS):
                 total += abs(work[row * width + i])
             largest = max(largest, total)
         inverse = 1.0 / largest if largest > 0.0 else 0.0
         for i in range(column, size, numbers):
-            work[SCALE * width + i] = inverse
+            work[series.SCALE * width + i] = inverse
 
 
-@jit
-def iterate_duals(hybrid, own, rows, n, everyone, width, done, h):
-    """Correct the step's polynomial until only rounding is left. Return a status.
+@inlined
+def rescale(move, count):
+    _, own, _, n, _ = move
+    if count < LEAST:
+        size = 3 * n * own.meeting.numbers
+        set_scales(own.meeting.work, width_of(size), size, own.meeting.numbers)
 
-    The motion itself has converged at this length, and its derivatives converge as fast. So a residual that stops
-    falling is rounding."""
-    never_inline()
-    meeting = own.meeting
-    work, x, v, a = meeting.work, flat(meeting.x), flat(meeting.v), flat(meeting.a)
-    tables, residual = hybrid.tables, np.inf
-    prepare(work, width, tables, 0, h, True)
-    for i in range(0, width, WIDTH):
-        store(work, AT_NODE * width + i, load(work, AHEAD * width + i))
-        store(x, i, plus(load(work, X * width + i), load(work, BASE * width + i)))
-    for count in range(MOST):
-        if count < LEAST:
-            set_scales(work, width, 3 * n * meeting.numbers, meeting.numbers)
-        worst = splat(0.0)
-        for row in range(NODES):
-            following = row + 1 if row + 1 < NODES else 0
-            if own.moving:
-                place_velocities(work, width, v, 0, tables, row, h)
-            status = attract_duals(hybrid, own, rows, n, everyone, done + tables.nodes[row + 1] * h)
-            if status != OK:
-                return status
-            prepare(work, width, tables, following, h, True)
-            worst, _ = correct(work, width, a, 0, x, tables, row, following, h, True, worst)
-        missed = lane_max(worst)
-        if not is_finite(missed):
-            return BLOWN_UP
-        if count >= LEAST:
-            if missed == 0.0 or missed * missed / residual <= CONVERGED:
-                return OK
-            if count >= PATIENCE and missed >= residual:
-                break
-        residual = missed
-    return OK if missed <= STALLED else BLOWN_UP
+
+@inlined
+def settled(count, missed, residual):
+    """``step.verdict`` for duals. The motion itself has converged at this length, and its derivatives converge as fast.
+    So a residual that stops falling is rounding."""
+    if not is_finite(missed):
+        return BLOWN_UP
+    if count >= LEAST and (missed == 0.0 or missed * missed / residual <= CONVERGED):
+        return OK
+    if count == MOST - 1 or (count >= max(LEAST, PATIENCE) and missed >= residual):
+        return OK if missed <= STALLED else BLOWN_UP
+    return AGAIN
+
+
+@inlined
+def begin(move, width, h, first):
+    """The polynomial begins with 0, and its scale is set in ``rescale``."""
+
+
+attempt = stepping(accelerate, settled, rescale, begin)
 
 
 @jit
 def replay(hybrid, own, rows, n, everyone, first, points):
     """Move the bodies of ``meeting`` over the steps that begin at row ``first`` of the path. Return a status."""
     never_inline()
-    meeting = own.meeting
-    work, path, tables, h = meeting.work, hybrid.path, hybrid.tables, hybrid.span[1]
-    x, v, a, size = flat(meeting.x), flat(meeting.v), flat(meeting.a), 3 * n * meeting.numbers
-    width = BLOCK * ((size + BLOCK - 1) // BLOCK)
-    for i in range(ROWS * width):
-        work[i] = 0.0
-    lost_x, lost_v = flat(meeting.lost_x), flat(meeting.lost_v)
-    for i in range(size, width):
-        x[i] = a[i] = 0.0
+    meeting, path, tables, h = own.meeting, hybrid.path, hybrid.tables, hybrid.span[1]
+    work, size = meeting.work, 3 * n * meeting.numbers
+    width, lost_x, lost_v = width_of(size), flat(meeting.lost_x), flat(meeting.lost_v)
+    enter_work(meeting, size, width)
     for i in range(size):
-        work[X * width + i], work[V * width + i] = x[i], v[i]
-        work[LOST_X * width + i], work[LOST_V * width + i] = lost_x[i], lost_v[i]
+        work[series.LOST_X * width + i], work[series.LOST_V * width + i] = lost_x[i], lost_v[i]
     at, done, last, before = first + n, 0.0, 0.0, 0.0
     while done < h:
         if at >= points or not path[at, 0] > done:
             return BLOWN_UP
         step = path[at, 0] - done
-        for i in range(0, width, WIDTH):
-            store(x, i, load(work, X * width + i))
-            if own.moving:
-                store(v, i, load(work, V * width + i))
+        to_start(meeting, width, own.moving)
         status = attract_duals(hybrid, own, rows, n, everyone, done)
         if status != OK:
             return status
-        for i in range(0, width, WIDTH):
-            store(work, NOW * width + i, load(a, i))
-        ratio = step / last if last > 0.0 else 0.0
-        predict(work, width, ratio, before, tables.shifts)
-        status = iterate_duals(hybrid, own, rows, n, everyone, width, done, step)
+        ratio, move = step / last if last > 0.0 else 0.0, (hybrid, own, rows, n, everyone)
+        status = attempt(move, meeting, width, tables, own.moving, done, step, ratio, before)
         if status != OK:
             return status
-        for i in range(0, TERMS * width, WIDTH):
-            store(work, LAST * width + i, load(work, NOW * width + i))
-            store(work, GUESS_LAST * width + i, load(work, GUESS * width + i))
-        finish(work, width, X, LOST_X, tables.positions, tables.positions_low, step, True)
-        finish(work, width, V, LOST_V, tables.velocities, tables.velocities_low, step, False)
+        series.pass_on(work, width, tables, step, True)
         done = path[at, 0]
         last, before, at = step, ratio, at + n
+    leave_work(meeting, size, width)
     for i in range(size):
-        x[i], v[i] = work[X * width + i], work[V * width + i]
-        lost_x[i], lost_v[i] = work[LOST_X * width + i], work[LOST_V * width + i]
+        lost_x[i], lost_v[i] = work[series.LOST_X * width + i], work[series.LOST_V * width + i]
     return OK
+
+
+# --- extrapolation ---
+
+
+leapfrog = extrapolation.leapfrog_of(accelerate)
+
+
+@jit
+def extrapolate(meeting, size, k):
+    """Add x and v to the table as row k, and put the extrapolated values in their place."""
+    never_inline()
+    work = meeting.work
+    for half in range(2):
+        found = flat(meeting.x) if half == 0 else flat(meeting.v)
+        for j in range(k):
+            ratio, table = (k + 1.0) / (k - j), (extrapolation.FIRST + 2 * j + half) * size
+            weight = 1.0 / (ratio * ratio - 1.0)
+            for i in range(size):
+                value, before = found[i], work[table + i]
+                found[i], work[table + i] = value + weight * (value - before), value
+        table = (extrapolation.FIRST + 2 * k + half) * size
+        for i in range(size):
+            work[table + i] = found[i]
+
+
+@jit
+def replay_extrapolation(hybrid, own, rows, n, everyone, first, points):
+    """Move the bodies of ``meeting`` over the steps that begin at row ``first`` of the path. Return a status."""
+    never_inline()
+    meeting, path, h = own.meeting, hybrid.path, hybrid.span[1]
+    work, size, at, done = meeting.work, 3 * n * meeting.numbers, first + n, 0.0
+    x, v, a = flat(meeting.x), flat(meeting.v), flat(meeting.a)
+    while done < h:
+        if at >= points or not path[at, 0] > done:
+            return BLOWN_UP
+        step = path[at, 0] - done
+        for i in range(size):
+            work[extrapolation.X0 * size + i], work[extrapolation.V0 * size + i] = x[i], v[i]
+        status = attract_duals(hybrid, own, rows, n, everyone, done)
+        if status != OK:
+            return status
+        for i in range(size):
+            work[extrapolation.A0 * size + i] = a[i]
+        for k in range(int(path[at, 9]) + 1):
+            status = leapfrog((hybrid, own, rows, n, everyone), meeting, size, done, step, 2 * (k + 1))
+            if status != OK:
+                return status
+            extrapolate(meeting, size, k)
+        done, at = path[at, 0], at + n
+    return OK
+
+
+# --- a meeting ---
 
 
 @as_written

@@ -10,7 +10,8 @@ import numpy as np
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.forces.slopes.dual_slopes import NO_DUALS, call_slopes
 from kickdrift.integrators.trace.others import ROUNDED, STALLED, TURNS
-from kickdrift.integrators.trace.tangent_rows import (
+from kickdrift.integrators.trace.state import compiled_hermite
+from kickdrift.integrators.trace.tangent_state import (
     BEFORE_V,
     MASSES,
     MIDDLE_V,
@@ -176,11 +177,12 @@ def place_all_duals(own, rows, members, at, s, h):
     middle_x, middle_v = dual_rows(rows[MIDDLE_X], n), dual_rows(rows[MIDDLE_V], n)
     places, speeds, inverse = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), inverse_of_whole(masses)
     for i in range(1, own.massive):
-        x0, v0, x1, v1 = vector_at(middle_x, i), h * vector_at(middle_v, i), vector_at(x, i), h * vector_at(v, i)
-        b, a = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
-        put_vector(places, order[i], x0 + f * (v0 + f * (b + f * a)))
+        place, speed = compiled_hermite(
+            f, vector_at(middle_x, i), h * vector_at(middle_v, i), vector_at(x, i), h * vector_at(v, i)
+        )
+        put_vector(places, order[i], place)
         if own.moving:
-            put_vector(speeds, order[i], (1.0 / h) * (v0 + f * (2.0 * b + 3.0 * f * a)))
+            put_vector(speeds, order[i], (1.0 / h) * speed)
     for i in range(at.shape[1]):
         put_vector(places, order[members[i]], vector_at(at, i))
     central = vector_at(middle_x, 0) + s * vector_at(middle_v, 0)

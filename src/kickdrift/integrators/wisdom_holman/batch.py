@@ -12,21 +12,9 @@ from kickdrift.forces.gravity.batch import LOOK, LaneBodies
 from kickdrift.integrators.options import JACOBI, Options
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
+from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.batch_loop import WAY, WORK, LaneOrbits, batch_wisdom_holman_loop
-from kickdrift.integrators.wisdom_holman.bodies import (
-    GM,
-    HILL,
-    INSIDE,
-    LIVE,
-    NEAR,
-    OTHERS,
-    ROWS,
-    SHARE,
-    SOURCE,
-    UNBOUND,
-    WHICH,
-)
-from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
+from kickdrift.integrators.wisdom_holman.stepper import passages_and_hill, warning_lines
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
@@ -54,11 +42,11 @@ class WisdomHolmanLanes:
         elapsed = (from_lanes(members.dt, full) * members.done)[:, None]
         q[:, 0, :, 0] -= elapsed * q[:, 1, :, 0]
         self._centre = to_lanes(q[..., 0])
-        rows = self._tables(gm)
+        constants = self._tables(gm)
         x, v = np.moveaxis(q[..., 1:], (1, 2), (0, 1))
-        self._passages, hill = passages_and_hill(x, v, rows[:, GM], rows[:, SOURCE], gm[:, :1])
-        rows[:, HILL] = hill
-        self._table, self._central = to_lanes(rows), to_lanes(gm[:, 0])
+        self._passages, hill = passages_and_hill(x, v, constants[:, rows.GM], constants[:, rows.SOURCE], gm[:, :1])
+        constants[:, rows.HILL] = hill
+        self._table, self._central = to_lanes(constants), to_lanes(gm[:, 0])
         self._shares = to_lanes(masses[:, 1:] / masses.sum(axis=1, keepdims=True))
         self._gm, self._masses = to_lanes(gm), to_lanes(masses)
         self._first = aligned((blocks, 3, *self._table.shape[2:]), np.inf)
@@ -68,16 +56,11 @@ class WisdomHolmanLanes:
     def _tables(self, gm: Floats) -> Floats:
         """Constants (members, ROWS, n - 1) of the bodies around the central one, except their Hill radii."""
         central, source = gm[:, :1], gm[:, 1:]
-        before = np.cumsum(source, axis=1) - source  # G times the mass of the other bodies listed before
-        rows = np.zeros((len(gm), ROWS, source.shape[1]))
-        rows[:, SOURCE], rows[:, LIVE] = source, 1.0
-        rows[:, INSIDE] = 1.0 / (central + before)
-        rows[:, GM] = central + before + source
-        rows[:, SHARE] = source / rows[:, GM]
-        rows[:, OTHERS] = before * rows[:, INSIDE]
-        if not self._jacobi:
-            rows[:, GM], rows[:, OTHERS] = central, source / central
-        return rows
+        before = np.cumsum(source, axis=1) - source
+        table = np.zeros((len(gm), rows.ROWS, source.shape[1]))
+        table[:, rows.LIVE] = 1.0
+        rows.fill_table(table.swapaxes(0, 1), central, source, before, self._jacobi)
+        return table
 
     @property
     def y(self) -> Floats:
@@ -113,9 +96,9 @@ class WisdomHolmanLanes:
         passages = self._passages[member]
         k = int(np.argmin(passages)) if passages.size else 0
         shortest = (float(passages[k]), int(order[k])) if passages.size and passages[k] < np.inf else None
-        unbound, near = (np.flatnonzero(first[row] < np.inf) for row in (UNBOUND, NEAR))
+        unbound, near = (np.flatnonzero(first[row] < np.inf) for row in (rows.UNBOUND, rows.NEAR))
         return warning_lines(
             members.systems[member], dt, dt / self._kicks, shortest,
-            [(int(order[i]), float(first[UNBOUND, i])) for i in unbound],
-            [(int(order[i]), int(order[int(first[WHICH, i])]), float(first[NEAR, i])) for i in near],
+            [(int(order[i]), float(first[rows.UNBOUND, i])) for i in unbound],
+            [(int(order[i]), int(order[int(first[rows.WHICH, i])]), float(first[rows.NEAR, i])) for i in near],
         )  # fmt: skip

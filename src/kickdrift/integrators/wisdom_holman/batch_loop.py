@@ -16,8 +16,8 @@ from kickdrift.forces.gravity.batch import LaneBodies, look_in_lanes
 from kickdrift.integrators.stepping.batch_loops import copy_in_lanes
 from kickdrift.integrators.stepping.loops import FRESH
 from kickdrift.integrators.wisdom_holman.bodies import GM, HILL, INSIDE, NEAR, OTHERS, SHARE, SOURCE, UNBOUND, WHICH
+from kickdrift.integrators.wisdom_holman.flows import central_part
 from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lanes_increments
-from kickdrift.integrators.wisdom_holman.kicks import central_part
 from kickdrift.jit.compile import driver, in_order, jit
 from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.lanes.functions import inverse_sqrt, splat
@@ -139,17 +139,23 @@ def note_near(first, p, q, near, t):
 
 
 @in_order
-def heliocentric_kick(own, dt, t):
-    """Kick by the other bodies, then jump by the sum of the momenta."""
-    x, v, mutual, share = own.orbit[0], own.orbit[1], own.work[MUTUAL], own.table[OTHERS]
-    stride = share.size
-    mutual_accelerations(own, x, t)
-    momentum = thrice(splat(0.0))
+def kick(own, h):
+    """Kick by the mutual accelerations."""
+    v, mutual = own.orbit[1], own.work[MUTUAL]
+    stride = own.table[GM].size
     for p in range(0, stride, WIDTH):
-        add3(v, p, stride, dt * load3(mutual, p, stride))
+        add3(v, p, stride, h * load3(mutual, p, stride))
+
+
+@in_order
+def jump(own, h):
+    """Move all bodies with the central one, by the sum of the momenta."""
+    x, v, share, momentum = own.orbit[0], own.orbit[1], own.table[OTHERS], thrice(splat(0.0))
+    stride = share.size
+    for p in range(0, stride, WIDTH):
         momentum = momentum + load(share, p) * load3(v, p, stride)
     for p in range(0, stride, WIDTH):
-        add3(x, p, stride, dt * momentum)
+        add3(x, p, stride, h * momentum)
 
 
 @in_order
@@ -221,7 +227,9 @@ def batch_wisdom_holman_loop(orbits, y, weights, dt, start, done, counts, looks,
                 if own.jacobi:
                     jacobi_kick(own, kicks[stage] * step, t)
                 else:
-                    heliocentric_kick(own, kicks[stage] * step, t)
+                    mutual_accelerations(own, own.orbit[0], t)
+                    kick(own, kicks[stage] * step)
+                    jump(own, kicks[stage] * step)
             cursor[FRESH] = 1
             cursor[EVALUATIONS] += stages
             done += 1

@@ -15,6 +15,7 @@ from kickdrift.jit.compile import inlined
 from kickdrift.jit.lanes.functions import exclusive_scan, minus, plus
 from kickdrift.jit.lanes.memory import load, store
 from kickdrift.jit.lanes.vector3 import vector3
+from kickdrift.model.state import Floats
 
 # Rows of ``table``: GM of the Kepler motion; G m; the body's share m_i / M_i of the mass up to it; 1 / (G M_(i-1)), for
 # the mass inside; the others' share of that mass, 1 - m_0 / M_(i-1) (in heliocentric coordinates m_i / m_0); 1 for a
@@ -54,6 +55,18 @@ class Bodies(NamedTuple):
     x: NDArray[np.float64]  # (2, 3, n) positions for forces other than gravity, and velocities, always 0
     a: NDArray[np.float64]  # (3, n) accelerations by these forces
     kernel: Any = None  # what a kernel of higher order needs; see ``kernels``
+
+
+def fill_table(table: Floats, central: Any, source: Any, before: Any, jacobi: bool) -> None:
+    """Fill in the rows GM to OTHERS, from G m of the central body and of the others, and G times the mass of the other
+    bodies listed before each."""
+    table[SOURCE] = source
+    table[INSIDE] = 1.0 / (central + before)
+    table[GM] = central + before + source
+    table[SHARE] = source / table[GM]
+    table[OTHERS] = before * table[INSIDE]
+    if not jacobi:
+        table[GM], table[OTHERS] = central, source / central
 
 
 @inlined

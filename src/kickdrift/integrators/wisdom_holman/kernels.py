@@ -19,18 +19,13 @@ from numba import types
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import LAZY, MODIFIED_KICK
+from kickdrift.integrators.wisdom_holman import bodies as rows
+from kickdrift.integrators.wisdom_holman import flows
 from kickdrift.integrators.wisdom_holman.bodies import (
-    GM,
-    LIVE,
-    PLACE,
-    SOURCE,
-    STAR,
     Bodies,
     add_centre,
     add_vectors,
 )
-from kickdrift.integrators.wisdom_holman.kicks import heliocentric_kick, jacobi_kick, jump, places
-from kickdrift.integrators.wisdom_holman.others import add_accelerations, fill_others
 from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, splat
@@ -74,17 +69,17 @@ def _kick(kernel, others, bodies, stages, stage, dt, t, cursor):
         def plain(kernel, others, bodies, stages, stage, dt, t, cursor):
             with_jump, others_act = not bodies.jacobi, others.table.shape[0] > 0
             if others_act:
-                status = fill_others(others, bodies, t, cursor)
+                status = flows.fill_others(others, bodies, t, cursor)
                 if status != OK:
                     return status
             if with_jump:
-                heliocentric_kick(bodies, dt, t)
+                flows.heliocentric_kick(bodies, dt, t)
             else:
-                jacobi_kick(bodies, dt, t)
+                flows.jacobi_kick(bodies, dt, t)
             if others_act:
-                add_accelerations(bodies, dt)
+                flows.add_accelerations(bodies, dt)
             if with_jump:
-                jump(bodies, 0.5 * dt if others_act else dt)
+                flows.jump(bodies, 0.5 * dt if others_act else dt)
             cursor[EVALUATIONS] += 1
             return OK
 
@@ -125,12 +120,12 @@ def look_aside(aside, others, bodies, weight, t, cursor):
             if weight != 0.0:
                 aside.centre[0, k] += weight * aside.centre[1, k]
             aside.centre[1, k] = aside.centre[3, k] = 0.0
-        status = fill_others(others, aside, t, cursor)
+        status = flows.fill_others(others, aside, t, cursor)
         if status != OK:
             return status
-    jacobi_kick(aside, 1.0, t)
+    flows.jacobi_kick(aside, 1.0, t)
     if others_act:
-        add_accelerations(aside, 1.0)
+        flows.add_accelerations(aside, 1.0)
     cursor[EVALUATIONS] += 1
     return OK
 
@@ -174,32 +169,32 @@ def fill_slope(slope, aside):
     """
     never_inline()
     orbit, table, place, moved, order = aside.orbit, aside.table, aside.work, slope.work, aside.order
-    source, a, n, massive = table[SOURCE], slope.a, orbit.shape[1], aside.massive
+    source, a, n, massive = table[rows.SOURCE], slope.a, orbit.shape[1], aside.massive
     for b in range(0, n, WIDTH):
         store3(slope.orbit, b, n, load3(orbit, 3 * n + b, n))
         store3(slope.orbit, 3 * n + b, n, thrice(splat(0.0)))
-    places(slope)
+    flows.places(slope)
     central = thrice(0.0)
     for b in range(0, n, WIDTH):
-        x, u = load3(place, PLACE * n + b, n), load3(moved, PLACE * n + b, n)
+        x, u = load3(place, rows.PLACE * n + b, n), load3(moved, rows.PLACE * n + b, n)
         own = tidal(x, u)
         if b < massive:
             central = central + lane_sums(load(source, b) * own)
         change = splat(-aside.gm) * own
         for j in range(massive):
             itself = lane_numbers() == float(j - b)
-            d, w = numbers3(place, PLACE * n + j, n) - x, numbers3(moved, PLACE * n + j, n) - u
+            d, w = numbers3(place, rows.PLACE * n + j, n) - x, numbers3(moved, rows.PLACE * n + j, n) - u
             d = select3(itself, thrice(splat(1.0)), d)
             change = change + select(itself, splat(0.0), splat(source[j])) * tidal(d, w)
-        store3(moved, STAR * n + b, n, change)
+        store3(moved, rows.STAR * n + b, n, change)
     for k in range(3):
         a[k, aside.central] = (central.x, central.y, central.z)[k]
         for i in range(n):
             if order[i] >= 0:
-                a[k, order[i]] = moved[STAR + k, i]
-    add_accelerations(slope, 1.0)
+                a[k, order[i]] = moved[rows.STAR + k, i]
+    flows.add_accelerations(slope, 1.0)
     for b in range(0, n, WIDTH):
-        kepler = load(table[GM], b) * tidal(load3(orbit, b, n), load3(slope.orbit, b, n))
-        live = load(table[LIVE], b) > 0.0
+        kepler = load(table[rows.GM], b) * tidal(load3(orbit, b, n), load3(slope.orbit, b, n))
+        live = load(table[rows.LIVE], b) > 0.0
         found = load3(slope.orbit, 3 * n + b, n) + kepler
         store3(slope.orbit, 3 * n + b, n, select3(live, found, thrice(splat(0.0))))

@@ -1,19 +1,22 @@
-"""Compiled loop of the Wisdom-Holman map: Kepler drifts and interaction kicks.
+"""Compiled loop of the Wisdom-Holman map, and positions and velocities from its coordinates.
 
 ``y' = A + B``, with A the Kepler motion of every body and B the rest of the Hamiltonian. The rows of drift and kick
-weights are as in any splitting.
+weights are as in any splitting. Positions and velocities are rounded as in ``coordinates``.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
-from kickdrift.integrators.wisdom_holman.drift import drift
 from kickdrift.integrators.wisdom_holman.eight import steps_of_eight, takes
+from kickdrift.integrators.wisdom_holman.flows import drift, jump
 from kickdrift.integrators.wisdom_holman.kernels import kick
-from kickdrift.integrators.wisdom_holman.kicks import jump
-from kickdrift.jit.compile import driver
-from kickdrift.jit.handle import handle, unowned
+from kickdrift.jit.compile import driver, inlined, strict
+from kickdrift.jit.handle import handle, status_at, unowned
+from kickdrift.jit.lanes.memory import flat
+from kickdrift.model.state import Floats
 
 
 @driver
@@ -53,3 +56,95 @@ def wisdom_holman_loop(forces, bodies, stages, dt, start, first, steps, cursor):
         cursor[STAGE] = 0
         cursor[STEP] += 1
     return OK
+
+
+# --- positions and velocities ---
+
+
+def listed_masses(shares: Floats) -> Floats:
+    """Table (3, n) for bodies with these masses, the central one first.
+
+    Its rows are the masses, each mass over the mass up to its orbit, and the total mass.
+    """
+    return np.array([shares, shares / np.cumsum(shares), np.full(len(shares), shares.sum())])
+
+
+@strict
+def leave_jacobi(orbit, carry, centre, slots, listed, masses, half, k, y):
+    """One axis of ``coordinates.from_jacobi``."""
+    row = 3 * half + k
+    first = centre[half, k] + centre[half + 2, k]
+    before, moved = first, 0.0
+    for body in range(listed.size - 1, 0, -1):
+        own = orbit[row, slots[body]]
+        if carry.size:
+            own += carry[row, slots[body]]
+        moved += masses[1, body] * own
+        before = first - moved
+        y[half, k, listed[body]] = own + before
+    y[half, k, listed[0]] = before
+
+
+@strict
+def leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y):
+    """One axis of ``coordinates.from_democratic``."""
+    row = 3 * half + k
+    first = centre[half, k] + centre[half + 2, k]
+    moved = 0.0
+    for body in range(1, listed.size):
+        own = orbit[row, slots[body]]
+        if carry.size:
+            own += carry[row, slots[body]]
+        y[half, k, listed[body]] = own
+        moved += masses[0, body] * own
+    central = first - moved / (masses[0, 0] if half else masses[2, 0])
+    for body in range(1, listed.size):
+        y[half, k, listed[body]] += first if half else central
+    y[half, k, listed[0]] = central
+
+
+@driver
+def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
+    """y (2, 3, n) <- positions and velocities. ``slots`` is the slot of each of the ``listed`` bodies."""
+    for half in range(2):
+        for k in range(3):
+            if jacobi:
+                leave_jacobi(orbit, carry, centre, slots, listed, masses, half, k, y)
+            else:
+                leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y)
+
+
+@inlined
+def copy(source, target):
+    """target <- source, contiguous. The assignment of a whole array would take a second longer to compile."""
+    source, target = flat(source), flat(target)
+    for k in range(source.size):
+        target[k] = source[k]
+
+
+@driver
+def shown_steps(
+    forces, looks, loop, bodies, shown, step, end, back, aside, slots, listed, masses, dt, start, y, first, steps,
+    cursor,
+):  # fmt: skip
+    """Take steps of ``loop``, at the address ``loop``, and y <- the state at the step point. Return a status.
+
+    The run itself stays before the last drift, which is done on the copy ``shown``. ``end`` and ``back`` are the drift
+    and the steps that undo the corrector.
+    """
+    cursor[STEP:] = 0
+    status = status_at(loop, (forces, bodies, step, dt, start, first, steps, cursor))
+    if status != OK:
+        return status
+    copy(bodies.orbit, shown.orbit)
+    copy(bodies.carry, shown.carry)
+    copy(bodies.centre, shown.centre)
+    copy(bodies.first, shown.first)
+    aside[:] = 0
+    status = status_at(loop, (looks, shown, end, dt, start, first + steps, 1, aside))
+    if status == OK and back.size:
+        aside[:] = 0
+        status = status_at(loop, (looks, shown, back, dt, start, first + steps, 1, aside))
+    if status == OK:
+        leave(shown.orbit, shown.carry, shown.centre, slots, listed, masses, bodies.jacobi, y)
+    return status

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping.stepper import Stepper
     from kickdrift.model.system import System
 
-CORRECTORS = CORRECTOR.choices
 DOMINANT = 0.2  # largest total mass of the others, relative to the central body's
 
 _LASKAR = "Laskar & Robutel 2001, doi:10.1023/A:1012098603882"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -14,38 +16,24 @@ from kickdrift.integrators.options import JACOBI, KERNEL, STANDARD, Options
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Retimed
-from kickdrift.integrators.wisdom_holman.bodies import (
-    GM,
-    HILL,
-    INSIDE,
-    LIVE,
-    NEAR,
-    OTHERS,
-    ROWS,
-    SHARE,
-    SOURCE,
-    UNBOUND,
-    WHICH,
-    WORK,
-    Bodies,
-)
+from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
 from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kernel_of
-from kickdrift.integrators.wisdom_holman.limits import passages_and_hill, warning_lines
-from kickdrift.integrators.wisdom_holman.loop import wisdom_holman_loop
-from kickdrift.integrators.wisdom_holman.places import leave, listed_masses, shown_steps
+from kickdrift.integrators.wisdom_holman.loop import leave, listed_masses, shown_steps, wisdom_holman_loop
 from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.memory import Memory
 from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
 from kickdrift.model.state import Floats
+from kickdrift.text import measured
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.model.system import System
 
 FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
+STEPS_PER_PERIOD = 20  # least steps in a pericentre passage (Wisdom 2015; Rein & Tamayo 2015)
 
 
 class WisdomHolmanStepper(Retimed, Regular):
@@ -107,19 +95,14 @@ class WisdomHolmanStepper(Retimed, Regular):
         before = np.zeros(slots)  # G times the mass of the other bodies listed before
         before[self._real] = (np.cumsum(gm[others]) - gm[others])[self._row[self._real] - 1]
         before[~self._real] = gm[others].sum()
-        table = aligned((ROWS, slots))
-        table[LIVE, self._real], table[SOURCE, self._real] = 1.0, gm[order[self._real]]
-        table[INSIDE] = 1.0 / (gm[central] + before)
-        table[GM] = gm[central] + before + table[SOURCE]
-        table[SHARE] = table[SOURCE] / table[GM]
-        table[OTHERS] = before * table[INSIDE]
-        if not self._jacobi:
-            table[GM], table[OTHERS] = gm[central], table[SOURCE] / gm[central]
+        table, source = aligned((rows.ROWS, slots)), np.zeros(slots)
+        table[rows.LIVE, self._real], source[self._real] = 1.0, gm[order[self._real]]
+        rows.fill_table(table, gm[central], source, before, self._jacobi)
         inside = np.searchsorted(heavy, order)
-        self._bodies = Bodies(
+        self._bodies = rows.Bodies(
             orbit=aligned((6, slots)), carry=aligned((6, slots if self._compensated else 0)),
             centre=aligned((5, WIDTH)), table=table, inside=inside, first=np.full((3, slots), np.nan),
-            work=aligned((WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
+            work=aligned((rows.WORK, slots)), massive=massive, jacobi=self._jacobi, order=order, central=central,
             gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
             a=np.zeros((3, len(masses))),
         )  # fmt: skip
@@ -151,12 +134,12 @@ class WisdomHolmanStepper(Retimed, Regular):
         bodies.centre[:2, :3] = q[:, :, 0]
         farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
         out = farthest * (1.0 + np.arange(len(self._real)))  # no two of them at one place
-        speed = np.sqrt(bodies.table[GM] / out)
+        speed = np.sqrt(bodies.table[rows.GM] / out)
         for row, filling in enumerate((out, 0.0, 0.0, 0.0, speed, 0.0)):
             bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
         bodies.carry[...] = 0.0
 
-    def _leave(self, bodies: Bodies) -> Floats:
+    def _leave(self, bodies: rows.Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
         y = np.empty((2, 3, len(self._listed)))
         leave(bodies.orbit, bodies.carry, bodies.centre, self._slots, self._listed, self._masses, self._jacobi, y)
@@ -186,7 +169,7 @@ class WisdomHolmanStepper(Retimed, Regular):
         self._begin_at(run.y.copy(), run.time, run.steps_done)
         for key in ("orbit", "carry", "centre"):
             getattr(own, key)[...] = getattr(there, key)
-        own.table[HILL], self._shortest = run._hill, run._shortest
+        own.table[rows.HILL], self._shortest = run._hill, run._shortest
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
@@ -200,9 +183,11 @@ class WisdomHolmanStepper(Retimed, Regular):
     @property
     def _hill(self) -> Floats:
         """Squared Hill radii at the start."""
-        return self._bodies.table[HILL]
+        return self._bodies.table[rows.HILL]
 
-    def _call(self, bodies: Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None) -> int:
+    def _call(
+        self, bodies: rows.Bodies, row: Floats, steps: int, cursor: Any, others: BoundForces | None = None
+    ) -> int:
         return (others or self._others).call(
             wisdom_holman_loop, bodies, row, self.dt, self._start, self.steps_done, steps, cursor
         )  # fmt: skip
@@ -239,9 +224,8 @@ class WisdomHolmanStepper(Retimed, Regular):
             given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
             self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
-            others.table, self._loop_at, own, shown.orbit, shown.carry, shown.centre, shown.first, shown.kernel,
-            self._step, self._end, self._decorrect, self._aside, self._slots, self._listed, self._masses, self.dt,
-            self._start, self.y,
+            others.table, self._loop_at, own, shown, self._step, self._end, self._decorrect, self._aside, self._slots,
+            self._listed, self._masses, self.dt, self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
 
@@ -270,12 +254,12 @@ class WisdomHolmanStepper(Retimed, Regular):
         """Find Hill radii, and the body whose pericentre passage takes fewest steps."""
         bodies, real = self._bodies, np.flatnonzero(self._real)
         self._shortest = None
-        bodies.table[HILL] = 0.0
+        bodies.table[rows.HILL] = 0.0
         if not len(real):
             return
         orbit, table = bodies.orbit[:, real], bodies.table[:, real]
-        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[GM], table[SOURCE], bodies.gm)
-        bodies.table[HILL, real] = hill
+        passages, hill = passages_and_hill(orbit[:3], orbit[3:], table[rows.GM], table[rows.SOURCE], bodies.gm)
+        bodies.table[rows.HILL, real] = hill
         k = int(np.argmin(passages))
         if passages[k] < np.inf:
             self._shortest = float(passages[k]), int(bodies.order[real[k]])
@@ -284,15 +268,75 @@ class WisdomHolmanStepper(Retimed, Regular):
     def warnings(self) -> list[str]:
         """Warnings about effects that the map does not follow."""
         first, order = self._bodies.first, self._bodies.order
-        unbound = np.flatnonzero(~np.isnan(first[UNBOUND]) & self._real)
-        near = np.flatnonzero(~np.isnan(first[NEAR]))
+        unbound = np.flatnonzero(~np.isnan(first[rows.UNBOUND]) & self._real)
+        near = np.flatnonzero(~np.isnan(first[rows.NEAR]))
         return warning_lines(
             self._system, self.dt, self._least, self._shortest,
-            [(int(order[slot]), float(first[UNBOUND, slot])) for slot in unbound],
-            [(int(order[slot]), int(order[int(first[WHICH, slot])]), float(first[NEAR, slot])) for slot in near],
+            [(int(order[k]), float(first[rows.UNBOUND, k])) for k in unbound],
+            [(int(order[k]), int(order[int(first[rows.WHICH, k])]), float(first[rows.NEAR, k])) for k in near],
         )  # fmt: skip
 
 
 def _filled(ids: Any) -> Any:
     """The ids, filled up with -1 to a multiple of eight."""
     return np.concatenate([ids, np.full(-len(ids) % WIDTH, -1)]).astype(np.int64)
+
+
+# --- effects that the map does not follow ---
+
+
+def passages_and_hill(
+    x: Floats, v: Floats, gm: Floats, source: Floats, central: Floats | float
+) -> tuple[Floats, Floats]:
+    """Durations of pericentre passages and squared Hill radii for bodies at x and v (3, …).
+
+    A passage takes 2 pi q / v, as on a circle; it is infinite if the pericentre is past for ever. gm belongs to the
+    Kepler motion, and ``source`` and ``central`` are G times the masses of the body and of the central one.
+    """
+    r, h2 = np.sqrt((x * x).sum(axis=0)), (np.cross(x, v, axis=0) ** 2).sum(axis=0)
+    energy, outward = 0.5 * (v * v).sum(axis=0) - gm / r, (x * v).sum(axis=0)
+    e = np.sqrt(np.maximum(0.0, 1.0 + 2.0 * energy * h2 / gm**2))
+    q = h2 / (gm * (1.0 + e))
+    passage = 2.0 * math.pi * np.sqrt(q**3 / (gm * (1.0 + e)))
+    bound = energy < 0.0
+    far = np.where(bound, -0.5 * gm / np.where(bound, energy, -1.0), r)
+    hill = far * (source / (3.0 * central)) ** (1 / 3)
+    return np.where(bound | (outward < 0.0), passage, np.inf), hill * hill
+
+
+def warning_lines(
+    system: System,
+    dt: float,
+    least: float,
+    shortest: tuple[float, int] | None,
+    unbound: Iterable[tuple[int, float]],
+    near: Iterable[tuple[int, int, float]],
+) -> list[str]:
+    """Warnings about effects that the map does not follow.
+
+    ``shortest`` is the shortest passage and its body, ``least`` the time between two kicks, ``unbound`` the first
+    unbound bodies with their times, ``near`` the first near pairs with their times.
+    """
+    unit = measured("", system.units.symbol("time"))
+    found = []
+    if shortest is not None and least > shortest[0] / STEPS_PER_PERIOD:
+        passage, i = shortest
+        found.append(
+            f"dt = {dt:g}{unit} is long: {system.body(i)} passes its pericentre as on a circle of period "
+            f"{passage:.4g}{unit}, in {passage / least:.3g} kicks; {STEPS_PER_PERIOD} or more resolve it"
+        )
+    found += [
+        f"{system.body(i)} is on a hyperbola from t = {time:.6g}{unit} on: the map is for bound orbits; "
+        "use gauss-radau15"
+        for i, time in unbound
+    ]
+    pairs: dict[tuple[int, int], float] = {}
+    for i, j, time in near:
+        pair = (min(i, j), max(i, j))
+        pairs[pair] = min(time, pairs.get(pair, np.inf))
+    for (i, j), time in pairs.items():
+        found.append(
+            f"{system.body(i)} and {system.body(j)} come within the Hill radius at t = {time:.6g}{unit}: the map "
+            "does not follow close encounters; use gauss-radau15"
+        )
+    return found

@@ -1,15 +1,19 @@
 """Tangent map of Wisdom-Holman methods: the derivatives of their steps, by duals.
 
-Coordinates are Jacobi's. Masses may vary as well. `tangent_drift` has the Kepler drift,
-`tangent_kicks` the kicks. Duals of duals give the second derivatives.
+Coordinates are Jacobi's. Masses may vary as well. `tangent_drift` has the Kepler drift; the kicks are here: gravity,
+other forces, and the kernels that change a kick (see `kernels`). Duals of duals give the second derivatives.
 """
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.slopes.dual_slopes import call_slopes
 from kickdrift.integrators.wisdom_holman.tangent_columns import (
     Blocks,
     Derived,
@@ -19,20 +23,210 @@ from kickdrift.integrators.wisdom_holman.tangent_columns import (
     leave_number,
 )
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
-from kickdrift.integrators.wisdom_holman.tangent_kicks import (
-    INERTIAL,
-    MASSES,
-    ROWS,
-    V,
-    X,
-    from_jacobi,
-    kick_blocks,
-    to_jacobi,
-)
-from kickdrift.jit.compile import driver
+from kickdrift.integrators.wisdom_holman.tangent_pushes import add_pushes, to_first_order
+from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
-from kickdrift.jit.duals.dual import SLOT, as_dual, dual_rows
+from kickdrift.jit.duals.dual import SLOT, Dual, as_dual, dual, dual_rows
+from kickdrift.jit.duals.operators import bare, dual_vector, put_vector, vector_at
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.vector3 import dot
 from kickdrift.jit.lanes.vectors import WIDTH
+
+# Rows of a block: Jacobi positions and velocities, accelerations, inertial positions, masses; a place aside for
+# kernels; positions, velocities and accelerations in the system's order for other forces.
+X, V, A, INERTIAL, MASSES, ASIDE, OWN_X, OWN_V, OWN_A, ROWS = range(10)
+
+
+# --- kicks ---
+
+
+@jit
+def to_jacobi(x, masses, whole):
+    """Change rows to Jacobi's: each body relative to the centre of mass of those before it. With ``whole``, column 0
+    becomes the centre of mass of all."""
+    centre = vector_at(x, 0)
+    for i in range(1, x.shape[1]):
+        relative = vector_at(x, i) - centre
+        put_vector(x, i, relative)
+        centre = centre + masses[2, i] * relative
+    if whole:
+        put_vector(x, 0, centre)
+
+
+@jit
+def from_jacobi(x, masses, inertial):
+    """inertial <- rows of Jacobi's coordinates."""
+    centre = vector_at(x, 0)
+    for i in range(x.shape[1] - 1, 0, -1):
+        relative = vector_at(x, i)
+        centre = centre - masses[2, i] * relative
+        put_vector(inertial, i, relative + centre)
+    put_vector(inertial, 0, centre)
+
+
+@jit
+def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order, pulls):
+    """Kick for a time dt, by the accelerations B(x) and ``weight`` times a correction: B at x + weight B, or with
+    ``modified`` B + weight B' B. Return a status."""
+    never_inline()
+    status = fill_accelerations(blocks, n, X, t, others, pushes, order, pulls)
+    if status == OK and weight != 0.0 and modified:
+        add_corrections(blocks, n, weight)
+    elif status == OK and weight != 0.0:
+        for block in range(blocks.shape[0]):
+            x, a = dual_rows(blocks[block, X], n), dual_rows(blocks[block, A], n)
+            aside = dual_rows(blocks[block, ASIDE], n)
+            for i in range(n):
+                put_vector(aside, i, vector_at(x, i) + weight * vector_at(a, i))
+        status = fill_accelerations(blocks, n, ASIDE, t, others, pushes, order, pulls)
+    for block in range(blocks.shape[0]):
+        v, a = dual_rows(blocks[block, V], n), dual_rows(blocks[block, A], n)
+        for i in range(n):
+            put_vector(v, i, vector_at(v, i) + dt * vector_at(a, i))
+    return status
+
+
+@jit
+def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
+    """Accelerations <- those of gravity less the attraction of the Kepler motions, and of the other forces, at the
+    positions in row ``at``. Return a status."""
+    status = OK
+    for block in range(blocks.shape[0]):
+        rows = blocks[block]
+        x, a, inertial, masses = (
+            dual_rows(rows[at], n),
+            dual_rows(rows[A], n),
+            dual_rows(rows[INERTIAL], n),
+            dual_rows(rows[MASSES], n),
+        )
+        from_jacobi(x, masses, inertial)
+        if block == 0:
+            fill_pulls(x, inertial, pulls)
+        pull_pairs(a, inertial, masses, pulls)
+        if others.shape[0] > 0:
+            status = max(status, add_others(rows, n, t, others, pushes, order, block))
+        to_jacobi(a, masses, others.shape[0] > 0)
+        row = n * (n - 1) // 2
+        for i in range(1, n):
+            put_vector(a, i, vector_at(a, i) + masses[1, i] * pulled(vector_at(x, i), pulls[row]))
+            row += 1
+        if others.shape[0] == 0:  # the centre of mass moves on
+            put_vector(a, 0, dual_vector((0.0, 0.0, 0.0)))
+    return status
+
+
+@to_first_order
+@jit
+def add_others(rows, n, t, others, pushes, order, block):
+    """Add the accelerations of the other forces to those of gravity. Return a status, which is not
+    OK for a force that takes no duals."""
+    own_x, own_v, own_a = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), dual_rows(rows[OWN_A], n)
+    inertial, a = dual_rows(rows[INERTIAL], n), dual_rows(rows[A], n)
+    for i in range(n):
+        put_vector(own_x, order[i], vector_at(inertial, i))
+        put_vector(own_v, i, dual_vector((0.0, 0.0, 0.0)))
+        put_vector(own_a, i, dual_vector((0.0, 0.0, 0.0)))
+    for k in range(others.shape[0]):
+        status = call_slopes(others[k, 0], others[k, 1], n, t, rows[OWN_X], rows[OWN_V], rows[OWN_A])
+        if status != OK:
+            return abs(status)
+    status = add_pushes(rows[OWN_A], own_x, own_v, n, t, pushes, block) if pushes.shape[0] > 0 else OK
+    for i in range(n):
+        put_vector(a, i, vector_at(a, i) + vector_at(own_a, order[i]))
+    return status
+
+
+@jit
+def fill_pulls(x, inertial, pulls):
+    """pulls (n (n + 1) / 2, 2) <- 1 / r^3 and 3 / r^2 for each pair of bodies, and then for each Kepler motion."""
+    row = 0
+    for i in range(x.shape[1]):
+        for j in range(i):
+            row = put_pull(pulls, row, bare(vector_at(inertial, j)) - bare(vector_at(inertial, i)))
+    for i in range(1, x.shape[1]):
+        row = put_pull(pulls, row, bare(vector_at(x, i)))
+
+
+@jit
+def put_pull(pulls, row, d):
+    """Fill a row; return the number of the next one."""
+    square = 1.0 / dot(d, d)
+    pulls[row, 0], pulls[row, 1] = square * math.sqrt(square), 3.0 * square
+    return row + 1
+
+
+@jit
+def pulled(d, pull):
+    """Return d / r^3 for a dual separation d and its row of ``fill_pulls``."""
+    cube, square = powers_of(d.value, pull)
+    slope = d.slope - (square * (d.slope @ d.value)) * d.value
+    return dual(cube * d.value, cube * slope)
+
+
+def powers_of(d: Any, pull: Any) -> Any:
+    """1 / r^3 and 3 / r^2 of a vector d, as duals if d is one, from its row of ``fill_pulls``."""
+
+
+@overload(powers_of, forceinline=True)
+def _powers_of(d, pull):
+    def with_slopes(d, pull):
+        along = pull[1] * (d.slope @ d.value)
+        return dual(pull[0], -pull[0] * along), dual(pull[1], ((-2.0 / 3.0) * pull[1]) * along)
+
+    return with_slopes if isinstance(d, Dual) else lambda d, pull: (pull[0], pull[1])
+
+
+@jit
+def pull_pairs(a, inertial, masses, pulls):
+    """a <- the attraction of all pairs of bodies."""
+    n, row = a.shape[1], 0
+    for i in range(n):
+        put_vector(a, i, dual_vector((0.0, 0.0, 0.0)))
+    for i in range(n):
+        own = vector_at(a, i)
+        for j in range(i):
+            pull = pulled(vector_at(inertial, j) - vector_at(inertial, i), pulls[row])
+            own = own + masses[0, j] * pull
+            put_vector(a, j, vector_at(a, j) - masses[0, i] * pull)
+            row += 1
+        put_vector(a, i, own)
+
+
+@jit
+def add_corrections(blocks, n, weight):
+    """Add ``weight`` times the change of the accelerations when bodies move along them; gravity alone."""
+    for block in range(blocks.shape[0]):
+        rows = blocks[block]
+        x, a, inertial, masses = (
+            dual_rows(rows[X], n),
+            dual_rows(rows[A], n),
+            dual_rows(rows[INERTIAL], n),
+            dual_rows(rows[MASSES], n),
+        )
+        moved, change = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_A], n)
+        from_jacobi(a, masses, moved)
+        for i in range(n):
+            put_vector(change, i, dual_vector((0.0, 0.0, 0.0)))
+        for i in range(n):
+            for j in range(i):
+                d = vector_at(inertial, j) - vector_at(inertial, i)
+                own = tidal(d, vector_at(moved, j) - vector_at(moved, i))
+                put_vector(change, i, vector_at(change, i) + masses[0, j] * own)
+                put_vector(change, j, vector_at(change, j) - masses[0, i] * own)
+        to_jacobi(change, masses, False)
+        for i in range(1, n):
+            own = vector_at(change, i) + masses[1, i] * tidal(vector_at(x, i), vector_at(a, i))
+            put_vector(a, i, vector_at(a, i) + weight * own)
+
+
+@jit
+def tidal(d, u):
+    """Change of d / |d|^3 when d moves along u."""
+    inverse2 = as_dual(1.0) / (d @ d)
+    return (inverse2 * math.sqrt(inverse2)) * (u - (3.0 * inverse2 * (d @ u)) * d)
+
+
+# --- the map ---
 
 
 def tangents(phase: Derived, gm: Derived) -> Blocks:

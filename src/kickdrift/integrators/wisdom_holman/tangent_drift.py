@@ -8,13 +8,12 @@ drift has seven slopes, which serve all columns.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from kickdrift.integrators.wisdom_holman.kepler import lagrange, one_g, one_solution
+from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, one_g, one_solution, solution
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
-from kickdrift.jit.duals.dual import DUAL, Dual, as_dual, as_dual_like, dual
+from kickdrift.jit.duals.dual import DUAL, Dual, as_dual, dual
 from kickdrift.jit.duals.operators import put_vector, vector_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_numbers, splat
@@ -49,7 +48,7 @@ def _fill_kepler(x, v, masses, dt, changes, slopes):
             place = dual(vector_at(x, i).value, unit_slopes(0))
             speed = dual(vector_at(v, i).value, unit_slopes(3))
             gm = dual(masses[1, i].value, unit_slope(6))
-            found = kepler_duals(gm, dt, place, speed)
+            found = kepler_increments(gm, dt, place, speed)
             for half in range(2):
                 for k in range(3):
                     changes[i, 3 * half + k] = found[half][k].value
@@ -87,30 +86,19 @@ def _drift_dual(x, v, masses, dt, changes, slopes, i):
     def twice(x, v, masses, dt, changes, slopes, i):
         never_inline()
         place, speed = vector_at(x, i), vector_at(v, i)
-        moved, kicked = kepler_duals(masses[1, i], dt, place, speed)
+        moved, kicked = kepler_increments(masses[1, i], dt, place, speed)
         put_vector(x, i, place + moved)
         put_vector(v, i, speed + kicked)
 
     return once if x.dtype == DUAL else twice
 
 
-@jit
-def kepler_duals(gm, dt, x, v):
-    """Changes of x and v as `kepler.kepler_increments` gives them, on duals."""
-    r0: Any = math.sqrt(x @ x)
-    eta = x @ v
-    beta = 2.0 * gm / r0 - v @ v
-    zeta = gm - beta * r0
-    ahead = as_dual_like(dt, r0)
-    if beta > 0.0:
-        period = 2.0 * math.pi * gm / (beta * math.sqrt(beta))
-        if abs(ahead) > 0.5 * period:
-            ahead = ahead - period * math.floor(ahead / period + 0.5)
-    sign = -1.0 if ahead < 0.0 else 1.0
-    ahead, eta = sign * ahead, sign * eta
-    g = one_g(beta, kepler_root(gm, beta, r0, eta, zeta, ahead))
-    f1, g_, fdot, gdot1 = lagrange(gm, ahead, r0, 1.0 / r0, eta, zeta, g)
-    return f1 * x + (sign * g_) * v, (sign * fdot) * x + gdot1 * v
+@overload(solution)
+def _solution(gm, beta, r0, eta, zeta, dt):
+    def of_duals(gm, beta, r0, eta, zeta, dt):
+        return one_g(beta, kepler_root(gm, beta, r0, eta, zeta, dt))
+
+    return of_duals if isinstance(gm, Dual) else None
 
 
 def kepler_root(gm: Any, beta: Any, r0: Any, eta: Any, zeta: Any, ahead: Any) -> Any:

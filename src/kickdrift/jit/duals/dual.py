@@ -159,16 +159,6 @@ def as_dual(typingctx, number):
     return (number if isinstance(number, Dual) else DUAL)(number), codegen
 
 
-@intrinsic
-def as_dual_like(typingctx, number, like):
-    """A number, or a dual of lower order, as a dual of the type of ``like`` without more slopes."""
-
-    def codegen(context, builder, sig, args):
-        return context.cast(builder, args[0], sig.args[0], sig.return_type)
-
-    return like(number, like), codegen
-
-
 @infer_getattr
 class _Attributes(AttributeTemplate):
     """``value``, ``slope``, and of a vector ``x``, ``y`` and ``z``."""
