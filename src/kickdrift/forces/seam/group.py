@@ -28,7 +28,7 @@ class Grouped:
         a higher group less often. Other methods ignore groups.
     stands_for : str
         What the force is a model of, such as "gravity"; "" if it may stand beside any other force. See
-        ``model.doubles``.
+        ``model.body_checks``.
     """
 
     group: int = field(default=0, repr=False)

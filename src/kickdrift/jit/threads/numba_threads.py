@@ -1,4 +1,4 @@
-"""Threads of numba that share the chunks of compiled code, for systems without the sleeping threads of `team`.
+"""Threads of numba that share the chunks of compiled code, for systems without the sleeping threads of `chunks`.
 
 Each thread takes the next chunk until none is left. One loop of numba runs at a time, since some of numba's threads
 allow no more: a second caller works alone.
