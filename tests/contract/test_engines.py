@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.analysis.compare.reference import stiffness
+from kickdrift.analysis.compare.stiffness import stiffness
 from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
