@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from kickdrift.errors import InputError
+from kickdrift.model.problem import Problem
+from kickdrift.model.state import Floats
+from kickdrift.run.simulation import Simulation
 
 Potential = Sequence[Callable[[Any], Any]]
+
+
+def pendulum_potential(omega: float = 1.0) -> Potential:
+    """V(q) = -omega^2 cos q and its first four derivatives, as in ``odes.pendulum``."""
+    w = omega * omega
+    return (
+        lambda q: -w * np.cos(q),
+        lambda q: w * np.sin(q),
+        lambda q: w * np.cos(q),
+        lambda q: -w * np.sin(q),
+        lambda q: -w * np.cos(q),
+    )
 
 
 def modified_hamiltonian(q: Any, p: Any, dt: float, potential: Potential, order: int = 4) -> Any:
@@ -44,3 +62,38 @@ def modified_hamiltonian(q: Any, p: Any, dt: float, potential: Potential, order:
             -(p**4) * v[4] / 720 + p**2 * v[1] * v[3] / 120 + p**2 * v[2] ** 2 / 60 - v[1] ** 2 * v[2] / 240
         )
     return total
+
+
+@dataclass(frozen=True)
+class ShadowRun:
+    """H and its modifications along a run of velocity Verlet.
+
+    Attributes
+    ----------
+    dt : the step
+    times : (k,)
+    values : by order, 0, 2 and 4: difference from the value at the start, (k,)
+    """
+
+    dt: float
+    times: Floats
+    values: dict[int, Floats]
+
+    def oscillation(self, order: int) -> float:
+        """Half the range from the lowest to the highest value."""
+        return float(np.ptp(self.values[order])) / 2
+
+
+def shadow_run(problem: Problem, potential: Potential, dt: float, length: float) -> ShadowRun:
+    """Run velocity Verlet on a separable Problem of one degree of freedom. Record H, and H to second and to fourth
+    order, at every step."""
+    if not (problem.separable and len(problem) == 2):
+        raise InputError(
+            f"{problem.name}: the modified Hamiltonian needs a separable problem with one degree of freedom"
+        )
+    seen: list[tuple[float, float, float]] = []
+    sim = Simulation(problem, "velocity-verlet", dt=dt, compensated=True)  # plain sums would round by more than dt^6
+    sim.run(round(length / dt), every=1, observe=lambda sim: seen.append((sim.time, *sim.state.y)))
+    times, q, p = np.array(seen).T
+    values = {order: modified_hamiltonian(q, p, dt, potential, order) for order in (0, 2, 4)}
+    return ShadowRun(dt, times, {order: value - value[0] for order, value in values.items()})

@@ -13,11 +13,11 @@ from kickdrift.analysis.compare.ladder import Bench, Row, slope
 from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
 from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.compare.work_precision import Comparison, default_integrators, work_precision
-from kickdrift.analysis.shadow import modified_hamiltonian
+from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
+from kickdrift.plots.results import plot_shadow
 from kickdrift.statistics.drift import Growth, energy_growth, position_growth
-from kickdrift_validation.shadow_hamiltonian import pendulum_potential, shadow_run
 
 
 @pytest.fixture(scope="module")
@@ -359,9 +359,13 @@ def test_modified_hamiltonian_of_the_oscillator_is_known():
     assert found == pytest.approx(exact, rel=1e-12)
 
 
-def test_the_modified_hamiltonian_refuses_other_orders_and_too_few_derivatives():
+def test_shadow_figure_and_refusals(tmp_path):
+    run = shadow_run(pendulum(), pendulum_potential(), 0.1, 5.0)
+    assert plot_shadow(run, [run], tmp_path / "shadow.png").stat().st_size > 10_000
     with pytest.raises(kd.InputError, match="order"):
         modified_hamiltonian(0.0, 0.0, 0.1, pendulum_potential(), 3)
+    with pytest.raises(kd.InputError, match="one degree of freedom"):
+        shadow_run(kepler(), pendulum_potential(), 0.1, 1.0)
     with pytest.raises(kd.InputError, match="derivatives"):
         modified_hamiltonian(0.0, 0.0, 0.1, pendulum_potential()[:3])
 
