@@ -107,7 +107,7 @@ class Crossings(Checkpointed):
             self._last, self._fresh = self._values.copy(), True
         own = self._values_at(t1, y1, step)
         tested = self._tested(own, y1, t1, t1 - t0) if own else []
-        if t1 > t0 and not (tested or self._built or self._fresh):  # every function is far from zero, with the sign that it had
+        if t1 > t0 and not (tested or self._built or self._fresh):  # all are far from zero, with the signs they had
             self._last[:] = own
             return 0
         changed = self._fill(step_parts, own)
