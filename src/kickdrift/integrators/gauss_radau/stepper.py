@@ -49,7 +49,7 @@ def _sketch_rows() -> tuple[Floats, Floats]:
 @cache
 def _shifted_back() -> Floats:
     """Matrix from the terms 1 … of a polynomial of s to those of the polynomial of s + 1 that equals it."""
-    found: Floats = np.linalg.inv(tables().shifts[1:, 1:])
+    found: Floats = np.asarray(np.linalg.inv(tables().shifts[1:, 1:]), dtype=float)
     return found
 
 
