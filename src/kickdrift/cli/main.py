@@ -144,9 +144,14 @@ def main() -> None:
     usage_error: Any = typer.BadParameter.__base__  # from click, or from typer's own copy of click
     try:
         open_streams()
-        with heard_everywhere(), warnings.catch_warnings():
+        with heard_everywhere() as pressed, warnings.catch_warnings():
             warnings.showwarning = _say_warning  # type: ignore[assignment]
-            status = app(prog_name="kickdrift", standalone_mode=False)
+            try:
+                status = app(prog_name="kickdrift", standalone_mode=False)
+            except Exception as error:
+                if pressed() and not isinstance(error, Interrupted):  # an import may say that a package is missing
+                    raise KeyboardInterrupt from error
+                raise
     except KickdriftError as error:
         say(f"kickdrift: {error}")
         status, told = error.exit_status, isinstance(error, Interrupted)

@@ -14,9 +14,10 @@ KILLED = 128  # exit status of a program that a signal ends, less the signal's n
 
 
 @contextmanager
-def heard_everywhere() -> Iterator[None]:
-    """Lose no Ctrl-C: a callback of compiled code cannot raise, so an interrupt there is raised again later."""
-    before = sys.unraisablehook
+def heard_everywhere() -> Iterator[Callable[[], bool]]:
+    """Lose no Ctrl-C. A callback of compiled code cannot raise, so an interrupt there is raised again later. Other
+    libraries turn an interrupt into errors of their own: the yielded function tells whether there was one."""
+    before, pressed = sys.unraisablehook, threading.Event()
 
     def again(found: Any) -> None:
         if issubclass(found.exc_type, KeyboardInterrupt):
@@ -26,10 +27,20 @@ def heard_everywhere() -> Iterator[None]:
         else:
             before(found)
 
+    def note(signum: int, frame: Any) -> None:
+        pressed.set()
+        raise KeyboardInterrupt
+
+    ours = threading.current_thread() is threading.main_thread()
+    ours = ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     sys.unraisablehook = again
+    if ours:
+        signal.signal(signal.SIGINT, note)
     try:
-        yield
+        yield pressed.is_set
     finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.unraisablehook = before
 
 

@@ -219,7 +219,7 @@ class Integration:
         assert self.at is not None
         if self._present is None or self._present[0] != self.at:
             if self._beyond(self.at):
-                self.look_ahead(self.at)
+                self.look_ahead(self.at, over=bool)
             else:
                 self._present = self.at, self.stepper.at(self.at), None
         assert self._present is not None
@@ -355,13 +355,18 @@ class Integration:
         """Set ``chunk`` so that one call of compiled code takes about CHUNK_SECONDS, as ``steps`` took ``elapsed``."""
         self.chunk = max(1, min(int(steps * CHUNK_SECONDS / max(elapsed, 1e-9)), 8 * self.chunk, 10**6))
 
-    def look_ahead(self, time: float, counted: bool = False) -> None:
+    def look_ahead(self, time: float, counted: bool = False, over: Callable[[], bool] | None = None) -> None:
         """Set the current time inside the next step, but do not take that step: it leads beyond the end.
 
-        With fixed steps, a shortened step of another stepper gives y at that time."""
+        With fixed steps, a shortened step of another stepper gives y at that time. ``over`` tells whether to give up
+        and to stay at the step point, as after Ctrl-C in a run."""
         stepper: Any = self.stepper
         self.moving.forget_errors()
-        status, y, cost = stepper.ahead(time) if self.method.chooses_steps else self._shortened.step(self, time)
+        over = over or (self.pressed if self.running else bool)
+        status, y, cost = stepper.ahead(time, over) if self.method.chooses_steps else self._shortened.step(self, time)
+        if status == OK and self.method.chooses_steps and over():
+            self.at = self._present = None
+            return
         if status != OK or not np.isfinite(y).all():
             self.at = self._present = None
             self.fail(inside_step=status != OK, stopped=status == STOPPED)

@@ -160,7 +160,7 @@ def _by_own_steps(run: Integration, plan: Plan, time: float) -> bool:
     if run.events or not plan.reached(run.stepper.time, time):
         if run.advance(run.chunk, time, time, plan.end_time):
             run.look_ahead(time, counted=time == plan.end_time)
-            return True
+            return run.at is not None
         if not plan.reached(run.stepper.time, time):
             return False
     run.at = None if run.stepper.time == time else time

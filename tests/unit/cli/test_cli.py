@@ -183,6 +183,21 @@ def pressed():
     signal.raise_signal(signal.SIGINT)
 
 
+def test_ctrl_c_that_a_library_turns_into_an_error_of_its_own(kickdrift, monkeypatch):
+    def says_missing(*_, **__):
+        try:
+            pressed()
+        except KeyboardInterrupt:
+            raise InputError("reading structure files needs ASE") from None
+
+    monkeypatch.setattr(kd.Simulation, "run", says_missing)
+    cli.Path("liquid.toml").write_text(SYSTEM, encoding="utf-8")
+    code, out, err = kickdrift("run", "liquid.toml", "--steps", 2, "--quiet")
+    assert (code, out) == (130, "")
+    assert "needs ASE" not in err
+    assert "interrupted" in err
+
+
 def test_ctrl_c_before_the_first_step(kickdrift, monkeypatch):
     monkeypatch.setattr(kd.Simulation, "equilibrate", lambda *_, **__: pressed())
     text = SYSTEM + "[equilibrate]\ntemperature = 0.9\ntime = 0.4\n"

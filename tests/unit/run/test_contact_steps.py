@@ -158,3 +158,13 @@ def test_looks_inside_a_step_with_a_hit_come_from_before_the_hit():
     assert looked.events == whole.events
     assert np.abs(np.array([each[1, 0] for each in seen if len(each) == 5]) - 5).max() < 0.02
     assert looked.state.phase.tobytes() == whole.state.phase.tobytes()
+
+
+@pytest.mark.parametrize("event", [kd.Crossing(lambda t, x, v: x[0, 0] + 9.0, "far"), kd.Escape(50.0)])
+def test_a_failed_step_without_contacts_is_no_good_step(event):
+    sim = kd.Simulation(two_pairs(), "leapfrog", 0.3, events=[event])
+    sim.run(1)
+    stepper = sim.integration.events
+    inner, search = stepper.inner, stepper._search
+    assert search.scan(inner, inner.y, inner.time, inner.y, inner.time + 0.3)
+    assert not search.scan(inner, inner.y, inner.time, inner.y, inner.time + 0.3, good=False)

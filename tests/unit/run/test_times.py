@@ -296,3 +296,19 @@ def test_times_with_units():
         kd.Simulation(argon, dt="2 nm")
     with pytest.raises(InputError, match="until: times of a Problem are plain numbers"):
         kd.Simulation(kd.load("ode-kepler")).run(until="1 s")
+
+
+@pytest.mark.parametrize("method", ["radau", "gauss-radau15", "dormand-prince45"])
+def test_ctrl_c_on_the_way_to_the_end_stops_there_and_changes_nothing(method):
+    problem = kd.Problem(lambda t, y: [y[1], -y[0]], [1.0, 0.0])
+    stopped, whole = (kd.Simulation(problem, method) for _ in range(2))
+    stopped.run(steps=3)
+    whole.run(steps=3)
+    stepper, asked = stopped.integration.stepper, []
+    time, y = stepper.time, stepper.y.copy()
+    stepper.ahead(time + 1e4, lambda: asked.append(1) or len(asked) > 5)
+    assert len(asked) == 6
+    assert (stepper.time, stepper.y.tobytes()) == (time, y.tobytes())
+    stopped.run(steps=5)
+    whole.run(steps=5)
+    assert stopped.state.y.tobytes() == whole.state.y.tobytes()

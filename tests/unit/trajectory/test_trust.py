@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import struct
 import subprocess
 import sys
 import types
@@ -553,4 +554,47 @@ def test_a_list_of_unknown_kind_is_refused_before_hdf5_reads_it(tmp_path):
     data[place + 1] ^= 4
     path.write_bytes(data)
     with pytest.raises(InputError, match="its type is damaged"):
+        kd.open(path)
+
+
+NAMES = b"HEAP\0\0\0\0"
+
+
+@pytest.mark.parametrize(
+    ("part", "claimed", "message"),
+    [
+        ("header", 2**31, "its header claims 2,147,483,648 bytes"),
+        ("names", 2**40, "its heap of names claims"),
+        ("free place", 128, "its heap of names is damaged"),
+        ("root", 2**31, "its header claims 2,147,483,648 bytes"),
+    ],
+)
+def test_claims_of_a_damaged_structure_are_refused_before_hdf5_allocates_them(tmp_path, part, claimed, message):
+    path = tmp_path / "run.h5md"
+    with h5py.File(path, "w", libver="earliest") as file:
+        file["table/x"] = 1.0
+        table, root = (h5py.h5o.get_info(file[name].id).addr for name in ("table", "/"))
+    data = bytearray(path.read_bytes())
+    heap = data.find(NAMES, table)  # the second heap is that of the group
+    _, free, names = struct.unpack_from("<QQQ", data, heap + 8)
+    form, place = {
+        "header": ("<I", table + 8), "root": ("<I", root + 8), "names": ("<Q", heap + 8),
+        "free place": ("<Q", names + free + 8),
+    }[part]  # fmt: skip
+    struct.pack_into(form, data, place, claimed)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=message):
+        kd.open(path)
+
+
+def test_structures_of_later_versions_are_checked_too(tmp_path):
+    path = tmp_path / "run.h5md"
+    with h5py.File(path, "w", libver="latest") as file:
+        file["table/x"] = 1.0
+        table = h5py.h5o.get_info(file["table"].id).addr
+    data = bytearray(path.read_bytes())
+    assert data[table : table + 4] == b"OHDR"
+    data[table + 5] |= 2  # four bytes of size
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="its header claims"):
         kd.open(path)

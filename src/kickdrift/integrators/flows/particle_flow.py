@@ -236,13 +236,17 @@ class ParticleFlow(ParticleStates):
 
     def derivative(self, time: float, y: Floats) -> Floats:
         """Return f(t, y), without using the run's own pair lists."""
-        return self._looks().derivative(time, y)
+        return self.apart().derivative(time, y)
+
+    def apart(self) -> BoundForces:
+        """Forces that share no pair lists with the run. Their lists are made anew at the next evaluation."""
+        return self._looks()
 
     analytic = False  # the Jacobian is by differences
 
     def jacobian(self, time: float, y: Floats) -> Floats:
         """Jacobian (N, N) df_i / dy_j of the flattened y by central differences."""
-        return difference_jacobian(self._looks().derivative, time, y)
+        return difference_jacobian(self.apart().derivative, time, y)
 
     @property
     def raised(self) -> BaseException | None:  # type: ignore[override]

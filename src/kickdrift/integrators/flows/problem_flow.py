@@ -86,6 +86,10 @@ class ProblemFlow:
         """f(t, y)."""
         return self.forces.derivative(time, y)
 
+    def apart(self) -> BoundForces:
+        """Forces for other y than the run's: a Problem's have no lists."""
+        return self.forces
+
     @property
     def analytic(self) -> bool:
         """Tell whether the problem gives its Jacobian."""

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.gauss_radau.loop import gauss_radau_loop
 from kickdrift.integrators.gauss_radau.series import (
     BLOCK,
     GUESS,
     GUESS_LAST,
     LAST,
+    LOST_V,
     NOW,
     ROWS,
     V_BEFORE,
@@ -20,10 +22,10 @@ from kickdrift.integrators.gauss_radau.series import (
     V,
     X,
 )
-from kickdrift.integrators.gauss_radau.step import CONVERGED, MOST
+from kickdrift.integrators.gauss_radau.step import MOST
 from kickdrift.integrators.gauss_radau.tables import STAGES, tables
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping.chosen_steps import BEFORE, ChosenSteps
+from kickdrift.integrators.stepping.chosen_steps import BEFORE, NEXT, TIME, ChosenSteps
 from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
 from kickdrift.integrators.stepping.stepper import INNER
 from kickdrift.integrators.stepping.stepping import CompiledSteps
@@ -44,12 +46,30 @@ def _sketch_rows() -> tuple[Floats, Floats]:
     return numbers.positions[-1] * powers * parts**2, numbers.velocities[-1] * powers * parts
 
 
+@cache
+def _shifted_back() -> Floats:
+    """Matrix from the terms 1 … of a polynomial of s to those of the polynomial of s + 1 that equals it."""
+    found: Floats = np.asarray(np.linalg.inv(tables().shifts[1:, 1:]), dtype=float)
+    return found
+
+
+def _memory(shape: tuple[int, ...]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Memory of the loop for y of a shape: the workspace; the trial state and its derivative, both flat and as y."""
+    size = shape[1] * shape[2]
+    width = BLOCK * -(-size // BLOCK)
+    flat = aligned((2, (shape[0] - 1) * size + width))
+    trial, derivative = (row[: shape[0] * size].reshape(shape) for row in flat)
+    return aligned((ROWS, width)), flat, trial, derivative
+
+
 class GaussRadauStepper(ChosenSteps):
     """Integration with ``eta`` the ratio of step to shortest time scale (see ``step``). A checkpoint
     holds its clock, both ends of the last step with their rounding errors, and that step's polynomial, found and
     predicted."""
 
     saved = (*ChosenSteps.saved, "_ends", "_polynomials")
+
+    _aside: tuple[Floats, ...] | None = None  # y and the memory of steps that `at` takes
 
     def __init__(self, flow: Flow, options: Options) -> None:
         super().__init__(flow, options)
@@ -60,14 +80,11 @@ class GaussRadauStepper(ChosenSteps):
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self._begin(y, time, steps)
-        halves, size = y.shape[0], y[0].size
-        width = BLOCK * -(-size // BLOCK)
-        self._work = aligned((ROWS, width))
+        size, self._aside = y[0].size, None
+        self._work, self._flat, self._trial, self._derivative = _memory(y.shape)
         self._work[V, :size] = self._work[V_BEFORE, :size] = y[-1].reshape(-1)
-        if halves == 2:
+        if len(y) == 2:
             self._work[X, :size] = self._work[X_BEFORE, :size] = y[0].reshape(-1)
-        self._flat = aligned((2, (halves - 1) * size + width))  # the trial state and its derivative
-        self._trial, self._derivative = (row[: y.size].reshape(y.shape) for row in self._flat)
 
     @property
     def _ends(self) -> Floats:
@@ -116,20 +133,19 @@ class GaussRadauStepper(ChosenSteps):
         begin, h = self._clock[BEFORE], self._clock[STEP_LAST]
         if time == self.time or h == 0.0:
             return self.y.copy()
-        length, numbers = time - begin, tables()
-        terms = self._work[LAST:GUESS_LAST, : self.y[0].size] * (length / h) ** np.arange(STAGES)[:, None]
-        size, residual = np.abs(terms[0]).max(), np.inf
-        for _ in range(MOST):
-            for node in range(STAGES - 1):
-                there = self._integrated(terms, length, node)
-                found = self._flow.derivative(begin + numbers.nodes[node + 1] * length, there)[-1].reshape(-1)
-                missed = found - numbers.values[node] @ terms
-                terms += numbers.corrections[node][:, None] * missed
-            largest = np.abs(missed).max()
-            if not CONVERGED * size < largest < residual:
-                break
-            residual = largest
-        return self._integrated(terms, length, -1)
+        if self._aside is None:
+            self._aside = np.empty(self.y.shape), *_memory(self.y.shape)
+        (y, work, flat, trial, derivative), length = self._aside, time - begin
+        work[X : LOST_V + 1] = 0.0
+        work[[X, V]] = self._work[[X_BEFORE, V_BEFORE]]
+        terms = self._work[LAST + 1 : GUESS_LAST] * ((length / h) ** np.arange(1, STAGES))[:, None]
+        work[LAST + 1 : GUESS_LAST] = _shifted_back() @ terms  # since the loop shifts a last step's polynomial
+        clock, cursor = np.zeros_like(self._clock), np.zeros_like(self._cursor)
+        clock[[TIME, NEXT, STEP_LAST]] = begin, 2.0 * length, length
+        given = y, trial, flat[0], derivative, flat[1], work, tables(), self._velocities, self.eta, np.inf, time, True
+        if self._flow.apart().call(gauss_radau_loop, *given, clock, time, MOST, cursor) != OK:
+            y[...] = np.nan
+        return y.copy()
 
     def sketch(self) -> Floats:
         """See Stepper: by the polynomial of the last step, which has order 8."""
@@ -141,16 +157,6 @@ class GaussRadauStepper(ChosenSteps):
             x = self._work[X_BEFORE, :size] + h * (INNER[:, None] * v + h * (by_position @ terms))
             found[:, 0] = x.reshape(found[:, 0].shape)
         return found
-
-    def _integrated(self, terms: Floats, length: float, node: int) -> Floats:
-        """State at a node of a step of that length from the last one's start."""
-        numbers, size = tables(), self.y[0].size
-        sh = length * (numbers.nodes[node + 1] if node >= 0 else 1.0)
-        v = self._work[V_BEFORE, :size]
-        found = [v + sh * (numbers.velocities[node] @ terms)]
-        if len(self.y) == 2:
-            found.insert(0, self._work[X_BEFORE, :size] + sh * (v + sh * (numbers.positions[node] @ terms)))
-        return np.array(found).reshape(self.y.shape)
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
         before = self._work[X_BEFORE if len(self.y) == 2 else V_BEFORE, : self.y[0].size].reshape(self.y.shape[1:])

@@ -7,6 +7,7 @@ code. A solution y of y' = f(t, y) becomes the solution of y' = -f(-s, y).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from typing import Any
 
@@ -134,9 +135,9 @@ class BackwardStepper:
         """See Stepper."""
         return self._mirrored(self.inner.at(0.0 - time))
 
-    def ahead(self, time: float) -> tuple[int, Floats, Counts]:
+    def ahead(self, time: float, over: Callable[[], bool] = bool) -> tuple[int, Floats, Counts]:
         """See Resumable."""
-        status, y, cost = self.inner.ahead(0.0 - time)
+        status, y, cost = self.inner.ahead(0.0 - time, over)
         return status, self._mirrored(y), cost
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:

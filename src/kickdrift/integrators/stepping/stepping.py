@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -121,6 +122,7 @@ def recorded_loop(forces, step_loop, given, clock, until, cursor, y, points):
 
 
 CompiledSteps = tuple[Any, "BoundForces", tuple[Any, ...]]
+SHORT = 0.05  # seconds of one call of compiled code, of which the next may take twice as many steps
 AT_ONCE = 10_000  # steps of compiled code between checks for Ctrl-C
 
 
@@ -158,17 +160,20 @@ class Resumable(Checkpointed):
         if self._lists:
             self._lists.recall(memory["forces"])
 
-    def ahead(self: Any, time: float) -> tuple[int, Floats, Counts]:
+    def ahead(self: Any, time: float, over: Callable[[], bool] = bool) -> tuple[int, Floats, Counts]:
         """Return a status, y at a time beyond the last step point without evaluations of f beyond it, and the cost.
 
-        The steps to that time are discarded, unless they fail. So the run itself is unchanged.
+        The steps to that time are discarded, unless they fail. So the run itself is unchanged. ``over`` tells whether
+        to give up: y is then of an earlier time.
         """
         known, before, limits = self.memory(), self.counts, (self.end, self.clip)
         self.end, self.clip = time, True
         try:
-            status = OK
-            while status == OK and self.time < time:
-                status = self.advance(AT_ONCE, time)
+            status, count = OK, 1
+            while status == OK and self.time < time and not over():
+                began = perf_counter()
+                status = self.advance(count, time)
+                count = min(AT_ONCE, 2 * count) if perf_counter() - began < SHORT else count
         finally:
             self.end, self.clip = limits
         y, cost = self.y.copy(), self.counts - before

@@ -111,7 +111,7 @@ class Zeros:
         begins, self._values = self._values, self._all(t, y)
         found: list[tuple[float, int]] = []
         for k, (first, last) in enumerate(zip(begins, self._values, strict=True)):
-            if self._quiet[k].rests(first, last, abs(t - t_old)):
+            if self._quiet[k].rests(last, abs(t - t_old)):
                 continue
             ends, rough = ((t_old, first), (t, last)), inside.rough
             inner = self._several(k, inside.times, rough.states)

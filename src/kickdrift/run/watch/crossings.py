@@ -53,6 +53,7 @@ class Crossings(Checkpointed):
         self._subject = subject
         self._rows: list[tuple[int, int] | None] = []
         self._live: list[int] = []
+        self._bodies_move = isinstance(subject, System)
         if isinstance(subject, System):
             row_of = {int(each): row for row, each in enumerate(subject.state.ids)}
         for k, pair in enumerate(self._pairs):
@@ -73,6 +74,7 @@ class Crossings(Checkpointed):
         self._values, self._signs = np.zeros(len(self._order)), np.zeros(len(self._order))
         self._quiet, self._past = [Quiet() for _ in self._own], deque[tuple[float, Floats]](maxlen=PAST)
         self._hidden, self._most, self._several_turns = list[int](), np.zeros(len(self._built)), 0
+        self._follows_past: bool | None = None  # whether rough states inside a step need the ends of earlier steps
         self._last: Floats | None = None
         self._fresh = False  # whether signs are out of date
 
@@ -81,51 +83,66 @@ class Crossings(Checkpointed):
     def __len__(self) -> int:
         return len(self._order)
 
-    def _fill(self, step_parts: Sequence[Part], step: int) -> int:
-        """Evaluate at the end of a step. Return the number of changed signs."""
-        built, changed, (_, _, y, time) = len(self._built), 0, step_parts[-1]
+    def _fill(self, step_parts: Sequence[Part], own: Sequence[float]) -> int:
+        """Store the values at the end of a step, those of functions given. Return the number of changed signs."""
+        built, changed = len(self._built), 0
         if built:
             self._most[:] = 0.0
             given = self._approach, self._indices, self._signs[:built], self._values[:built], self._most
             for part in step_parts:
                 changed, self._several_turns = crossings(part.y0, part.y1, part.t1 - part.t0, *given)
-        for k in range(built, len(self._order)):
-            self._values[k] = value = self._value(self._order[k], time, y, step)
+        for k, value in enumerate(own, built):
+            self._values[k] = value
             changed += bool(self._signs[k] * value < 0)
         return changed
 
     def scan(self, step_parts: list[Part], step: int) -> int:
         """Evaluate at the end of a step. Return the number of scalars whose zeros ``look`` will search."""
         (y0, t0), (y1, t1) = step_parts[0][:2], step_parts[-1][2:]
-        if self._own and np.count_nonzero(np.isfinite(y1)) < y1.size:
+        if self._own and not (math.isfinite(np.vdot(y1, y1)) or np.isfinite(y1).all()):
             return 0  # the run has blown up
         if self._last is None:
-            self._fill([Part(y0, t0, y0, t0)], step)
+            self._fill([Part(y0, t0, y0, t0)], self._values_at(t0, y0, step))
             self._signs = np.sign(self._values)
             self._last, self._fresh = self._values.copy(), True
-        changed = self._fill(step_parts, step)
-        self._hidden = self._unclear(step_parts, step) if t1 > t0 else []
+        own = self._values_at(t1, y1, step)
+        tested = self._tested(own, y1, t1, t1 - t0) if own else []
+        if t1 > t0 and not (tested or self._built or self._fresh):  # all are far from zero, with the signs they had
+            self._last[:] = own
+            return 0
+        changed = self._fill(step_parts, own)
+        self._hidden = np.flatnonzero(self._most > 1.0).tolist() if self._several_turns and t1 > t0 else []
+        if tested:
+            self._hidden += self._unclear(tested, step_parts, step)
         if not (changed or self._hidden):
             self._keep()
         return changed + len(self._hidden)
 
-    def _unclear(self, step_parts: list[Part], step: int) -> list[int]:
-        """Scalars whose signs at the ends of a step may not tell all their zeros."""
+    def _tested(self, own: Sequence[float], y: Floats, time: float, length: float) -> list[int]:
+        """Functions, by their places among all scalars, that need the quick test in a step with these values at its
+        end."""
+        if self._follows_past is None:
+            self._follows_past = len(y) != 2 and not hasattr(type(self.stepper), "sketch")
+        if self._follows_past:
+            self._past.append((time, y.copy()))
+            for quiet, value in zip(self._quiet, own, strict=True):
+                quiet.keep(value)
+        if length <= 0.0:
+            return []
+        built = len(self._built)
+        return [built + k for k, value in enumerate(own) if not self._quiet[k].rests(value, length)]
+
+    def _unclear(self, tested: Sequence[int], step_parts: list[Part], step: int) -> list[int]:
+        """Those of the tested functions whose signs at the ends of a step may not tell all their zeros."""
         assert self._last is not None
-        found: list[int] = np.flatnonzero(self._most > 1.0).tolist() if self._several_turns else []
-        if not self._own:
-            return found
-        end, length = step_parts[-1], step_parts[-1].t1 - step_parts[0].t0
-        if len(end.y1) != 2 and not hasattr(type(self.stepper), "sketch"):
-            self._past.append((end.t1, end.y1.copy()))
-        first, last, rough, k = self._last.tolist(), self._values.tolist(), None, len(self._built)
-        for quiet in self._quiet:
-            quiet.keep(last[k])
-            if not quiet.rests(first[k], last[k], length):
-                rough = rough or [self._rough(part) for part in step_parts]
-                if None in rough or not self._told(k, quiet, (first[k], last[k]), step_parts, rough, step):
-                    found.append(k)
-            k += 1
+        rough = [self._rough(part) for part in step_parts]
+        if None in rough:
+            return list(tested)
+        found = []
+        for k in tested:
+            ends = float(self._last[k]), float(self._values[k])
+            if not self._told(k, self._quiet[k - len(self._built)], ends, step_parts, rough, step):
+                found.append(k)
         return found
 
     def _rough(self, part: Part) -> Rough | None:
@@ -157,25 +174,37 @@ class Crossings(Checkpointed):
         self._last, self._values = values, self._last
 
     def _several(self, m: int, times: Sequence[float], states: Any, step: int) -> list[float]:
-        """A scalar at several times; NaN where a function has no value, because inside a step it may have none."""
+        """A function at several times; NaN where it has no value, because inside a step it may have none."""
         found = []
         with np.errstate(all="ignore"):
-            for time, y in zip(times, states, strict=True):
+            for time, y in zip(times, self._turned(np.asarray(states)), strict=True):
                 try:
-                    found.append(self._value(m, time, y, step))
+                    found.append(self._called(m, time, y, step))
                 except RunError:
                     found.append(np.nan)
         return found
 
+    def _turned(self, y: Floats) -> Floats:
+        """A copy of y, or of several, that functions of the user may have: rows of bodies, or the unknowns."""
+        if self._bodies_move:
+            return y.swapaxes(-1, -2).copy()
+        return y.flatten() if y.ndim == 3 else y.reshape(len(y), -1).copy()
+
+    def _values_at(self, time: float, y: Floats, step: int) -> list[float]:
+        """The functions at a time."""
+        return [self._called(m, time, self._turned(y), step) for m in self._own]
+
     def _value(self, m: int, time: float, y: Floats, step: int) -> float:
-        event, rows = self._events[self._live[m]], self._rows[m]
-        if rows is not None:
-            quantity = event.function.quantity  # type: ignore[union-attr]
-            return approach(y, *rows) if quantity == "approach" else float(y[0, 2, rows[0]] - y[0, 2, rows[1]])
-        if isinstance(self._subject, System):
-            arguments = (y[0].T.copy(), y[1].T.copy())
-        else:
-            arguments = (y.reshape(-1).copy(), *self._subject.args)
+        """A scalar at a time."""
+        if (rows := self._rows[m]) is None:
+            return self._called(m, time, self._turned(y), step)
+        quantity = self._events[self._live[m]].function.quantity  # type: ignore[union-attr]
+        return approach(y, *rows) if quantity == "approach" else float(y[0, 2, rows[0]] - y[0, 2, rows[1]])
+
+    def _called(self, m: int, time: float, y: Floats, step: int) -> float:
+        """A function's value at y as `_turned` gives it; a finite number."""
+        event = self._events[self._live[m]]
+        arguments = (y[0], y[1]) if self._bodies_move else (y, *self._subject.args)  # type: ignore[union-attr]
         try:
             given = event.function(time, *arguments)  # type: ignore[operator]
         except Exception as error:  # a user's function may raise anything

@@ -206,14 +206,11 @@ class Search:
                 self.log.wait(self._crossings.look(self._span_of(inner, y0, t0, y1, t1)))
             return True
         parted, contacts = None, self._contacts
-        if not self._parting.on:
-            if not good:
-                return False
-        elif good and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
+        if good and self._parting.on and len(found_in) == 1 and self._parting.clear(y0, t0, y1, t1):
             if not (self._lookers or self._escapes):
                 return True
             contacts = []
-        else:
+        elif self._parting.on:
             good = good and bool(np.isfinite(y1).all())
             parted = self._parting.step(self.trials, found_in, step, good)
             contacts = [] if parted is not None else contacts

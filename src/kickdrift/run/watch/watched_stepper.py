@@ -127,16 +127,16 @@ class WatchedStepper:
     def advance(self, steps: int, until: float = np.inf) -> int:
         if not steps:
             return self._prepare()
-        last = self.steps_done + steps
+        search, last = self._search, self.inner.steps_done + steps
         status = OK
         while status == OK and not self.stopped:
-            act = self._search.act
+            act, inner = search.act, self.inner
             if act is not None and act.time <= self.horizon:
                 status = self._apply(act)
-            elif act is not None or self.steps_done >= last or self.time >= until:
+            elif act is not None or inner.steps_done >= last or inner.time >= until:
                 break
             else:
-                status = self._steps(last - self.steps_done)
+                status = self._steps(last - inner.steps_done)
         self._search.log.tell(self.horizon)
         return status
 
@@ -193,9 +193,14 @@ class WatchedStepper:
         return status
 
     def _step(self) -> int:
-        inner = self.inner
+        inner: Any = self.inner
         before, begin, done = inner.y.copy(), inner.time, inner.steps_done
-        status = self._one_step()
+        inner.end = self.end
+        status = int(inner.advance(1, np.inf))
+        if status == OK and inner.steps_done == done and self.end < np.inf:
+            inner.clip = True
+            status = int(inner.advance(1, np.inf))
+            inner.clip = False
         if status != OK:
             return self._mended(before, begin, done, status)
         if inner.steps_done > done:
@@ -213,16 +218,6 @@ class WatchedStepper:
             inner.reset(before, begin, done)
             return inner.advance(1, np.inf)  # fails again, and knows why
         return status
-
-    def _one_step(self) -> int:
-        inner: Any = self.inner
-        done, inner.end = inner.steps_done, self.end
-        status = inner.advance(1, np.inf)
-        if status == OK and inner.steps_done == done and self.end < np.inf:
-            inner.clip = True
-            status = inner.advance(1, np.inf)
-            inner.clip = False
-        return int(status)
 
     # --- actions of events ---
 

@@ -25,8 +25,8 @@ FITS = 1e-13  # part of the largest |g|: the last coefficients of a polynomial t
 NOISE = 1e-7  # the same, of one that fits to the noise of g
 DEPTH = 6  # number of times that the search halves a part that no polynomial fits
 REAL = 1e-3  # imaginary part of a turning point that may be real
-PAUSE = 16  # most steps without the quick test, after a step far from any zero
-ROOM = 4.0  # |g| over its change in a step, for each step of such a pause
+PAUSE = 64  # most steps without the quick test, after a step far from any zero
+ROOM = 4.0  # |g| over its change in a step, for a pause of one step; the pause grows with the square
 PAST = 6  # values at ends of steps that a trial of the past goes by
 
 Values = Callable[[Floats], Sequence[float]]  # g at several times
@@ -65,16 +65,16 @@ class Quiet:
 
     def __init__(self) -> None:
         self._past: deque[float] = deque(maxlen=PAST)  # at ends of steps
-        self._pause, self._level, self._room, self._longest = 0, 0.0, 0.0, 0.0
+        self._pause, self._low, self._high, self._longest = 0, 0.0, 0.0, 0.0
 
     def keep(self, value: float) -> None:
         """Keep g at the end of a step."""
         self._past.append(value)
 
-    def rests(self, first: float, last: float, length: float) -> bool:
-        """Tell whether a step, with g at its ends, needs no test: a step shortly before was far from any zero, and
-        neither g nor the steps have changed much since."""
-        if self._pause > 0 and first * last > 0.0 and abs(last - self._level) < self._room and length <= self._longest:
+    def rests(self, value: float, length: float) -> bool:
+        """Tell whether a step, with g at its end, needs no test: a step shortly before was far from any zero, and
+        neither g nor the steps have changed much since. Then g has the same sign at both ends."""
+        if self._pause and self._low < value < self._high and length <= self._longest:
             self._pause -= 1
             return True
         return False
@@ -87,8 +87,9 @@ class Quiet:
         low, high = min(values), max(values)
         if low > 0.0 or high < 0.0:
             least = min(abs(low), abs(high))
-            self._pause = int(min(PAUSE, least / (ROOM * (high - low)))) if high > low else PAUSE
-            self._level, self._room, self._longest = values[5], 0.5 * least, 2.0 * length
+            self._pause = int(min(PAUSE**0.5, least / (ROOM * (high - low))) ** 2) if high > low else PAUSE
+            self._low, self._high = values[5] - 0.5 * least, values[5] + 0.5 * least
+            self._longest = 2.0 * length
         return True
 
     def _foretold(self, values: Sequence[float], weights: Sequence[float]) -> bool:

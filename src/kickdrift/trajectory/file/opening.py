@@ -21,6 +21,7 @@ from kickdrift.disk.files import descriptor, reason, shown_path
 from kickdrift.disk.foreign import foreign
 from kickdrift.errors import InputError
 from kickdrift.systemfile.files import is_shipped
+from kickdrift.trajectory.file.headers import Headers
 from kickdrift.trajectory.file.heaps import Heaps
 
 DEEPEST = 32  # groups within groups
@@ -43,14 +44,15 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
         status = os.fstat(number)
         name = f"/dev/fd/{number}"  # the very file that was checked, even if another file has its name now
         name = name if os.path.exists(name) else os.fspath(path)
-        try:
-            file = h5py.File(name, "r", locking="best-effort")
-        except (OSError, RuntimeError, ValueError) as error:
-            raise InputError(f"{shown_path(path)}: {_why_not(path, name, error)}") from None
         key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
-        if key == _last[0]:
-            return file
         with open(number, "rb", buffering=0, closefd=False) as source:
+            check_root(path, source)
+            try:
+                file = h5py.File(name, "r", locking="best-effort")
+            except (OSError, RuntimeError, ValueError) as error:
+                raise InputError(f"{shown_path(path)}: {_why_not(path, name, error)}") from None
+            if key == _last[0]:
+                return file
             _walked(path, file, source)
     finally:
         os.close(number)
@@ -62,6 +64,8 @@ def open_to_read(path: str | os.PathLike[str]) -> h5py.File:
 def open_stored(storage: Any, path: str | os.PathLike[str], *, own: bool = False, **options: Any) -> h5py.File:
     """Open the HDF5 file in a file object for writing. Raises OSError, or InputError if the file is damaged or has
     links out of itself. A file of this process's ``own`` making is not walked."""
+    if not own:
+        check_root(path, storage)
     file = h5py.File(storage, "r+", libver="earliest", **options)
     return file if own else _walked(path, file, storage)
 
@@ -71,12 +75,19 @@ def created(place: Any, **options: Any) -> h5py.File:
     return h5py.File(place, "w", **options)
 
 
+def check_root(path: str | os.PathLike[str], source: Any) -> None:
+    """Raise InputError if HDF5 would allocate more for the first object than the file has. ``source`` is a file object
+    with the file's bytes."""
+    with _Walk(shown_path(path)).at("/"):
+        Headers(source).check_root()
+
+
 def refuse_ways_out(path: str | os.PathLike[str], file: h5py.File, source: Any) -> None:
     """Raise InputError if the structure has links out of the file, has a loop or is damaged; the error names file and
     object. ``source`` is a file object with the file's bytes."""
     walk = _Walk(shown_path(path))
     with walk.at("/"):
-        walk.heaps = Heaps(file, source)
+        walk.heaps, walk.headers = Heaps(file, source), Headers(source)
         walk.look(file.id, "", ())
 
 
@@ -84,6 +95,7 @@ class _Walk:
     """A walk over all objects of a file. Each is checked once, whatever the number of its names."""
 
     heaps: Heaps
+    headers: Headers
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -126,21 +138,22 @@ class _Walk:
     def _group(self, group: Any, name: str, above: tuple[int, ...]) -> None:
         if len(above) > DEEPEST:
             self.refuse(name, f"lies more than {DEEPEST} groups deep")
-        links: list[tuple[bytes, int]] = []
+        links: list[tuple[bytes, int, int]] = []
 
         def note(link: bytes, about: Any) -> int | None:
-            links.append((link, about.type))
+            links.append((link, about.type, about.u))
             return 1 if len(links) > MOST else None  # any value but None ends the iteration
 
         group = group if isinstance(group, h5g.GroupID) else h5g.open(group, b"/")
         group.links.iterate(note, info=True)
         if len(links) > MOST:
             self.refuse(name or "/", f"holds more than {MOST:,} names")
-        for link, kind in links:
+        for link, kind, address in links:
             inner = f"{name}/{link.decode('utf-8', 'backslashreplace')}"
             if kind != h5l.TYPE_HARD:
                 self.refuse(inner, f"is {_LINKS.get(kind, 'a link of unknown kind')}")
             with self.at(inner):
+                self.headers.check(address)
                 self.look(h5o.open(group, link), inner, above)
 
     def _dataset(self, data: Any, name: str) -> None:
