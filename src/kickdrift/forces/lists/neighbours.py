@@ -156,8 +156,8 @@ def make_rows(rows, pairs):
 
 @jit
 def add_pair(rows, narrow, i, j):
-    """Add a pair of slots to both rows, or once to the first. In a ``narrow`` box the rows may hold another image of the
-    pair already."""
+    """Add a pair of slots to both rows, or once to the first. In a ``narrow`` box, the rows may hold another image of
+    the pair already."""
     if narrow and (i == j or listed_already(rows, i, j) or listed_already(rows, j, i)):
         return
     add_one(rows, i, j)

@@ -1,7 +1,9 @@
 """Compiled sums of the embedded-atom method: densities at all particles, then forces.
 
-The first visit of a particle reads the tables at each neighbour's distance, sums the density, and keeps the slopes. The
-second visit weighs the slopes by the slopes of both particles' embedding energies.
+Each pair stands in the row of one of its particles. The first visit of a row reads the tables at each distance, adds
+the densities to both particles, and keeps the slopes. The second visit weighs the slopes by the slopes of both
+particles' embedding energies, and adds the forces. It computes the separations again, because large systems would wait
+for memory if the first visit kept these too.
 """
 
 from __future__ import annotations
@@ -96,9 +98,9 @@ def chunk_densities(force, c):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = value_of(rows.at[ROW * slot + 3])
             density, begin_row, count = splat(0.0), slot * room, rows.lengths[slot]
-            # Two loops keep more blocks in flight than one long loop: the processor's window holds several short rounds.
+            # Two short loops are faster than one long loop, since the processor then works on several rounds at once.
             for first in range(0, count, WIDTH):
-                dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
+                _, _, _, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
                 r2 = select(beyond, splat(cutoff2), r2)
                 inverse = inverse_sqrt(r2)
                 store(block, BLOCK * first, select(beyond, splat(0.0), inverse))

@@ -140,8 +140,8 @@ def add_numbers_at(typingctx, table, places, first, lanes):
 
 @intrinsic
 def add_rows_at(typingctx, table, places, first, columns):
-    """Add four lanes to the columns of the eight rows ``places[first:first + 8]`` of a flat table with four numbers in a
-    row. ``places`` holds int32."""
+    """Add four lanes to the columns of the eight rows ``places[first:first + 8]`` of a flat table. A row has four
+    numbers, and ``places`` holds int32."""
 
     def codegen(context, builder, sig, args):
         return scattered(context, builder, sig, args, cgutils.unpack_tuple(builder, args[3]))
