@@ -13,7 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.clusters import N_CLUSTERS, PRUNES, STRIDE, TABLE_STRIDE, ClusterList, load_vector
+from kickdrift.forces.lists.clusters import (
+    N_CLUSTERS,
+    PRUNES,
+    STRIDE,
+    TABLE_STRIDE,
+    ClusterList,
+    chunk_clusters,
+    load_vector,
+)
 from kickdrift.forces.seam.kernel import GROW, OK
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.duals.lanes import rows_at, value_of
@@ -39,6 +47,8 @@ class Neighbours(NamedTuple):
     matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
     inverse: NDArray[np.float64]  # (3,) 1 over the diagonal, 0 for an axis that is not periodic
     height: float  # least height of the box along periodic axes
+    once: bool  # whether a pair is in one of its two rows alone
+    reached: NDArray[np.bool_]  # (chunks, clusters) whether rows of a chunk hold particles of a cluster
 
 
 def whole_blocks(room: float) -> int:
@@ -52,12 +62,12 @@ def with_room(rows: Neighbours, room: int) -> Neighbours:
     return rows._replace(state=np.full(2, -1, np.int64), near=near)
 
 
-def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64]) -> Neighbours:
-    """Return empty rows, with room that a guess from the density gives."""
+def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once: bool = False) -> Neighbours:
+    """Return empty rows, with room that a guess from the density gives. With ``once``, they hold each pair once."""
     n, slots = len(species), pairs.x.size // 3
     reach = pairs.cutoff + pairs.inner_skin
     volume = box.volume if all(box.periodic_axes) else math.inf
-    room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) + 2 * WIDTH)
+    room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) / (2 if once else 1) + 2 * WIDTH)
     matrix = pairs.cell.matrix
     diagonal = np.diag(matrix)
     heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]
@@ -70,6 +80,8 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64]) -> N
         matrix=matrix,
         inverse=np.divide(1.0, diagonal, out=np.zeros(3), where=diagonal > 0),
         height=float(min(heights, default=math.inf)),
+        once=once,
+        reached=np.zeros(pairs.touched.shape, np.bool_),
     )
 
 
@@ -102,7 +114,13 @@ def make_rows(rows, pairs):
     clusters = pairs.counts[N_CLUSTERS]
     for slot in range(WIDTH * clusters):
         count[slot] = 0
+    rows.reached[:, :clusters] = False
+    owner, _, end = 0, *chunk_clusters(pairs, 0)
     for cluster in range(clusters):
+        while cluster >= end:
+            owner += 1
+            _, end = chunk_clusters(pairs, owner)
+        rows.reached[owner, cluster] = True
         first, filled = STRIDE * cluster, pairs.filled[cluster]
         for i in range(filled):
             for j in range(i):
@@ -125,6 +143,8 @@ def make_rows(rows, pairs):
                     dy = yj - (x[at + WIDTH] - shifts[1, shift])
                     dz = zj - (x[at + 2 * WIDTH] - shifts[2, shift])
                     bits = mask_bits(dx * dx + dy * dy + dz * dz < reach2)
+                    if bits:
+                        rows.reached[owner, other] = True
                     while bits:
                         add_pair(rows, narrow, WIDTH * cluster + lane, WIDTH * other + lowest_bit(bits))
                         bits &= bits - 1
@@ -136,11 +156,13 @@ def make_rows(rows, pairs):
 
 @jit
 def add_pair(rows, narrow, i, j):
-    """Add a pair of slots to both rows. In a ``narrow`` box the rows may hold another image of the pair already."""
-    if narrow and (i == j or listed_already(rows, i, j)):
+    """Add a pair of slots to both rows, or once to the first. In a ``narrow`` box, the rows may hold another image of
+    the pair already."""
+    if narrow and (i == j or listed_already(rows, i, j) or listed_already(rows, j, i)):
         return
     add_one(rows, i, j)
-    add_one(rows, j, i)
+    if not rows.once:
+        add_one(rows, j, i)
 
 
 @jit
@@ -170,18 +192,25 @@ def copy_places(rows, pairs):
 
 
 @as_written
-def block_of_neighbours(rows, slot, first, cutoff2):
-    """Return the separations from eight neighbours, from the ``first`` of a row on, to the particle in a slot, with
-    their squares, whether they are beyond the cutoff, and the neighbours' species."""
-    at, matrix, inverse = rows.at, rows.matrix, rows.inverse
+def separations(rows, at, slot, first):
+    """Return the separations from eight neighbours, from the ``first`` of a row on, to the particle in a slot, and the
+    neighbours' fourth numbers in ``at``, which holds the rows x, y, z and a number of each slot."""
+    matrix, inverse = rows.matrix, rows.inverse
     q = ROW * slot
-    x, y, z, kind = rows_at(at, rows.near, slot * rows.near.shape[1] + first)
+    x, y, z, number = rows_at(at, rows.near, slot * rows.near.shape[1] + first)
     dx, dy, dz = at[q] - x, at[q + 1] - y, at[q + 2] - z
     whole = lane_round(value_of(dz) * inverse[2])
     dx, dy, dz = dx - whole * matrix[2, 0], dy - whole * matrix[2, 1], dz - whole * matrix[2, 2]
     whole = lane_round(value_of(dy) * inverse[1])
     dx, dy = dx - whole * matrix[1, 0], dy - whole * matrix[1, 1]
-    dx = dx - lane_round(value_of(dx) * inverse[0]) * matrix[0, 0]
+    return dx - lane_round(value_of(dx) * inverse[0]) * matrix[0, 0], dy, dz, number
+
+
+@as_written
+def block_of_neighbours(rows, slot, first, cutoff2):
+    """Return the separations from eight neighbours, from the ``first`` of a row on, to the particle in a slot, with
+    their squares, whether they are beyond the cutoff, and the neighbours' species."""
+    dx, dy, dz, kind = separations(rows, rows.at, slot, first)
     r2 = dx * dx + dy * dy + dz * dz
     # a distance that is nan counts as within the cutoff, so that a blow-up stays visible
     beyond = (r2 >= cutoff2) | (lane_numbers() >= float(rows.lengths[slot] - first))

@@ -32,11 +32,12 @@ class ManyBodyPotential(Protocol):
 def bind(force: ManyBodyPotential, system: Subject, threads: int) -> ManyBodyKernel:
     """Bind a many-body force to a System, on this number of threads."""
     pairs = cluster_list(len(system), system.box, force.cutoff, Wide())
-    rows = neighbours_of(pairs, system.box, system.species_index.astype(np.int64))
+    law = force.law(system.species)
+    rows = neighbours_of(pairs, system.box, system.species_index.astype(np.int64), law.pairs_once)
     chunks = pairs.force.shape[0]
     return ManyBodyKernel(
         ManyBodyWork(
-            law=force.law(system.species).with_room(*rows.near.shape, chunks),
+            law=law.with_room(*rows.near.shape, chunks),
             cutoff=force.cutoff,
             inverse_masses=1.0 / system.coherent_masses,
             sums=np.zeros((chunks, 3)),

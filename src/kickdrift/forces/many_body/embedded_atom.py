@@ -92,6 +92,9 @@ class EmbeddedAtom(ManyBodyForce):
             by_density,
             1.0 / found.drho,
             by_density.shape[1] * found.drho,
-            slope=np.zeros(0),
+            densities=np.zeros((0, 0)),
+            at=np.zeros(0),
+            row=np.zeros((0, 0)),
             kept=np.zeros(0),
+            forces=np.zeros((0, 0)),
         )

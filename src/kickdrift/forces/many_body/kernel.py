@@ -70,8 +70,8 @@ class ManyBodyKernel(PairKernel):
         return compute_for(kind, add_forces, renew_rows)
 
 
-def law_body(cls: type) -> Callable[[Callable[..., Any]], Any]:
-    """Register the compiled body of a law, ``body(law, force, chunks)``.
+def law_body(cls: type, pairs_once: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Register the compiled body of a law, ``body(law, force, chunks)``, and whether its rows hold each pair once.
 
     The body writes the force on the particle in each slot to ``force.pairs.force`` (one array for each chunk, which are
     summed afterwards), and energy, virial and number of pairs to ``force.sums``."""
@@ -79,6 +79,7 @@ def law_body(cls: type) -> Callable[[Callable[..., Any]], Any]:
     def register(body: Callable[..., Any]) -> Any:
         LAWS[cls] = body
         cls.kernel_sources = (body,)  # type: ignore[attr-defined]
+        cls.pairs_once = pairs_once  # type: ignore[attr-defined]
         return body
 
     return register

@@ -21,6 +21,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import functions as lanes
 from kickdrift.jit.lanes import gathering, masks, memory
 from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
+from kickdrift.jit.numba_private import cgutils
 
 _DTYPE = np.dtype([("value", np.float64), ("slope", np.float64)])
 _DUALS = Dual(lanes_type, lanes_type)
@@ -151,6 +152,25 @@ def _numbers_at(typingctx, table, places, first):
     return _DUALS(table, places, types.intp), codegen
 
 
+@intrinsic
+def _add_numbers_at(typingctx, table, places, first, lanes):
+    def codegen(context, builder, sig, args):
+        columns = [builder.extract_value(args[3], part) for part in range(2)]
+        return gathering.scattered(context, builder, sig, args, columns)
+
+    return types.void(table, places, types.intp, _DUALS), codegen
+
+
+@intrinsic
+def _add_rows_at(typingctx, table, places, first, columns):
+    def codegen(context, builder, sig, args):
+        duals = cgutils.unpack_tuple(builder, args[3])
+        columns = [builder.extract_value(each, part) for each in duals for part in range(2)]
+        return gathering.scattered(context, builder, sig, args, columns)
+
+    return types.void(table, places, types.intp, types.UniTuple(_DUALS, gathering.ROW)), codegen
+
+
 def _teach_reading(of_lanes_alone: Any, of_duals: Any) -> Any:
     """A function of a table and two further arguments, by what the table holds."""
 
@@ -168,6 +188,25 @@ def _teach_reading(of_lanes_alone: Any, of_duals: Any) -> Any:
 
 rows_at = _teach_reading(gathering.rows_at, _rows_at)
 numbers_at = _teach_reading(gathering.numbers_at, _numbers_at)
+
+
+def _teach_adding(of_lanes_alone: Any, of_duals: Any) -> Any:
+    """A function that adds to a table, by what the table holds."""
+
+    def add(table: Any, places: Any, first: int, numbers: Any) -> None:
+        raise NotImplementedError("for compiled code")
+
+    @overload(add)
+    def _add(table, places, first, numbers):
+        if _of_duals(table):
+            return lambda table, places, first, numbers: of_duals(table, places, first, numbers)
+        return lambda table, places, first, numbers: of_lanes_alone(table, places, first, numbers)
+
+    return add
+
+
+add_numbers_at = _teach_adding(gathering.add_numbers_at, _add_numbers_at)
+add_rows_at = _teach_adding(gathering.add_rows_at, _add_rows_at)
 
 
 # --- selection and sums ---

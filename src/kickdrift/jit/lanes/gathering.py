@@ -100,6 +100,7 @@ def _plain(array: types.Type) -> bool:
 ROW = 4  # numbers in a row
 _FOUR = ir.VectorType(F64, ROW)
 _WHOLE = ir.IntType(64)
+_INDICES = ir.VectorType(I32, ROW)
 _FOUR_LANES = types.UniTuple(lanes_type, ROW)
 
 
@@ -175,6 +176,61 @@ def numbers_at(typingctx, table, places, first):
         return made
 
     return lanes_type(table, places, types.intp), codegen
+
+
+def _as_rows(builder: ir.IRBuilder, columns: list[ir.Value]) -> list[ir.Value]:
+    """Eight rows, which hold the lanes of each column."""
+    if len(columns) != ROW:
+        rows = [ir.Constant(ir.VectorType(F64, len(columns)), ir.Undefined)] * WIDTH
+        for at, column in enumerate(columns):
+            numbers = [builder.extract_element(column, I32(k)) for k in range(WIDTH)]
+            rows = [builder.insert_element(row, number, I32(at)) for row, number in zip(rows, numbers, strict=True)]
+        return rows
+    shuffled = partial(shuffle, builder)
+    rows = []
+    for pair in (LOW, HIGH):
+        front, back = (shuffled(*columns[at : at + 2], pair) for at in (0, 2))
+        rows.append([shuffled(front, back, order) for order in (FIRST, LAST)])
+    halves = [
+        [builder.shuffle_vector(each, each, ir.Constant(_INDICES, list(range(at, at + ROW)))) for at in (0, ROW)]
+        for each in (rows[0][0], rows[1][0], rows[0][1], rows[1][1])
+    ]
+    return [half[upper] for upper in range(2) for half in halves]
+
+
+def scattered(context: Any, builder: Any, sig: Any, args: Any, columns: list[ir.Value]) -> Any:
+    """Emit the addition of columns of eight lanes to the rows of a flat table whose numbers are in ``places``. Rows are
+    added one after another, so a row may stand there twice."""
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    data, width = builder.bitcast(data, F64.as_pointer()), _WHOLE(len(columns))
+    places = places_in(context, builder, sig.args[1], args[1], args[2])
+    for place, row in zip(places, _as_rows(builder, columns), strict=True):
+        start = builder.bitcast(builder.gep(data, [builder.mul(place, width)]), row.type.as_pointer())
+        before = builder.load(start)
+        before.align = 8
+        builder.store(builder.fadd(before, row), start).align = 8
+    return context.get_dummy_value()
+
+
+@intrinsic
+def add_numbers_at(typingctx, table, places, first, lanes):
+    """Add lanes to the numbers of a table at ``places[first:first + 8]``, which holds int32."""
+
+    def codegen(context, builder, sig, args):
+        return scattered(context, builder, sig, args, [args[3]])
+
+    return types.void(table, places, types.intp, lanes_type), codegen
+
+
+@intrinsic
+def add_rows_at(typingctx, table, places, first, columns):
+    """Add four lanes to the columns of the eight rows ``places[first:first + 8]`` of a flat table. A row has four
+    numbers, and ``places`` holds int32."""
+
+    def codegen(context, builder, sig, args):
+        return scattered(context, builder, sig, args, cgutils.unpack_tuple(builder, args[3]))
+
+    return types.void(table, places, types.intp, _FOUR_LANES), codegen
 
 
 @intrinsic
