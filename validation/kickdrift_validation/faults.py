@@ -46,7 +46,7 @@ FAULTS = (
         "0.23557321335935813", "0.23557312335935813", small=True,
     ),
     Fault(
-        "half-kick", "the last kick of a splitting step left out", "integrators/splitting/words.py",
+        "half-kick", "the last kick of a splitting step left out", "integrators/splitting/subflows.py",
         "    return np.array(stages, dtype=np.float64).T",
         "    stages[-1][0] = 0.0\n    return np.array(stages, dtype=np.float64).T",
     ),
@@ -67,7 +67,7 @@ FAULTS = (
         "energy += density * u_part", "energy += 0.5 * density * u_part",
     ),
     Fault(
-        "switch-slope", "a factor of two lost in the switch's derivative", "forces/pairs/truncation.py",
+        "switch-slope", "a factor of two lost in the switch's derivative", "forces/pairs/lanes.py",
         "slope = 1260.0 *", "slope = 630.0 *",
     ),
     Fault(

@@ -66,7 +66,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = slow_velocities = False
+    separable = overdamped = False
 
     @property
     def evaluations(self) -> int:
@@ -98,6 +98,10 @@ class Method:
 
     @property
     def drags(self) -> bool:
+        return False
+
+    @property
+    def slow_velocities(self) -> bool:
         return False
 
     @property

@@ -115,11 +115,11 @@ def make_rows(rows, pairs):
     for slot in range(WIDTH * clusters):
         count[slot] = 0
     rows.reached[:, :clusters] = False
-    owner, _, end = 0, *chunk_clusters(pairs, 0)
+    owner, end = 0, chunk_clusters(pairs, 0)[1]
     for cluster in range(clusters):
         while cluster >= end:
             owner += 1
-            _, end = chunk_clusters(pairs, owner)
+            end = chunk_clusters(pairs, owner)[1]
         rows.reached[owner, cluster] = True
         first, filled = STRIDE * cluster, pairs.filled[cluster]
         for i in range(filled):

@@ -189,7 +189,7 @@ def _as_rows(builder: ir.IRBuilder, columns: list[ir.Value]) -> list[ir.Value]:
     shuffled = partial(shuffle, builder)
     rows = []
     for pair in (LOW, HIGH):
-        front, back = (shuffled(*columns[at : at + 2], pair) for at in (0, 2))
+        front, back = (shuffled(columns[at], columns[at + 1], pair) for at in (0, 2))
         rows.append([shuffled(front, back, order) for order in (FIRST, LAST)])
     halves = [
         [builder.shuffle_vector(each, each, ir.Constant(_INDICES, list(range(at, at + ROW)))) for at in (0, ROW)]
