@@ -374,10 +374,10 @@ def test_a_plot_shows_g_of_a_leaning_box(tmp_path, dimensions):
     pytest.importorskip("matplotlib")
     path = tmp_path / "run.h5md"
     kd.Simulation(solid(dimensions), "velocity-verlet", 0.002).run(20, every=10, output=path)
-    from kickdrift.plots import runs
+    from kickdrift.plots import figures, runs
 
     with kd.open(path) as run:
         r, g, frames = runs._rdf(run)
     assert frames == 2
     assert g[r > 1].max() > 1.2
-    assert runs.plot_run(path, tmp_path / "run.png").stat().st_size > 0
+    assert figures.plot_file(path, tmp_path / "run.png", "energies").stat().st_size > 0

@@ -18,6 +18,7 @@ _CONTINUED, _NAMES = 0x10, 0x11  # messages of a header: place and size of the n
 _HEAP = b"HEAP\0"
 _NO_PLACE, _UNDEFINED = 1, 2**64 - 1  # ends of a list of free places
 _MOST = 1000  # pieces of a header
+_SUPERBLOCK = 76  # bytes up to the end of the root's address
 
 
 class Headers:
@@ -36,7 +37,7 @@ class Headers:
             if (head := self._read(place, 96)).startswith(SIGNATURE):
                 break
             place = 2 * place or 512
-        if head.startswith(SIGNATURE):
+        if head.startswith(SIGNATURE) and len(head) >= _SUPERBLOCK:
             self._begin(head)
 
     def _begin(self, head: bytes) -> None:

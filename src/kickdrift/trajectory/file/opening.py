@@ -78,8 +78,12 @@ def created(place: Any, **options: Any) -> h5py.File:
 def check_root(path: str | os.PathLike[str], source: Any) -> None:
     """Raise InputError if HDF5 would allocate more for the first object than the file has. ``source`` is a file object
     with the file's bytes."""
+    try:
+        headers = Headers(source)
+    except OSError as error:
+        raise InputError(f"{shown_path(path)}: cannot be read: {reason(error)}") from None
     with _Walk(shown_path(path)).at("/"):
-        Headers(source).check_root()
+        headers.check_root()
 
 
 def refuse_ways_out(path: str | os.PathLike[str], file: h5py.File, source: Any) -> None:
