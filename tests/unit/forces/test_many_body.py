@@ -199,6 +199,20 @@ def test_room_for_neighbours_grows(name):
 
 
 @pytest.mark.parametrize("name", ["eam", "stillinger-weber", "tersoff"])
+def test_sums_are_taken_again_only_at_the_same_positions(name):
+    system = crystal(example(kd.forces.FORCES[name]))
+    kept, other, start = BoundForces(system), BoundForces(system), system.state.phase
+    moved = start.copy()
+    moved[0, 2, 5] += 0.01  # less than the skin: both lists stay as they are at the start
+    found = [kept.measure(0.0, y) for y in (start, start, moved, moved, start)]
+    summed = [other.measure(0.0, y) for y in (start, moved, start)]
+    for each, wanted in zip(found, [summed[k] for k in (0, 0, 1, 1, 2)], strict=True):
+        np.testing.assert_array_equal(each.accelerations, wanted.accelerations)
+        assert (each.potential, each.virial) == (wanted.potential, wanted.virial)
+    assert summed[0].potential == summed[2].potential != summed[1].potential
+
+
+@pytest.mark.parametrize("name", ["eam", "stillinger-weber", "tersoff"])
 def test_a_run_does_not_depend_on_the_order_of_particles(name):
     system = crystal(example(kd.forces.FORCES[name]))
     order = np.random.default_rng(3).permutation(len(system))

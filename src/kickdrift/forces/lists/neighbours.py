@@ -32,14 +32,15 @@ from kickdrift.jit.lanes.memory import aligned, entry
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.box.box import Box
 
-MADE_AT, ROOM_NEEDED = range(2)  # slots of ``state``
+MADE_AT, ROOM_NEEDED, SUMMED = range(3)  # slots of `Neighbours.state`
 SPARE = 1.5  # room beyond the mean number of neighbours
 
 
 class Neighbours(NamedTuple):
     """Neighbours of the particle in each slot."""
 
-    state: NDArray[np.int64]  # (2,) the list's number of prunings when the rows were made; the longest row
+    state: NDArray[np.int64]  # (3,) see the slots above: prunings of the list when the rows were made, the longest row,
+    # and 1 if the forces at the positions in ``at`` are summed
     lengths: NDArray[np.int64]  # (slots,) neighbours in each row
     near: NDArray[np.int32]  # (slots, room) slots; the last block of eight ends with the particle's own slot
     at: NDArray[np.float64]  # (4 slots,) x, y, z and species of each slot
@@ -59,7 +60,7 @@ def whole_blocks(room: float) -> int:
 def with_room(rows: Neighbours, room: int) -> Neighbours:
     """Return empty rows with this room for each particle."""
     near = aligned((rows.near.shape[0], room), fill=0, dtype=np.int32)
-    return rows._replace(state=np.full(2, -1, np.int64), near=near)
+    return rows._replace(state=np.full(3, -1, np.int64), near=near)
 
 
 def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once: bool = False) -> Neighbours:
@@ -72,7 +73,7 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once
     diagonal = np.diag(matrix)
     heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]
     return Neighbours(
-        state=np.full(2, -1, np.int64),
+        state=np.full(3, -1, np.int64),
         lengths=np.zeros(slots, np.int64),
         near=aligned((slots, room), fill=0, dtype=np.int32),
         at=aligned((ROW * slots,)),
@@ -100,7 +101,7 @@ def renew(rows, pairs):
     for i in range(pairs.place.size):
         p = pairs.place[i]
         rows.at[ROW * (p // STRIDE * WIDTH + p % STRIDE) + 3] = rows.species[i]
-    rows.state[MADE_AT] = pairs.counts[PRUNES]
+    rows.state[MADE_AT], rows.state[SUMMED] = pairs.counts[PRUNES], 0
     return OK
 
 
@@ -183,12 +184,16 @@ def add_one(rows, i, j):
 
 @jit
 def copy_places(rows, pairs):
-    """Copy the positions from the list's clusters to the slots."""
-    x, at = pairs.x, rows.at
+    """Copy the positions from the list's clusters to the slots, and note whether one has changed."""
+    x, at, same = pairs.x, rows.at, True
     for cluster in range(pairs.counts[N_CLUSTERS]):
         for lane in range(WIDTH):
             p, q = STRIDE * cluster + lane, ROW * (WIDTH * cluster + lane)
-            at[q], at[q + 1], at[q + 2] = x[p], x[p + WIDTH], x[p + 2 * WIDTH]
+            for k in range(3):
+                same = same and at[q + k] == x[p + k * WIDTH]
+                at[q + k] = x[p + k * WIDTH]
+    if not same:
+        rows.state[SUMMED] = 0
 
 
 @as_written

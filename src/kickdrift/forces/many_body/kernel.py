@@ -17,7 +17,7 @@ from kickdrift.forces.lists.clusters import (
     unsigned,
 )
 from kickdrift.forces.lists.list_code import refresh
-from kickdrift.forces.lists.neighbours import ROOM_NEEDED, Neighbours, copy_places, renew, with_room
+from kickdrift.forces.lists.neighbours import ROOM_NEEDED, SUMMED, Neighbours, copy_places, renew, with_room
 from kickdrift.forces.pairs.kernel import PairKernel, compute_for
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, jit
@@ -113,12 +113,16 @@ def refresh_rows(force, x):
 
 @jit
 def add_forces(force, wanted, x, a, sums):
-    """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
-    pairs, chunks = force.pairs, force.chunks
+    """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status.
+
+    A second call at the same positions, as for a look after a step, takes the sums of the first."""
+    pairs, chunks, state = force.pairs, force.chunks, force.rows.state
     status = refresh_rows(force, x)
     if status != OK:
         return status
-    run_law(force.law, force, chunks)
+    if state[SUMMED] != 1:
+        run_law(force.law, force, chunks)
+        state[SUMMED] = 1
     if wanted:
         for c in range(chunks.number):
             sums[0] += force.sums[c, 0]
