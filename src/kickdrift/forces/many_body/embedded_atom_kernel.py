@@ -116,9 +116,8 @@ def chunk_densities(force, c):
                 p = select(p > 1.0, splat(1.0), p)
                 row = interval
                 if species > 1:
-                    row = row + (value_of(load(block, BLOCK * first + 2 * WIDTH)) + own * species) * float(
-                        law.intervals
-                    )
+                    kind = value_of(load(block, BLOCK * first + 2 * WIDTH))
+                    row = row + (kind + own * species) * float(law.intervals)
                 a3, a2, a1, a0 = rows_of(table, row, width, 0)
                 here, slope_here = cubic(a3, a2, a1, a0, p)
                 b3, b2, b1, b0 = rows_of(table, row, width, 4)
@@ -143,6 +142,16 @@ def chunk_densities(force, c):
     force.sums[c, 2] = lane_sum(pair_count)
 
 
+@as_written
+def over_chunks(force, numbers, c, cluster, at):
+    """Return the sum of a number of a cluster in chunk c: that from the chunk's own pairs, then those of the others."""
+    total = numbers[c, at]
+    for other in range(force.chunks.number):
+        if other != c and force.rows.reached[other, cluster]:
+            total += numbers[other, at]
+    return total
+
+
 @chunk_task
 def chunk_embedding(force, c):
     """Sum the chunks' densities at chunk c's particles, and the embedding energies."""
@@ -152,10 +161,7 @@ def chunk_embedding(force, c):
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            density = law.densities[c, slot]
-            for other in range(force.chunks.number):
-                if other != c and rows.reached[other, cluster]:
-                    density += law.densities[other, slot]
+            density = over_chunks(force, law.densities, c, cluster, slot)
             for k in range(3):
                 law.at[ROW * slot + k] = rows.at[ROW * slot + k]
             embedded += embedding(law, slot, int(value_of(rows.at[ROW * slot + 3])), density)
@@ -217,15 +223,11 @@ def chunk_embedded_forces(force, c):
 def collect_embedded_forces(force, c):
     """Sum the chunks' forces on chunk c's particles."""
     never_inline()
-    rows, law, pairs = force.rows, force.law, force.pairs
+    law, pairs = force.law, force.pairs
     total = pairs.force[0]
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             for k in range(3):
-                at = ROW * slot + k
-                force_k = law.forces[c, at]
-                for other in range(force.chunks.number):
-                    if other != c and rows.reached[other, cluster]:
-                        force_k += law.forces[other, at]
-                total[STRIDE * cluster + k * WIDTH + slot % WIDTH] = force_k
+                place = STRIDE * cluster + k * WIDTH + slot % WIDTH
+                total[place] = over_chunks(force, law.forces, c, cluster, ROW * slot + k)
