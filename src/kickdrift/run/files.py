@@ -76,7 +76,7 @@ def check_options(options: FileOptions | None) -> None:
 
 
 def slopes_of(run: Integration) -> list[Floats]:
-    """f at the states by which a file tells a Problem's f from another; nan where f is not defined."""
+    """Values of a Problem's f at fixed states, by which a file recognises f again; nan where f is not defined."""
     from kickdrift.trajectory.problems.record import states_to_compare
 
     problem = run.system

@@ -203,7 +203,7 @@ class Passing:
         self._time = -np.inf
 
     def parts(self, trials: Trials, found_in: list[Part]) -> list[Part]:
-        """The parts in which a step is searched for passages: those of the step, or those of the motion beside it."""
+        """The parts of a step that are searched for passages: the step's own, or those of a motion computed apart."""
         if not self._on:
             return found_in
         y, begin, end = found_in[0].y0, found_in[0].t0, found_in[-1].t1

@@ -188,7 +188,7 @@ class Client:
             yield kind, number
 
     def _receive(self) -> None:
-        """Take in some of what has come."""
+        """Read the bytes that have arrived, at most ``AT_ONCE`` of them."""
         try:
             more = self.line.recv(AT_ONCE)
         except BlockingIOError:

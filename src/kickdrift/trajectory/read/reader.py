@@ -269,7 +269,7 @@ def open(path: str | os.PathLike[str]) -> Run:
 def masses_held(run: Run, frames: Sequence[int] | Any, x: Floats, v: Floats) -> Floats:
     """Masses (k, n) at frames, in order, with positions and velocities (k, n, 3), which become nan for absent bodies.
 
-    The mass is 0 for a body that is not there. A file in which collisions may change bodies has the masses; in other
+    The mass of an absent body is 0. A file in which collisions may change bodies has the masses; in other
     files they follow from the positions.
     """
     first, last = int(frames[0]), int(frames[-1])

@@ -70,7 +70,7 @@ def check_continued(
 
 
 class Cadence:
-    """Takes checkpoints of a run as it is written.
+    """Takes the checkpoints of a run while its file is written.
 
     Attributes
     ----------
