@@ -12,13 +12,17 @@ from typing import Any
 
 from numba import extending
 
+from kickdrift.jit import numba_front as numba_front  # shorter work for the same code
 from kickdrift.jit.numba_private import (
     CompilerBase,
     CPUDispatcher,
     DefaultPassBuilder,
     JITCodeLibrary,
     NativeLowering,
+    PassManager,
+    canonicalize_cfg,
     make_function,
+    new_error_context,
     register_pass,
 )
 
@@ -53,13 +57,26 @@ class _InnerLowering(NativeLowering):
         return True
 
 
+class _Passes(PassManager):
+    """numba's passes, without the reports, timers and lifetimes of variables that it makes anew after each pass."""
+
+    def _runPass(self, _: int, each: Any, state: Any) -> None:
+        each.analysis = self._analysis
+        with new_error_context("Pass {name}", name=each.name()):
+            each.run_initialization(state)
+            each.run_pass(state)
+            each.run_finalizer(state)
+        state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)
+
+
 class InnerCompiler(CompilerBase):
     """numba's compiler with another library for lowered code."""
 
     def define_pipelines(self) -> list[Any]:
-        pipeline = DefaultPassBuilder.define_nopython_pipeline(self.state, "inner")
+        pipeline = _Passes("inner")
         pipeline.passes = [
-            (_InnerLowering, "inner lowering") if of is NativeLowering else (of, what) for of, what in pipeline.passes
+            (_InnerLowering, "inner lowering") if of is NativeLowering else (of, what)
+            for of, what in DefaultPassBuilder.define_nopython_pipeline(self.state).passes
         ]
         pipeline.finalize()
         return [pipeline]

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 
 from kickdrift.jit.compile import driver, in_order, inlined, is_finite, jit, strict
 from kickdrift.jit.inner import _InnerLibrary, overload
@@ -65,3 +66,28 @@ def test_a_sum_that_may_be_reassociated_is_seen_to_be_no_number(wrong):
     compiled = driver(sum_is_finite)
     assert compiled(np.array([1.0, 2.0, 3.0]))
     assert not compiled(np.array([1.0, wrong, 3.0]))
+
+
+def test_flags_compare_by_their_values():
+    flags, same, other = Flags(), Flags(), Flags()
+    same.nrt = flags.options["nrt"].default  # set to the value that unset flags have
+    other.forceinline = True
+    assert flags.values() == {name: getattr(flags, name) for name in flags.options}
+    assert (flags, hash(flags)) == (same, hash(same))
+    assert flags != other
+    assert flags != "flags"
+
+
+def test_a_call_that_is_resolved_again_keeps_the_flags_around_it():
+    """Reassociation may sum 1e16 + 1 - 1e16 to 1; the sum as written is 0 or 2."""
+
+    def cancelled(x, y):
+        return (x + y) - x
+
+    exact, free = strict(cancelled), jit(cancelled)
+
+    @driver
+    def both(x, y):
+        return exact(x, y), free(x, y), exact(x, y)
+
+    assert both(1e16, 1.0) == (0.0, 1.0, 0.0)
