@@ -133,7 +133,7 @@ PYTHON = [
         'kd.load("lj-100")',
         "'lj-100' is neither a file nor a shipped system; did you mean 'lj-1000'? (kickdrift list systems shows all)",
     ),
-    ('kd.load("run.h5md")', "'run.h5md' is the file of a run: use kd.open, or kickdrift info, plot, resume and export"),
+    ('kd.load("run.h5md")', "'run.h5md' is the file of a run: kd.open(…)[-1].system is the System of its last frame"),
     ('kd.open("lj-1000")', "lj-1000: is a system file, not the file of a run; kickdrift run and kd.load take it"),
     ('kd.open("none.h5md")', "none.h5md: no such file"),
     ('kd.resume("none.h5md")', "none.h5md: no such file"),

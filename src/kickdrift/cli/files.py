@@ -12,7 +12,7 @@ import typer
 
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found, verbatim
-from kickdrift.cli.options import Json, Overwrite, Quiet, argument, option
+from kickdrift.cli.options import Frame, Json, Overwrite, Quiet, argument, is_run, option, system_of_frame
 from kickdrift.disk.files import shown_path
 from kickdrift.disk.kinds import JSON, SYSTEM
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
@@ -151,29 +151,17 @@ HINTS = {
 
 def show(
     system: Annotated[str, argument("SYSTEM", "A shipped system's name, a system file, or a run's .h5md.")],
-    frame: Annotated[int | None, option("K", "Frame of a run's file, from 0 on (default: the last one).")] = None,
+    frame: Frame = None,
 ) -> None:
     """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
     of a frame, in the box of that moment, at time 0."""
-    if Path(system).suffix == ".h5md":
-        verbatim(frame_text(system, frame))
+    if is_run(system):
+        found = system_of_frame(system, frame)
+        verbatim(found.at(found.state.phase, 0.0).to_toml())
         return
     if frame is not None:
         raise InputError(f"{system}: --frame is for the file of a run")
     verbatim(parsed(find(system))[0])
-
-
-def frame_text(path: str, number: int | None) -> str:
-    """Text of a system file of a frame of a run's file, at time 0."""
-
-    from kickdrift.trajectory.read import reader
-
-    with reader.open(path) as run:
-        k = len(run) - 1 if number is None else number
-        if not 0 <= k < len(run):
-            raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
-        found = run[k].system
-        return found.at(found.state.phase, 0.0).to_toml()
 
 
 def list_(

@@ -180,6 +180,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift run liquid.toml --dt 0.002 --time 10", "Your own system file, with another step and length."),
         ("kickdrift run sun-jupiter --integrator wisdom-holman -o corrector=17", "Another method, with an option."),
         ("kickdrift run ode-kepler --integrator dop853 --rtol 1e-10", "An ODE. The method chooses its steps."),
+        ("kickdrift run nvt.h5md --integrator velocity-verlet", "A new run from the last frame of another run."),
         ("kickdrift run lj-1000 --engine lammps --threads 2", "The same system in another program."),
         ("kickdrift run two-body --json - --quiet", "The report as one JSON object on standard output."),
     ),

@@ -77,11 +77,34 @@ def in_units(value: Any, subject: Any, flag: str) -> float | None:
     return found
 
 
-def subject_of(name: str, seed: int | None = None, overlaps: bool = False) -> Any:
-    """The System or Problem of a command's argument; a Python file is run."""
+def subject_of(name: str, seed: int | None = None, overlaps: bool = False, frame: int | None = None) -> Any:
+    """The System or Problem of a command's argument. A Python file is run, and the file of a run has a System for each
+    frame."""
     from kickdrift.systemfile.python_file import load_or_run
 
+    if is_run(name):
+        if seed is not None:
+            raise InputError("--seed: a frame draws no velocities; for a heat bath give -o seed=S")
+        return system_of_frame(name, frame)
+    if frame is not None:
+        raise InputError(f"{name}: --frame is for the file of a run")
     return load_or_run(name, seed, overlaps)
+
+
+def is_run(name: str) -> bool:
+    """Tell whether a name is that of a run's file."""
+    return Path(name).suffix.lower() == ".h5md"
+
+
+def system_of_frame(path: str, number: int | None = None) -> Any:
+    """The System at a frame of a run's file, counted from 0, or from -1 backwards; the last one by default."""
+    from kickdrift.trajectory.read import reader
+
+    with reader.open(path) as run:
+        k = -1 if number is None else number
+        if not -len(run) <= k < len(run):
+            raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
+        return run[k].system
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -111,8 +134,8 @@ Subject = Annotated[
     str,
     argument(
         "SYSTEM",
-        "A system file, the name of a shipped system, or a Python file, which is run: "
-        "it defines f and y0, or a System.",
+        "A system file, the name of a shipped system, the .h5md of a run, whose last frame is the start, or a Python "
+        "file, which is run: it defines f and y0, or a System.",
         autocompletion=system_names,
     ),
 ]
@@ -135,6 +158,9 @@ Json = Annotated[
         callback=_alone,
     ),
 ]  # fmt: skip
+Frame = Annotated[
+    int | None, option("K", "Frame of a run's file, counted from 0, or from -1 backwards (default: the last one).")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
 Threads = Annotated[int, option("K", "Threads; they do not change the results.", min=1)]
 

@@ -131,6 +131,7 @@ def run(
     compress: Annotated[bool, typer.Option("--compress", help="Compress the file at the end; lossless.")] = False,
     write: Annotated[str | None, option("NAMES", "Further data in frames: forces, images, or forces,images.")] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    frame: opt.Frame = None,
     equilibrate: Annotated[
         list[str] | None,
         option(
@@ -165,7 +166,7 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = with_keys(subject_of(system, seed), equilibrate or [])
+    chosen = with_keys(subject_of(system, seed, frame=frame), equilibrate or [])
 
     from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
@@ -303,6 +304,7 @@ def relax(
         ),
     ] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    frame: opt.Frame = None,
     threads: opt.Threads = 1,
     json_file: opt.Json = None,
     overwrite: opt.Overwrite = False,
@@ -314,7 +316,7 @@ def relax(
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.run.minimization import minimum
 
-    start = subject_of(system, seed, overlaps=True)
+    start = subject_of(system, seed, overlaps=True, frame=frame)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
     if output is not None:

@@ -52,6 +52,14 @@ _KEPT = (
 )  # passed on by `remade`
 
 
+def _later_seed(seed: int | None, time: float) -> int | None:
+    """Seed for a run that begins at this time: ``seed`` itself at time 0, and another one at every other time."""
+    if time == 0:
+        return seed
+    bits = int(np.float64(time).view(np.uint64))
+    return int(np.random.SeedSequence([seed or 0, bits]).generate_state(1)[0])
+
+
 @checked_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class System(Bridged, ShownSystem):
@@ -184,9 +192,11 @@ class System(Bridged, ShownSystem):
 
     def anew(self, state: State) -> System:
         """Return the system with its bodies in this state, for a new run that begins there: with no steps done, and
-        without ``equilibration``, ``invariants`` and the text of a file, which are of the start."""
+        without ``equilibration``, ``invariants`` and the text of a file, which are of the start. The seed depends on
+        the time, so that runs in a chain have different noise."""
         made = self.at(state.phase, state.time, ids=state.ids, box=state.box)
-        for key, value in (("equilibration", None), ("invariants", {}), ("source", "")):
+        seed = _later_seed(self.seed, state.time)
+        for key, value in (("equilibration", None), ("invariants", {}), ("source", ""), ("seed", seed)):
             object.__setattr__(made, key, value)
         return made
 

@@ -87,9 +87,7 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     if (what := unfit(path, "a system file")) is None and path.suffix.lower() != ".h5md":
         return path
     if path.suffix.lower() == ".h5md":
-        raise InputError(
-            f"{shown(given)} is the file of a run: use kd.open, or kickdrift info, plot, resume and export"
-        )
+        raise InputError(f"{shown(given)} is the file of a run: kd.open(…)[-1].system is the System of its last frame")
     if bare and not os.path.lexists(given):
         hint = other_name("system", given) or suggestion(given, known)
         raise InputError(

@@ -313,6 +313,37 @@ def test_flags_override_the_file(kickdrift):
         assert [frame.step for frame in run] == [0, 25, 50]
 
 
+def test_a_run_begins_at_a_frame_of_another(kickdrift):
+    kickdrift("run", "liquid.toml", "--output", "first.h5md", "--every", 25)
+    for given, frame in ((), -1), (("--frame", 1), 1), (("--frame", -3), 0):
+        done = kickdrift("run", "first.h5md", "--steps", 3, "--output", "next.h5md", "--overwrite", "--quiet", *given)
+        assert done[0] == 0
+        with kd.open("first.h5md") as first, kd.open("next.h5md") as then:
+            assert then[0].time == first[frame].time
+            assert (then[0].positions == first[frame].positions).all()
+            assert (then[0].velocities == first[frame].velocities).all()
+            assert then[0].energies.total == pytest.approx(first[frame].energies.total, rel=1e-14)
+    relaxed = kickdrift("relax", "first.h5md", "--frame", 0, "--steps", 1, "--output", "relaxed.toml")
+    assert relaxed[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("first.h5md", "--frame", 3), "first.h5md: has no frame 3; it holds 3"),
+        (("first.h5md", "--frame", -4), "first.h5md: has no frame -4; it holds 3"),
+        (("first.h5md", "--seed", 1), "--seed: a frame draws no velocities; for a heat bath give -o seed=S"),
+        (("liquid.toml", "--frame", 0), "liquid.toml: --frame is for the file of a run"),
+        (("none.h5md",), "none.h5md: no such file"),
+        (("first.h5md", "--output", "first.h5md", "--overwrite"), "--output first.h5md: is an input of this command"),
+    ],
+)
+def test_a_frame_that_no_run_begins_at(arguments, told, kickdrift):
+    kickdrift("run", "liquid.toml", "--output", "first.h5md", "--every", 25)
+    code, _, err = kickdrift("run", *arguments)
+    assert (code, told in err) == (2, True), err
+
+
 def test_run_and_simulation_give_the_same(kickdrift):
     kickdrift("run", "liquid.toml", "--output", "run.h5md", "--every", 50)
     sim = kd.Simulation(kd.load("liquid.toml"))

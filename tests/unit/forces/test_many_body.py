@@ -324,6 +324,8 @@ def test_a_system_that_does_not_fit_is_refused():
     ("make", "message"),
     [
         (lambda: kd.StillingerWeber(file="no.sw"), r"stillinger-weber: file: no.sw: no such file"),
+        (lambda: kd.Tersoff("no.tersoff"), r"tersoff: file: no.tersoff: no such file"),
+        (lambda: kd.Tersoff("a.tersoff", file="b.tersoff"), r"give one file, not 'a.tersoff' and 'b.tersoff'"),
         (lambda: kd.StillingerWeber(file="a.txt"), r"file: expected a name that ends in .sw, got 'a.txt'"),
         (lambda: kd.StillingerWeber({}, "a.sw"), "give entries or a file, not both"),
         (lambda: kd.StillingerWeber({"Si": SILICON}), r"expected three species such as 'Si-Si-Si', got 'Si'"),

@@ -417,3 +417,22 @@ def test_a_users_morse(periodic):
     assert measured.potential == pytest.approx(energy.sum(), rel=1e-12)
     assert measured.virial == pytest.approx((radial * r).sum(), abs=1e-12 * np.abs(radial * r).sum())
     np.testing.assert_allclose(3.0 * measured.accelerations.T, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pair_law
+class SoftSphere(NamedTuple):
+    """U(r) = a (1 - r)^2 where r < 1, and np.where in place of `if`."""
+
+    a: float = 1.0
+
+    def law(p, r2):
+        r = math.sqrt(r2)
+        return np.where(r2 < 1.0, p.a * (1 - r) ** 2, 0.0), np.where(r2 < 1.0, 2 * p.a * (1 - r) / r, 0.0)
+
+
+def test_a_law_may_return_what_np_where_gives():
+    x = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.6, 0.0, 0.0]])
+    system = System(x, forces=[SoftSphere(cutoff=1.2)])
+    found = BoundForces(system).measure(0.0, system.state.phase)
+    assert found.potential == pytest.approx(0.25)
+    np.testing.assert_allclose(found.accelerations[0], [-1.0, 1.0, 0.0], atol=1e-15)

@@ -46,6 +46,16 @@ def test_a_run_goes_on_from_the_present_system():
     assert (now.state.phase == nvt.state.phase).all()
 
 
+def test_runs_in_a_chain_have_different_noise():
+    """With the noise of the start again, a chain of equilibrations ended too hot or too cold at every temperature."""
+    sim = kd.Simulation(liquid(), "baoab", dt=0.002, temperature=1.0, friction=1.0)
+    assert sim.now().seed == liquid().seed
+    sim.run(10)
+    one = sim.now()
+    sim.run(10)
+    assert len({one.seed, sim.now().seed, liquid().seed}) == 3
+
+
 def test_the_box_of_now():
     pressed = {"temperature": 1.0, "tau": 0.5, "pressure": 1.0, "pressure_tau": 0.1, "compressibility": 0.1}
     sim = kd.Simulation(liquid(), "csvr", dt=0.002, **pressed)

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.law import Form, force_of_law, raised_at
+from kickdrift.forces.laws.law import Form, force_of_law, is_result, raised_at
 from kickdrift.forces.seam.arguments import check_massive, number
 from kickdrift.forces.seam.group import Grouped
-from kickdrift.model.checks.values import is_number
 from kickdrift.model.molecules.relatives import LONGEST, MEASURED, measured
 from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
@@ -43,7 +42,7 @@ def value_of(law: Any, at: float) -> tuple[float, float]:
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{name}: law at {at:.6g} raised {text}{raised_at(error.__traceback__)}") from None
-    if not isinstance(found, tuple | list) or len(found) != 2 or not all(map(is_number, found)):
+    if not isinstance(found, tuple | list) or len(found) != 2 or not all(map(is_result, found)):
         raise InputError(
             f"{name}: law at {at:.6g} must return two numbers, energy and slope; it returned {shown(found)}"
         )

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.laws.law import Form, force_of_law, raised_at, traits_of
+from kickdrift.forces.laws.law import Form, force_of_law, is_result, raised_at, traits_of
 from kickdrift.forces.laws.parameters import LawForce, kinds_of
 from kickdrift.forces.seam.arguments import check_massive
-from kickdrift.model.checks.values import is_number
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
@@ -137,10 +136,10 @@ def _values(force: Any, found: Any, place: str) -> tuple[Any, Floats]:
     energy, push = found
     if energy is None and not force.works:
         raise InputError(f"{wanted}; a law without an energy says works = True in its class")
-    if energy is not None and not is_number(energy):
+    if energy is not None and not is_result(energy):
         raise InputError(f"{wanted}; the energy it returned is {shown(energy)}")
     numbers = list(push) if isinstance(push, tuple | list | np.ndarray) else []
-    if len(numbers) != 3 or not all(map(is_number, numbers)):
+    if len(numbers) != 3 or not all(map(is_result, numbers)):
         raise InputError(f"{wanted} of three components; the force it returned is {shown(push)}")
     return energy if energy is None else float(energy), np.array(numbers, dtype=float)
 

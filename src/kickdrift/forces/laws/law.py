@@ -98,6 +98,11 @@ def check_class(cls: Any, decorator: str, arguments: tuple[str, ...]) -> None:
         raise InputError(f"{cls.__name__}: law must take {taken}; it takes {inspect.signature(law)}")  # type: ignore[arg-type]
 
 
+def is_result(value: Any) -> bool:
+    """Tell whether a law may return this value as a number. ``np.where`` returns arrays without axes."""
+    return is_number(value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value)
+
+
 def check_law(name: str, law: Any, r: float) -> None:
     """Refuse a law that raises at the distance r, or does not return two finite numbers."""
     at = f"law(p, r2) at the cutoff, r2 = {r * r:.6g}"
@@ -111,7 +116,7 @@ def check_law(name: str, law: Any, r: float) -> None:
         isinstance(found, str)
         or not isinstance(found, tuple | list)
         or len(found) != 2
-        or not all(map(is_number, found))
+        or not all(map(is_result, found))
     ):
         raise InputError(f"{name}: {at}, must return two numbers, {PAIR}; it returned {shown(found)}")
     if not np.isfinite(np.array(found, dtype=float)).all():

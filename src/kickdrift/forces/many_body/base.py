@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.many_body.entries import checked_entries, elements_of, entry_of, read_entries
 from kickdrift.forces.seam.group import Grouped, ListedForce
+from kickdrift.model.checks.values import path_text
+from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -86,11 +89,16 @@ class TabledForce(ManyBodyForce):
     suffix: ClassVar[str]  # of files
     default: ClassVar[Mapping[str, Any]]
 
-    entries: Mapping[str, Mapping[str, float]] | None
+    entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None
     file: str | None
 
     def _settle(self) -> None:
-        """Bring the file or the default into the entries."""
+        """Bring the file or the default into the entries. A path in their place is the file."""
+        if isinstance(self.entries, str | PathLike):
+            if self.file is not None:
+                raise InputError(f"{self.name}: give one file, not {shown(self.entries)} and {shown(self.file)}")
+            object.__setattr__(self, "file", path_text(f"{self.name}: file", self.entries))
+            object.__setattr__(self, "entries", None)
         if self.file is not None and self.entries is not None:
             raise InputError(f"{self.name}: give entries or a file, not both")
         given: Any = self.entries
@@ -109,7 +117,7 @@ class TabledForce(ManyBodyForce):
     @property
     def table(self) -> Mapping[str, Mapping[str, float]]:
         """The entries."""
-        assert self.entries is not None
+        assert isinstance(self.entries, Mapping)
         return self.entries
 
     @property

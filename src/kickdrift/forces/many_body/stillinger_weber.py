@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -44,14 +45,14 @@ class StillingerWeber(TabledForce):
 
     Attributes
     ----------
-    entries : {"Si-Si-Si": {key: number}}, optional
+    entries : {"Si-Si-Si": {key: number}} or the name of a file, optional
         Keys epsilon, sigma, a, lambda_, gamma, cos_theta0, A, B, p, q and tol for each triple of species; the first is
         in the middle. Pairs use the entry i-j-j, as in LAMMPS. ``tol`` is read and ignored. Default: silicon.
     file : str, optional
         A file ``*.sw`` in LAMMPS' form; its numbers become the entries.
     """
 
-    entries: Mapping[str, Mapping[str, float]] | None = None
+    entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None = None
     file: str | None = None
 
     name: ClassVar[str] = "stillinger-weber"

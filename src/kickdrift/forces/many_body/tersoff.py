@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -51,15 +52,15 @@ class Tersoff(TabledForce):
 
     Attributes
     ----------
-    entries : {"Si-Si-Si": {key: number}}, optional
+    entries : {"Si-Si-Si": {key: number}} or the name of a file, optional
         Keys m, gamma, lambda3, c, d, cos_theta0, n, beta, lambda2, B, R, D, lambda1 and A for each triple of species;
         the first is in the middle, the second at the end of the bond. Bonds use the entry i-j-j, as in LAMMPS.
-        Default: silicon.
+        Default: silicon of 1988, which later papers call Si(B) or T2.
     file : str, optional
         A file ``*.tersoff`` in LAMMPS' form; its numbers become the entries.
     """
 
-    entries: Mapping[str, Mapping[str, float]] | None = None
+    entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None = None
     file: str | None = None
 
     name: ClassVar[str] = "tersoff"

@@ -19,6 +19,7 @@ from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.layout.edges import recorded
@@ -164,7 +165,8 @@ def system_of(
             f"{run.path}: frame {shown.index}: {gone[0]['kind']} of {' and '.join(gone[0]['bodies'])} at t = "
             f"{gone[0]['time']:g} has changed the bodies before it; resume the run from there instead"
         )
-    return system.at(np.array([shown.positions[:n].T, shown.velocities[:n].T]), shown.time, 0, run.ids[:n])
+    phase = np.array([shown.positions[:n].T, shown.velocities[:n].T])
+    return system.anew(State(phase, system.state.masses, run.ids[:n], shown.box, shown.time))
 
 
 def _changed(event: Mapping[str, Any]) -> bool:

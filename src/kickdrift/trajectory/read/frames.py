@@ -113,9 +113,10 @@ class Frame:
 
     @property
     def system(self) -> System:
-        """System for a new run from this frame's positions, velocities and time, with no steps done.
+        """System for a new run from this frame's positions, velocities, box and time, with no steps done.
 
-        Forces, units, masses, names, events and run defaults are the file's. Raises InputError if the file alone is not
+        Forces, units, masses, names, events and run defaults are the file's. The System has no equilibration and no
+        [invariants], which are of the run's start, and a seed of its own. Raises InputError if the file alone is not
         enough: a force's module is not loaded, or bodies have merged or left before this frame.
         """
         from kickdrift.trajectory.layout.record import system_of
