@@ -260,7 +260,6 @@ PRESSURE = Option(
     float,
     "Pressure of the box, whose edges then change; by default they do not.",
     dimension="pressure",
-    above=0.0,
 )
 C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
 BAROSTAT = Option(
@@ -386,7 +385,7 @@ class Options(Mapping[str, Any]):
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
         """Values for a run's file besides dt, for a method with these options."""
-        said = {key: value for key, value in self.items() if key != "dt" and value}
+        said = {key: value for key, value in self.items() if key != "dt" and (value or isinstance(value, float))}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 
