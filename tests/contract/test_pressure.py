@@ -1,4 +1,4 @@
-"""What every force keeps at constant pressure: it follows the box, gives the virial along each axis, and keeps its bits.
+"""What every force keeps at constant pressure: it follows the box, gives its virial along each axis, and keeps bits.
 
 A force that no barostat takes says why.
 """

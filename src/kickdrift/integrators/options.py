@@ -303,6 +303,11 @@ SPLITTING = Option(
 )  # fmt: skip
 
 
+def said(value: Any) -> bool:
+    """Tell whether an option's value is worth a word. A pressure of zero is, and a seed of zero, the default, is not."""
+    return bool(value) or isinstance(value, float)
+
+
 def coupling_of(options: Mapping[str, Any]) -> str:
     """The edges of the box that change together in a run with these options; "" if the box keeps its size."""
     if options.get(PRESSURE.name) is None:
@@ -385,7 +390,7 @@ class Options(Mapping[str, Any]):
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
         """Values for a run's file besides dt, for a method with these options."""
-        said = {key: value for key, value in self.items() if key != "dt" and (value or isinstance(value, float))}
+        said = {key: value for key, value in self.items() if key != "dt" and said(value)}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 
