@@ -303,8 +303,8 @@ SPLITTING = Option(
 )  # fmt: skip
 
 
-def said(value: Any) -> bool:
-    """Tell whether an option's value is worth a word. A pressure of zero is, and a seed of zero, the default, is not."""
+def worth_saying(value: Any) -> bool:
+    """Tell whether an option's value is worth a word: a pressure of zero is, a seed of zero is the default."""
     return bool(value) or isinstance(value, float)
 
 
@@ -390,7 +390,7 @@ class Options(Mapping[str, Any]):
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
         """Values for a run's file besides dt, for a method with these options."""
-        said = {key: value for key, value in self.items() if key != "dt" and said(value)}
+        said = {key: value for key, value in self.items() if key != "dt" and worth_saying(value)}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 
