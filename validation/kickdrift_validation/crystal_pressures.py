@@ -81,7 +81,7 @@ def pair_claims(long: bool) -> Iterator[Claim]:
                 given = quick | {"pressure": pressure}
                 sims.append(run_of(system, bath, barostat, "isotropic", dt, steps * (10 if long else 4), **given)[0])
             checks = ensemble_checks(sims)
-            for check in (each for each in checks.checks if not each.run):
+            for check in (each for each in checks.rows if not each.run):
                 text = f"{check.measured:.4g}, expected {check.expected:.4g}: z = {check.deviation:.2f}"
                 print(f"  {name}, {barostat}: {check.test}: {text}", flush=True)
                 title = f"{name}: {barostat}: {check.test} at two pressures"
