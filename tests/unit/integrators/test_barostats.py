@@ -11,6 +11,8 @@ from scipy import stats
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.splitting.barostats.barostat import check_pressed
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import LiveBox, in_box
 from tests.long import rest
@@ -264,6 +266,48 @@ def test_barostats_refuse_boxes_and_forces_that_do_not_scale():
         kd.Simulation(plane, "csvr", 0.004, **options, coupling="semi-isotropic")
     with pytest.raises(InputError, match="a barostat acts between whole steps"):
         kd.Simulation(liquid(64, 2.0), "csvr", 0.004, **options).run(until=0.0101, exact="shorten")
+
+
+def test_a_leaning_box_stops_at_its_height():
+    start = liquid(125, 2.2)
+    edge = start.box.lengths[0]
+    box = kd.Box(matrix=[[edge, 0, 0], [0.4 * edge, edge, 0], [0, 0, edge]])
+    system = kd.System(start.state.positions, start.state.velocities, box=box, forces=start.forces)
+    options = options_of("c-rescale", "csvr", pressure=60.0, compressibility=0.05, pressure_tau=1.0)
+    with pytest.raises(RunError, match=r"would make the box height across a 4\.[34]\d*, shorter than twice the cutoff"):
+        kd.Simulation(system, "csvr", 0.004, **options).run(5000, every=10)
+    with pytest.raises(InputError, match="coupling: per-axis needs a rectangular box; a leaning box takes isotropic"):
+        kd.Simulation(system, "csvr", 0.004, **options, coupling="per-axis")
+
+
+def test_forces_without_what_a_barostat_needs_say_so():
+    class Stranger:
+        name = "stranger"
+
+        def check(self, system):
+            """Take any system."""
+
+        def bind(self, system, threads=1):
+            raise NotImplementedError
+
+    def trap(positions, velocities, time, box):
+        return -positions, 0.5 * float(np.sum(positions**2))
+
+    def gas(positions, velocities, time, box):
+        return 0.0 * positions, 0.0, 0.0
+
+    start = liquid(27, 1.4)
+    for force, coupling, line in (
+        (kd.PythonForce(trap), "isotropic", "pressure: force 'python' does not scale with the box: the function trap"),
+        (kd.PythonForce(gas), "per-axis", "coupling: per-axis needs the virial along each axis, and the function gas"),
+    ):
+        system = kd.System(start.state.positions, box=start.box, forces=[force])
+        with pytest.raises(InputError, match=f"^{line} returns"):
+            kd.Simulation(system, "csvr", 0.004, **options_of("c-rescale", "csvr"), coupling=coupling)
+    with pytest.raises(
+        InputError, match=r"^pressure: force 'stranger' does not scale with the box: its class does not"
+    ):
+        check_pressed(start.with_forces(Stranger()), Options(**options_of("c-rescale", "csvr")))
 
 
 def test_doubtful_choices_are_warnings():
