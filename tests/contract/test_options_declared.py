@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -64,7 +65,9 @@ def value_of(option: Option) -> Any:
 def wrong_value_of(option: Option) -> Any:
     if option.type is bool:
         return "maybe"
-    return -12345 if option.type in (float, int) else "nonsense"
+    if option.type in (float, int):
+        return -12345 if option.above > -math.inf else math.inf
+    return "nonsense"
 
 
 def toml(value: Any) -> str:

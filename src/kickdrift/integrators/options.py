@@ -260,7 +260,6 @@ PRESSURE = Option(
     float,
     "Pressure of the box, whose edges then change; by default they do not.",
     dimension="pressure",
-    above=0.0,
 )
 C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
 BAROSTAT = Option(
@@ -302,6 +301,11 @@ SPLITTING = Option(
     "splitting", str, "Splitting in which the thermostats act.", "velocity-verlet",
     ("velocity-verlet", "yoshida4", "yoshida6", "yoshida8"), written=False,
 )  # fmt: skip
+
+
+def worth_saying(value: Any) -> bool:
+    """Tell whether an option's value is worth a word: a pressure of zero is, a seed of zero is the default."""
+    return bool(value) or isinstance(value, float)
 
 
 def coupling_of(options: Mapping[str, Any]) -> str:
@@ -386,7 +390,7 @@ class Options(Mapping[str, Any]):
 
     def extras(self, tunable: Collection[str]) -> dict[str, Any]:
         """Values for a run's file besides dt, for a method with these options."""
-        said = {key: value for key, value in self.items() if key != "dt" and value}
+        said = {key: value for key, value in self.items() if key != "dt" and worth_saying(value)}
         tolerances = zip(("rtol", "atol"), self.tolerances, strict=True)
         return said | {key: value for key, value in tolerances if key in tunable}
 

@@ -12,6 +12,7 @@ from kickdrift.display.showing import KEY
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.options import worth_saying
 from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.report_lines import energy_lines, energy_trend, mean_text, method_text, verdict_text
 from kickdrift.model.checks.values import unwarned
@@ -101,7 +102,9 @@ def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str
     chosen = {key: source.get(key) for key in _CHOICES} | (options if isinstance(options, dict) else {})
     engine = method.get("engine")
     where = [] if engine in (None, "native") else [f"engine {engine} {method.get('engine_version') or ''}".rstrip()]
-    name = method_text(str(method.get("integrator")), {key: value for key, value in chosen.items() if value}, time_unit)
+    name = method_text(
+        str(method.get("integrator")), {key: value for key, value in chosen.items() if worth_saying(value)}, time_unit
+    )
     return ", ".join([name, *where])
 
 

@@ -17,7 +17,7 @@ from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.memory import named_numbers
-from kickdrift.model.box.cell import Cell, along, cell_of, leaning_image
+from kickdrift.model.box.cell import Cell, along, cell_of, follow, leaning_image, least_height
 from kickdrift.model.molecules.relatives import LONGEST
 
 if TYPE_CHECKING:
@@ -34,9 +34,10 @@ class Listed(NamedTuple):
     which: NDArray[np.int64]  # (m,) type of each item
     items: NDArray[np.int64]  # (m, 2 to 4) particles
     cell: Cell
-    longest2: float  # squared length from which a bond's nearest image is uncertain; infinite in open space
+    longest2: NDArray[np.float64]  # (1,) squared length from which a bond's nearest image is uncertain, or infinity
     inverse_masses: NDArray[np.float64]  # (n,)
     room: NDArray[np.float64]  # (numbers of an item, BLOCK)
+    along: Any = None  # (1, 3) virial along each axis, for a barostat; else None
 
 
 class BondKernel(Listed):
@@ -86,7 +87,7 @@ def bind(force: BondedPotential, system: Subject) -> Any:
         which=which,
         items=np.ascontiguousarray(items).copy(),
         cell=cell_of(system.box),
-        longest2=(LONGEST * system.box.narrowest[1]) ** 2 if force.limited else np.inf,
+        longest2=np.array([(LONGEST * system.box.narrowest[1]) ** 2 if force.limited else np.inf]),
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((ROOM[force.kind], BLOCK)),
     )
@@ -133,6 +134,45 @@ def _room_for(room, x):
 
 
 @inlined
+def prepare(listed, sums):
+    """Begin an evaluation: follow a box that has changed, and clear the virial along each axis."""
+    if follow(listed.cell) and listed.longest2[0] < math.inf:
+        listed.longest2[0] = (LONGEST * least_height(listed.cell.matrix)) ** 2
+    if sums is not None:
+        clear_along(listed.along)
+
+
+def clear_along(along: Any) -> None:
+    """Set the virial along each axis to zero, if it is asked."""
+
+
+@overload(clear_along, forceinline=True)
+def _clear_along(along):
+    if isinstance(along, types.NoneType):
+        return lambda along: None
+
+    def clear(along):
+        along[:] = 0.0
+
+    return clear
+
+
+def note_along(along: Any, axis: int, virial: Any) -> None:
+    """Add to the virial along an axis, if it is asked."""
+
+
+@overload(note_along, forceinline=True)
+def _note_along(along, axis, virial):
+    if isinstance(along, types.NoneType):
+        return lambda along, axis, virial: None
+
+    def note(along, axis, virial):
+        along[0, axis] += virial
+
+    return note
+
+
+@inlined
 def fill_separations(listed, room, x, begin, count, a, b, row):
     """room[row : row + 3] <- separations between nearest images from particle b to particle a of each item."""
     items, edges = listed.items, listed.cell.edges
@@ -159,7 +199,9 @@ def fill_separations(listed, room, x, begin, count, a, b, row):
 @kernel(BondKernel)
 def bond_forces(force, t, x, v, a, sums):
     never_inline()
+    prepare(force, sums)
     items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
+    longest2 = force.longest2[0]
     energies = virial = 0.0
     for begin in range(0, items.shape[0], BLOCK):
         count = min(BLOCK, items.shape[0] - begin)
@@ -169,7 +211,7 @@ def bond_forces(force, t, x, v, a, sums):
             r2 = dx * dx + dy * dy + dz * dz
             r = math.sqrt(r2)
             energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), r)
-            slope = slope if r2 < force.longest2 else math.nan
+            slope = slope if r2 < longest2 else math.nan
             room[3, k] = slope / r if r > 0.0 else 0.0  # a bond of length 0 has no direction, so no force
             if sums is not None:
                 room[4, k] = energy
@@ -180,6 +222,8 @@ def bond_forces(force, t, x, v, a, sums):
                 pull = over_r * room[axis, k]
                 a[axis, i] -= pull * inverse_masses[i]
                 a[axis, j] += pull * inverse_masses[j]
+                if sums is not None:
+                    note_along(force.along, axis, -pull * room[axis, k])
             if sums is not None:
                 energies += room[4, k]
     if sums is not None:
@@ -195,6 +239,7 @@ def angle_forces(force, t, x, v, a, sums):
 
     An angle does not change with the size of the system, so its virial is zero."""
     never_inline()
+    prepare(force, sums)
     items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
@@ -212,6 +257,8 @@ def angle_forces(force, t, x, v, a, sums):
             first, last = cross(d, n), cross(n, e)
             for axis in range(3):
                 room[axis, k], room[3 + axis, k] = one * first[axis], two * last[axis]
+                if sums is not None:
+                    note_along(force.along, axis, -(one * first[axis] * d[axis] + two * last[axis] * e[axis]))
             if sums is not None:
                 energies += energy
         for k in range(count):
@@ -231,6 +278,7 @@ def dihedral_forces(force, t, x, v, a, sums):
     """Gradients of Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27,
     with their F, G, H, A and B. A dihedral does not change with the size of the system, so its virial is zero."""
     never_inline()
+    prepare(force, sums)
     items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
     energies = 0.0
     for begin in range(0, items.shape[0], BLOCK):
@@ -254,6 +302,9 @@ def dihedral_forces(force, t, x, v, a, sums):
             for axis in range(3):
                 room[axis, k], room[3 + axis, k] = -one * p[axis], two * q[axis]
                 room[6 + axis, k] = mixed * p[axis] - other * q[axis]
+                if sums is not None:
+                    first, last, inner = room[axis, k], room[3 + axis, k], room[6 + axis, k]
+                    note_along(force.along, axis, -(first * f[axis] + inner * g[axis] + last * h[axis]))
             if sums is not None:
                 energies += energy
         for k in range(count):

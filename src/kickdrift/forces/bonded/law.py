@@ -223,6 +223,10 @@ class BondedForce(Grouped):
                 )
         return ""
 
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: bonds, angles and dihedrals scale with the box."""
+        return ""
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.bonded.kernel import bind

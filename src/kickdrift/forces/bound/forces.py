@@ -12,13 +12,16 @@ from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, meas
 from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
 from kickdrift.forces.laws.law import not_compiled
 from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, PRUNES
+from kickdrift.forces.lists.load import live_list
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lists import grown, memory, recalled, thinned, tuned, with_moving_parts
-from kickdrift.forces.seam.group import ListedForce
+from kickdrift.forces.seam.group import ListedForce, reach_of
 from kickdrift.forces.seam.kernel import GROW, OK, BoundForce
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.jit.threads.chunks import team_of
+from kickdrift.model.box.cell import live_cell
 from kickdrift.model.checks.values import number
+from kickdrift.model.live_box import LiveBox
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
@@ -55,14 +58,19 @@ def _compiled(force: BoundForce) -> BoundForce:
         raise not_compiled(law if hasattr(law, "law") else type(force.parts), error) from None
 
 
-def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
-    """Return the bound force with the edge lengths of its box in this memory. If edges change ``apart``, the force also
-    sums its virial along each axis."""
+def in_live_box(force: BoundForce, lengths: Floats, shortest: Floats, along: Floats | None) -> BoundForce:
+    """Return the bound force in a box with its edge lengths in this memory.
+
+    A force follows the box if its parts have a ``cell`` or a list. Unless ``along`` is None, the force sums its virial
+    along each axis there. ``shortest`` (3,) are lengths to which the box may shrink."""
+    parts = force.parts
     if isinstance(force, PairKernel):
-        made = force.with_list(live=lengths)
-        return PairKernel(made.parts._replace(along=np.zeros((len(made.parts.sums), 3)))) if apart else made
-    cell = getattr(force.parts, "cell", None)
-    return force if cell is None else BoundForce(force.parts._replace(cell=cell._replace(edges=lengths)))
+        parts = force.with_list(**live_list(force.pairs, lengths, shortest)).parts
+    elif hasattr(parts, "cell"):
+        parts = parts._replace(cell=live_cell(parts.cell, lengths))
+    if along is not None and hasattr(parts, "along"):
+        parts = parts._replace(along=along)
+    return type(force)(parts)
 
 
 class UnderForces(Protocol):
@@ -81,8 +89,12 @@ class BoundForces:
     The lists live as long as this object, and sums depend on earlier calls (to round-off). So the run loop has its own
     instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
     has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
-    With ``mixed``, pair forces are in mixed precision. ``lengths`` (3,) is memory that holds the edge lengths of a box
-    that varies, with ``apart`` each edge by itself.
+    With ``mixed``, pair forces are in mixed precision. The forces follow a ``live`` box, with ``apart`` one whose edges
+    change apart.
+
+    Attributes
+    ----------
+    along : (rows, 3) virial along each axis at the last evaluation with sums, in parts; None unless edges vary apart
     """
 
     def __init__(
@@ -92,7 +104,7 @@ class BoundForces:
         jumps: bool = True,
         thin: bool = False,
         mixed: bool = False,
-        lengths: Floats | None = None,
+        live: LiveBox | None = None,
         apart: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
@@ -103,9 +115,10 @@ class BoundForces:
             force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
             for force, pair in zip(system.forces, pairs, strict=True)
         )
-        self._varies = lengths is not None
-        if lengths is not None:
-            self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)
+        self._varies = live is not None
+        self.along: Floats | None = None
+        if live is not None:
+            self._follow(live.lengths, live.lengths_of_height(2.0 * reach_of(system.forces)), apart)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         self.hosts: tuple[Host | None, ...] = tuple(host_of(force.parts) for force in self.forces)
         if thin:
@@ -113,6 +126,17 @@ class BoundForces:
         for force in self.forces:
             if isinstance(force, PairKernel):
                 force.pairs.counts[JUMPS_ALLOWED] = jumps
+
+    def _follow(self, lengths: Floats, shortest: Floats, apart: bool) -> None:
+        """Put all forces in a box with its edge lengths in this memory."""
+        parts = [force.parts for force in self.forces]
+        rows = [len(getattr(each, "sums", (0,))) if hasattr(each, "along") else 0 for each in parts]
+        ends = np.cumsum(rows)
+        self.along = np.zeros((sum(rows), 3)) if apart else None
+        self.forces = tuple(
+            in_live_box(force, lengths, shortest, None if self.along is None else self.along[end - count : end])
+            for force, count, end in zip(self.forces, rows, ends, strict=True)
+        )
 
     def call(self, compiled: Callable[..., int], *args: Any) -> int:
         """Call ``compiled(table, *args)`` and return its status; if a list was too small, enlarge it and call again."""
@@ -153,12 +177,6 @@ class BoundForces:
         return dy
 
     @property
-    def virials_along(self) -> list[Floats]:
-        """Memory (chunks, 3) of each pair force with the virial along each axis at the last evaluation with sums."""
-        kernels = [force for force in self.forces if isinstance(force, PairKernel)]
-        return [force.parts.along for force in kernels if force.parts.along is not None]
-
-    @property
     def takes_steps(self) -> bool:
         """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Subclasses of
         `PairKernel` do not: their forces have other sums, or their runs carry more than particles."""
@@ -188,7 +206,7 @@ class BoundForces:
         """Return copies of each force's pair list or other memory, on which later sums depend; None without any."""
         found: list[dict[str, Any] | None] = []
         for force, host in zip(self.forces, self.hosts, strict=True):
-            own = None if host is None else host.memory()
+            own = None if host is None else host.memory(self._varies)
             found.append(memory(force, self._varies) if isinstance(force, PairKernel) else own)
         return found
 

@@ -41,17 +41,18 @@ class Begun:
 class CalculatorHost(Host):
     """Atoms whose positions compiled code writes, and the calculator that takes these atoms."""
 
-    def __init__(self, calculator: Any, atoms: Any, volume: float, units: Scale, *given: Any, **more: Any) -> None:
+    def __init__(self, calculator: Any, atoms: Any, stress: bool, units: Scale, *given: Any, **more: Any) -> None:
         super().__init__(*given, **more)
-        self._calculator, self._atoms, self._volume, self._scale = calculator, atoms, volume, units
+        self._calculator, self._atoms, self._stress, self._scale = calculator, atoms, stress, units
         self._open = not atoms.pbc.any()
         atoms.arrays["positions"] = self.parts.positions  # no copy: this memory is the atoms'
-        self._properties = ["energy", "forces", *(["stress"] if np.isfinite(volume) else [])]
+        self._properties = ["energy", "forces", *(["stress"] if stress else [])]
         self._begun = _BEGUN.setdefault(calculator, Begun())
 
     def answer(self, time: float, aside: bool) -> None:
         """See Host. A far place makes the calculator begin anew, there; a near one does so at the reference if
-        another user of the calculator has moved it."""
+        another user of the calculator has moved it. Another box is far from any place."""
+        self._follow_box()
         begun = self._begun
         if self.follows_sample:
             self.begin_here()
@@ -75,6 +76,12 @@ class CalculatorHost(Host):
             begun.note(self)
         self._calculate(anew=False)
 
+    def _follow_box(self) -> None:
+        """Give the atoms the box of now."""
+        before = self.box
+        if self.box_now is not before:
+            self._atoms.cell[...] = self.box.matrix / self._scale.length
+
     def _calculate(self, anew: bool) -> None:
         """Let the calculator begin anew or go on, at the present positions."""
         calculator, atoms = self._calculator, self._atoms
@@ -94,11 +101,14 @@ class CalculatorHost(Host):
                 raise InputError(f"returned no {wanted}")
         energy = results.get("free_energy", results["energy"])  # whose slope the forces are, for smeared electrons
         virial = float(np.vdot(self.parts.positions, results["forces"])) * self._scale.energy if self._open else np.nan
-        if np.isfinite(self._volume):
+        along: Any = np.nan
+        if self._stress:
             stress = results["stress"]
-            trace = stress[0] + stress[1] + stress[2] if np.shape(stress) == (6,) else np.trace(stress)
-            virial = -float(trace) * self._volume * self._scale.energy
-        self.put(results["forces"], float(energy) * self._scale.energy, virial)
+            diagonal = np.asarray(stress[:3] if np.shape(stress) == (6,) else np.diag(stress))
+            volume = self.box.volume / self._scale.length**3
+            virial = -float(diagonal[0] + diagonal[1] + diagonal[2]) * volume * self._scale.energy
+            along = -diagonal * volume * self._scale.energy
+        self.put(results["forces"], float(energy) * self._scale.energy, virial, along)
 
 
 class BatchHost(CalculatorHost):
@@ -106,6 +116,7 @@ class BatchHost(CalculatorHost):
 
     def answer(self, time: float, aside: bool) -> None:
         """See Host."""
+        self._follow_box()
         key = (id(self._calculator), tuple(self._properties))
         self._store(asked(Question(key, self._together, self._atoms)))
 
@@ -139,10 +150,9 @@ def calculator_host(
         cell=system.box.matrix / scale.length,
         pbc=system.box.periodic_axes,
     )
-    volume: float = system.volume / scale.length**3 if stress else np.nan
     factors: Floats = scale.force / system.coherent_masses
     together = takes_batches(calculator)  # such a calculator has no memory, and so no reference
     return (BatchHost if together else CalculatorHost)(
-        calculator, atoms, volume, scale, label, factors,
+        calculator, atoms, stress, scale, label, factors, system.box,
         scale=1.0 / scale.length, reach=np.inf if together else reach, sees_velocities=False, pairs=np.nan,
     )  # fmt: skip

@@ -139,6 +139,10 @@ class CalculatorForce(Field):
             return f"the calculator {self.label} gives no stress"
         return "" if self.stress else "stress=False leaves it out"
 
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: a calculator with stress follows the box."""
+        return self.no_pressure(system)
+
     def check(self, system: Subject) -> None:
         """Refuse two dimensions, particles without mass, and species that are no elements."""
         if system.dimensions == 2:

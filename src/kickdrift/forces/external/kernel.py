@@ -10,6 +10,7 @@ parts that name its address.
 from __future__ import annotations
 
 import ctypes
+import math
 import weakref
 from typing import Any, NamedTuple
 
@@ -22,6 +23,9 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED, kernel
 from kickdrift.jit.compile import is_finite, never_inline
+from kickdrift.jit.inner import overload
+from kickdrift.model.box.box import Box
+from kickdrift.model.box.cell import Cell, cell_of, follow
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
@@ -29,7 +33,8 @@ from kickdrift.model.state import Floats
 # positions are beyond its reach, and the number of calls of Python.
 KNOWN, BEGUN, FAR, CALLS, NOTES = range(5)
 UNKNOWN, KNOWN_TO_ALL, KNOWN_TO_SAMPLES = range(3)  # the last: a sample has moved on, which the run must do itself
-TIME, ENERGY, VIRIAL, PAIRS, ANSWERS = range(5)  # slots of ``answer``
+TIME, ENERGY, VIRIAL, PAIRS, ALONG = range(5)  # slots of ``answer``; the last three hold the virial along each axis
+ANSWERS = ALONG + 3
 
 
 class ExternalKernel(NamedTuple):
@@ -48,6 +53,9 @@ class ExternalKernel(NamedTuple):
     forces: NDArray[np.float64]  # (n, 3) in the function's units
     reference: NDArray[np.float64]  # (n, 3) positions at which the function last began anew
     factors: NDArray[np.float64]  # (n,) accelerations from forces: the unit of force over the mass
+    cell: Cell  # in the system's lengths
+    begun_in: NDArray[np.float64]  # (3,) edge lengths at which the function last began anew
+    along: Any = None  # (1, 3) virial along each axis, for a barostat; else None
 
 
 @intrinsic
@@ -67,8 +75,11 @@ def external_forces(force, t, x, v, a, sums):
     never_inline()
     n, notes, answer, scale = x.shape[1], force.notes, force.answer, force.scale
     places, speeds, reference = force.positions, force.velocities, force.reference
-    same = notes[KNOWN] != UNKNOWN and not (force.clocked and answer[TIME] != t)
+    same = not follow(force.cell) and notes[KNOWN] != UNKNOWN and not (force.clocked and answer[TIME] != t)
     farthest, bad = 0.0, 0.0
+    for k in range(3):
+        if force.cell.live[k] != force.begun_in[k]:
+            farthest = math.inf
     for i in range(n):
         apart2 = 0.0
         for k in range(3):
@@ -112,7 +123,24 @@ def external_forces(force, t, x, v, a, sums):
         sums[0] += answer[ENERGY]
         sums[1] += answer[VIRIAL]
         sums[2] += answer[PAIRS]
+        put_along(force.along, answer)
     return OK
+
+
+def put_along(along: Any, answer: Any) -> None:
+    """Write the virial along each axis, if it is asked."""
+
+
+@overload(put_along)
+def _put_along(along, answer):
+    if isinstance(along, types.NoneType):
+        return lambda along, answer: None
+
+    def put(along, answer):
+        for k in range(3):
+            along[0, k] = answer[ALONG + k]
+
+    return put
 
 
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64)
@@ -136,6 +164,7 @@ class Host:
         self,
         what: str,
         factors: Floats,
+        box: Box,
         *,
         scale: float = 1.0,
         reach: float = np.inf,
@@ -163,7 +192,10 @@ class Host:
             forces=np.zeros((n, 3)),
             reference=np.zeros((n, 3)),
             factors=factors,
+            cell=cell_of(box),
+            begun_in=np.zeros(3),
         )
+        self.box = box
         self.parts.answer[PAIRS] = pairs
         self.positions, self.velocities = (array.view() for array in (self.parts.positions, self.parts.velocities))
         self.positions.flags.writeable = self.velocities.flags.writeable = False
@@ -190,13 +222,15 @@ class Host:
 
     # --- what calls find ---
 
-    def put(self, forces: Any, energy: float, virial: float) -> None:
-        """Store an answer. Raises InputError for forces of a wrong shape."""
+    def put(self, forces: Any, energy: float, virial: float, along: Any = np.nan) -> None:
+        """Store an answer, whose virial may be known ``along`` each axis. Raises InputError for forces of a wrong
+        shape."""
         parts = self.parts
         if np.shape(forces) != parts.forces.shape:
             raise InputError(f"returned forces of shape {np.shape(forces)}, expected {parts.forces.shape}")
         parts.forces[...] = forces
         parts.answer[ENERGY], parts.answer[VIRIAL] = energy, virial
+        parts.answer[ALONG:] = along
 
     @property
     def calls(self) -> int:
@@ -235,23 +269,38 @@ class Host:
     def begin_here(self) -> None:
         """Make the present positions the reference."""
         self.parts.reference[...] = self.parts.positions
+        self.parts.begun_in[...] = np.diag(self.parts.cell.matrix)
         self.parts.notes[BEGUN] = 1
 
-    def memory(self) -> Memory | None:
-        """State on which later answers depend: the reference; None for a function without one."""
+    @property
+    def box_now(self) -> Box:
+        """The box at this call, which a barostat may have changed."""
+        matrix = self.parts.cell.matrix
+        if not np.array_equal(np.diag(matrix), np.where(self.box.periodic_axes, np.diag(self.box.matrix), 0.0)):
+            self.box = self.box.with_edges(matrix)
+        return self.box
+
+    def memory(self, varies: bool = False) -> Memory | None:
+        """State on which later answers depend: the reference, and in a box that ``varies`` its edge lengths; None for a
+        function without a reference."""
         if not np.isfinite(self.parts.reach2):
             return None
-        return {"reference": self.parts.reference.copy() if self.parts.notes[BEGUN] else None}
+        begun = bool(self.parts.notes[BEGUN])
+        found = {"reference": self.parts.reference.copy() if begun else None}
+        return found | ({"begun_in": self.parts.begun_in.copy()} if varies and begun else {})
 
     def recall(self, memory: Memory) -> None:
         """Restore the reference. The memory may come from a file."""
         reference = memory["reference"]
         there = self.parts.reference
+        begun_in = memory.get("begun_in", np.diag(self.parts.cell.matrix))
+        if np.shape(begun_in) != (3,) or not np.isfinite(begun_in).all():
+            raise InputError("checkpoint: its reference of a calculator belongs to another box")
         if reference is not None and (np.shape(reference) != there.shape or not np.isfinite(reference).all()):
             raise InputError("checkpoint: its reference of a calculator belongs to other particles")
         self.begin_anew()
         if reference is not None:
-            there[...] = reference
+            there[...], self.parts.begun_in[...] = reference, begun_in
             self.parts.notes[BEGUN] = 1
 
     def begin_anew(self) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 SHAPE = "expected (forces, energy) or (forces, energy, virial)"
+NO_TENSOR = "returns its virial as one number; let it return a matrix (3, 3), the sum of r F^T over pairs"
 MIXED = 1e-3  # relative difference of one replica's forces in two calls; single precision has 1e-6
 LATER = 0.37  # time of a trial, to see whether a function depends on time
 
@@ -38,7 +39,8 @@ class PythonForce(Field):
     ``positions`` and ``velocities`` are (n, 3), in the system's units, and read-only. The next call overwrites them.
     ``box`` is the system's `Box`. ``forces`` are (n, 3), an energy per length, also for massive particles in metal
     units. ``energy`` is a number, or None for a force without potential energy, which needs ``works=True``. A third
-    value is the virial, the sum of r . F over pairs of particles. Without the virial, samples have no pressure.
+    value is the virial: the sum of r . F over pairs of particles, or the matrix (3, 3) of the sums of r_a F_b, with
+    which a barostat can change edges apart. Without the virial, samples have no pressure.
 
     A run's file stores the import path of the function. ``kd.resume`` finds the function again if the program has made
     a force of it; on the command line, ``--load FILE.py`` runs a file that does so. A function inside another function
@@ -52,8 +54,8 @@ class PythonForce(Field):
     works : whether the force does work that its energy does not count, such as friction
     external : whether the force changes the total momentum; default true
     batch : whether the function takes several replicas of the system at once: positions and velocities (r, n, 3),
-        times (r,) and a list of r boxes. It returns forces (r, n, 3) and energies (r,), and virials (r,) if it has
-        them. An `Ensemble` asks such a function for all members of a task in one call; elsewhere r is 1
+        times (r,) and a list of r boxes. It returns forces (r, n, 3) and energies (r,), and virials (r,) or (r, 3, 3)
+        if it has them. An `Ensemble` asks such a function for all members of a task in one call; elsewhere r is 1
 
     Raises
     ------
@@ -111,6 +113,14 @@ class PythonForce(Field):
         lacking = np.isfinite(system.volume) and not vars(self).get("virial", False)
         return f"the function {self.label} returns no virial" if lacking else ""
 
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: a function with a virial follows the box."""
+        return self.no_pressure(system)
+
+    def fixes_shape(self, system: Subject) -> str:
+        """See Grouped: a virial along each axis is needed."""
+        return "" if vars(self).get("tensor", False) else f"the function {self.label} {NO_TENSOR}"
+
     def check(self, system: Subject) -> None:
         """Call the function at the system's positions. Refuse a wrong result and an undeclared dependence."""
         check_massive(self.name, system, range(len(system)))
@@ -126,8 +136,9 @@ class PythonForce(Field):
     def _check(self, system: Subject, x: Floats, v: Floats, time: float) -> None:
         if self.batch:
             self._check_batch((x, v, time, system.box))
-        forces, _, virial = answer_of(self.asked(x, v, time, system.box), len(system), self.works)
+        forces, _, virial, along = answer_of(self.asked(x, v, time, system.box), len(system), self.works)
         object.__setattr__(self, "virial", not np.isnan(virial))
+        object.__setattr__(self, "tensor", not np.isnan(along).any())
         trials = {
             "velocity_dependent": (x, v + 1.0 + np.abs(v).max(), time),
             "time_dependent": (x, v, time + LATER),
@@ -136,7 +147,7 @@ class PythonForce(Field):
             if getattr(self, key):
                 continue
             try:
-                other, _, _ = answer_of(self.asked(*given, system.box), len(system), self.works)
+                other, *_ = answer_of(self.asked(*given, system.box), len(system), self.works)
             except Exception:  # the function need not be defined for this trial
                 continue
             if not np.array_equal(forces, other, equal_nan=True):
@@ -176,6 +187,8 @@ class PythonForce(Field):
                 f"returned forces of shape {np.shape(forces)}, expected {shape}: {counted(len(x), 'replica')}"
             )
         for key, each in zip(("energies", "virials"), numbers, strict=False):
+            if key == "virials" and np.shape(each) == (len(x), 3, 3):
+                continue
             if each is not None and np.shape(each) != (len(x),):
                 raise InputError(
                     f"returned {key} of shape {np.shape(each)}, expected ({len(x)},): one for each replica"
@@ -187,16 +200,17 @@ class PythonForce(Field):
         """See Field."""
         from kickdrift.forces.external.kernel import Host
 
-        force, box = self, system.box
+        force = self
 
         class Function(Host):
             def answer(self, time: float, aside: bool) -> None:
-                value = force.asked(self.positions, self.velocities, time, box)
+                value = force.asked(self.positions, self.velocities, time, self.box_now)
                 self.put(*answer_of(value, len(self.positions), force.works))
 
         host = Function(
             self.label,
             1.0 / system.coherent_masses,
+            system.box,
             moving=self.velocity_dependent,
             clocked=self.time_dependent,
             pairs=np.nan if self.thermal else 0.0,
@@ -204,8 +218,8 @@ class PythonForce(Field):
         return host.parts
 
 
-def answer_of(value: Any, n: int, works: bool) -> tuple[Floats, float, float]:
-    """Forces (n, 3), energy and virial that a function returned; the virial is nan if there is none.
+def answer_of(value: Any, n: int, works: bool) -> tuple[Floats, float, float, Floats]:
+    """Forces (n, 3), energy, virial and the virial (3,) along each axis that a function returned; nan if unknown.
 
     Raises InputError for anything else."""
     if not isinstance(value, tuple | list) or len(value) not in (2, 3):
@@ -216,8 +230,12 @@ def answer_of(value: Any, n: int, works: bool) -> tuple[Floats, float, float]:
     if value[1] is None and not works:
         raise InputError("returned no energy; a force without potential energy needs works=True")
     energy = 0.0 if value[1] is None else _number("energy", value[1])
-    virial = _number("virial", value[2]) if len(value) == 3 and value[2] is not None else float("nan")
-    return forces, energy, virial
+    given: Any = value[2] if len(value) == 3 else None
+    if np.shape(given) == (3, 3):
+        along = np.diag(np.asarray(given, dtype=float))
+        return forces, energy, float(along.sum()), along
+    virial = float("nan") if given is None else _number("virial", given)
+    return forces, energy, virial, np.full(3, np.nan)
 
 
 def _number(what: str, value: Any) -> float:

@@ -333,6 +333,15 @@ class Springs(Field):
         laws, which = np.unique(values, axis=0, return_inverse=True)
         return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
 
+    @property
+    def reach(self) -> float:
+        """See Grouped: the largest length at rest."""
+        return float(np.max(self.length))
+
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: springs scale with the box."""
+        return ""
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """See Field."""
         from kickdrift.forces.bonded.kernel import bind

@@ -11,15 +11,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import (
     LANES,
     N_CLUSTERS,
     SHIFTS,
     STRIDE,
+    STRIDE_UNKNOWN,
+    ClusterList,
     chunk_clusters,
     copy,
     load_vector,
+    skins,
     unsigned,
 )
 from kickdrift.forces.lists.pair_rows import copy_to_single
@@ -28,6 +32,7 @@ from kickdrift.jit.lanes.functions import lane_max, lane_numbers, lane_sum, spla
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
+from kickdrift.model.box.cell import follow, live_cell
 
 SEARCHED, PRUNED = 0, 1  # rows of ``made_in``
 
@@ -36,6 +41,9 @@ SEARCHED, PRUNED = 0, 1  # rows of ``made_in``
 def adopt(pairs):
     """Bring the box of a list, and the whole edges subtracted from positions, to the edge lengths of now."""
     live, matrix, offset = pairs.live, pairs.cell.matrix, pairs.offset
+    if pairs.cell.leans:
+        adopt_leaning(pairs)
+        return
     for k in range(3):
         edge = matrix[k, k]
         if live[k] == edge or edge == 0.0:
@@ -47,6 +55,50 @@ def adopt(pairs):
         for s in range(SHIFTS):
             number = (s // 9, s // 3 % 3, s % 3)[k] - 1
             pairs.shifts[k, s] = pairs.bricks.shifts[k, s] = number * live[k]
+
+
+@strict
+def adopt_leaning(pairs):
+    """Do the work of `adopt` for a leaning box. The sums are in the order of `into_brick`, so they have its bits."""
+    cell, bricks, offset, live = pairs.cell, pairs.bricks, pairs.offset, pairs.live
+    m, then = cell.matrix, cell.matrix.copy()
+    if not follow(cell):
+        return
+    for cluster in range(pairs.counts[N_CLUSTERS]):
+        for p in range(STRIDE * cluster, STRIDE * cluster + WIDTH):
+            x, y, z = offset[p], offset[p + WIDTH], offset[p + 2 * WIDTH]
+            of_c = np.rint(z / then[2, 2]) if then[2, 2] > 0.0 else 0.0
+            of_b = np.rint((y - of_c * then[2, 1]) / then[1, 1]) if then[1, 1] > 0.0 else 0.0
+            of_a = np.rint((x - (of_c * then[2, 0] + of_b * then[1, 0])) / then[0, 0]) if then[0, 0] > 0.0 else 0.0
+            offset[p] = of_c * m[2, 0] + of_b * m[1, 0] + of_a * m[0, 0]
+            offset[p + WIDTH] = of_c * m[2, 1] + of_b * m[1, 1]
+            offset[p + 2 * WIDTH] = of_c * m[2, 2]
+    resize_bricks(pairs, bricks, live)
+
+
+@strict
+def resize_bricks(pairs, bricks, live):
+    """Bring the shifts of a leaning box to the edge lengths of now."""
+    for k in range(3):
+        for s in range(SHIFTS):
+            pairs.shifts[k, s] = bricks.shifts[k, s] = bricks.shifts_by_edge[k, s] * live[k]
+    for row in range(bricks.leans.shape[0]):
+        for k in range(2):
+            bricks.leans[row, k] = bricks.leans_by_edge[row, k] * live[k]
+
+
+def live_list(pairs: ClusterList, lengths: NDArray[np.float64], shortest: NDArray[np.float64]) -> dict[str, Any]:
+    """Parts of a list whose box has its edge lengths in this memory, and may shrink to the ``shortest`` (3,)."""
+    cell, bricks = live_cell(pairs.cell, lengths), pairs.bricks
+    if not cell.leans:
+        return {"live": lengths, "cell": cell}
+    resize_bricks.py_func(pairs, bricks, lengths)
+    axes = lengths > 0.0
+    reach = bricks.reach * min(1.0, float((shortest[axes] / lengths[axes]).max()))
+    inner, outer = skins(bricks._replace(reach=reach), pairs.cutoff, STRIDE_UNKNOWN * pairs.cutoff)
+    return {
+        "live": lengths, "cell": cell, "bricks": bricks._replace(reach=reach), "inner_skin": inner, "outer_skin": outer
+    }  # fmt: skip
 
 
 @strict

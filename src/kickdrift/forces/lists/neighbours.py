@@ -31,6 +31,7 @@ from kickdrift.jit.lanes.masks import lowest_bit, mask_bits
 from kickdrift.jit.lanes.memory import aligned, entry
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.box.box import Box
+from kickdrift.model.box.cell import least_height
 
 MADE_AT, ROOM_NEEDED, SUMMED = range(3)  # slots of `Neighbours.state`
 SPARE = 1.5  # room beyond the mean number of neighbours
@@ -47,7 +48,6 @@ class Neighbours(NamedTuple):
     species: NDArray[np.int64]  # (n,)
     matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
     inverse: NDArray[np.float64]  # (3,) 1 over the diagonal, 0 for an axis that is not periodic
-    height: float  # least height of the box along periodic axes
     once: bool  # whether a pair is in one of its two rows alone
     reached: NDArray[np.bool_]  # (chunks, clusters) whether rows of a chunk hold particles of a cluster
 
@@ -71,7 +71,6 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once
     room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) / (2 if once else 1) + 2 * WIDTH)
     matrix = pairs.cell.matrix
     diagonal = np.diag(matrix)
-    heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]
     return Neighbours(
         state=np.full(3, -1, np.int64),
         lengths=np.zeros(slots, np.int64),
@@ -80,7 +79,6 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once
         species=species,
         matrix=matrix,
         inverse=np.divide(1.0, diagonal, out=np.zeros(3), where=diagonal > 0),
-        height=float(min(heights, default=math.inf)),
         once=once,
         reached=np.zeros(pairs.touched.shape, np.bool_),
     )
@@ -106,12 +104,22 @@ def renew(rows, pairs):
 
 
 @jit
+def follow_box(rows):
+    """Bring the rows to the edge lengths of the list's box, which a barostat changes."""
+    for k in range(3):
+        edge = rows.matrix[k, k]
+        if edge > 0.0 and rows.inverse[k] != 1.0 / edge:
+            rows.inverse[k] = 1.0 / edge
+            rows.state[SUMMED] = 0
+
+
+@jit
 def make_rows(rows, pairs):
     """Fill the rows from the list's pairs within the cutoff plus the inner skin, and count those that do not fit."""
     never_inline()
     x, shifts, count = pairs.x, pairs.shifts, rows.lengths
     reach2 = (pairs.cutoff + pairs.inner_skin) ** 2
-    narrow = rows.height < 2.001 * (pairs.cutoff + pairs.inner_skin)
+    narrow = least_height(rows.matrix) < 2.001 * (pairs.cutoff + pairs.inner_skin)
     clusters = pairs.counts[N_CLUSTERS]
     for slot in range(WIDTH * clusters):
         count[slot] = 0

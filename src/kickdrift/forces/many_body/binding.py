@@ -41,6 +41,7 @@ def bind(force: ManyBodyPotential, system: Subject, threads: int) -> ManyBodyKer
             cutoff=force.cutoff,
             inverse_masses=1.0 / system.coherent_masses,
             sums=np.zeros((chunks, 3)),
+            along=None,
             rows=rows,
             pairs=pairs,
             chunks=in_chunks(chunks, threads),

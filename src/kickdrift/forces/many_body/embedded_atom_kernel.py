@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.forces.lists.clusters import N_CLUSTERS, STRIDE, chunk_clusters
 from kickdrift.forces.lists.neighbours import ROW, block_of_neighbours, separations
 from kickdrift.forces.many_body.kernel import law_body
@@ -196,7 +197,7 @@ def chunk_embedded_forces(force, c):
         if rows.reached[c, cluster]:
             for k in range(ROW):
                 store(forces, WIDTH * (ROW * cluster + k), splat(0.0))
-    virial = splat(0.0)
+    virial, along = splat(0.0), zeros_along(force.along, force.sums)
     begin, end = chunk_clusters(pairs, c)
     at = WIDTH * begin * room * KEPT
     for cluster in range(begin, end):
@@ -212,11 +213,13 @@ def chunk_embedded_forces(force, c):
                 fx, fy, fz = fx - gx, fy - gy, fz - gz
                 add_rows_at(forces, rows.near, slot * room + first, (gx, gy, gz, 0.0 * gx))
                 virial = virial - (gx * dx + gy * dy + gz * dz)
+                along = add_along(along, -gx * dx, -gy * dy, -gz * dz)
             p = ROW * slot
             forces[p] += lane_sum(fx)
             forces[p + 1] += lane_sum(fy)
             forces[p + 2] += lane_sum(fz)
     force.sums[c, 1] = lane_sum(virial)
+    store_along(along, force.along, c)
 
 
 @chunk_task

@@ -17,7 +17,15 @@ from kickdrift.forces.lists.clusters import (
     unsigned,
 )
 from kickdrift.forces.lists.list_code import refresh
-from kickdrift.forces.lists.neighbours import ROOM_NEEDED, SUMMED, Neighbours, copy_places, renew, with_room
+from kickdrift.forces.lists.neighbours import (
+    ROOM_NEEDED,
+    SUMMED,
+    Neighbours,
+    copy_places,
+    follow_box,
+    renew,
+    with_room,
+)
 from kickdrift.forces.pairs.kernel import PairKernel, compute_for
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, jit
@@ -42,6 +50,7 @@ class ManyBodyWork(NamedTuple):
     cutoff: float
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
     rows: Neighbours
     pairs: ClusterList
     chunks: Chunks
@@ -107,6 +116,7 @@ def refresh_rows(force, x):
     if status == OK:
         status = renew(force.rows, force.pairs)
     if status == OK:
+        follow_box(force.rows)
         copy_places(force.rows, force.pairs)
     return status
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.forces.lists.clusters import STRIDE, chunk_clusters
 from kickdrift.forces.lists.neighbours import ROW, block_of_neighbours
 from kickdrift.forces.many_body.kernel import clear, collect, law_body, react, row_numbers
@@ -75,6 +76,7 @@ def chunk_stillinger_weber(force, c):
     forces, kept, moments, reactions = pairs.force[c], law.kept[c], law.moments[c], law.reactions[c]
     cutoff2, species, room = force.cutoff**2, law.by_pair.shape[0], rows.near.shape[1]
     energy, virial, pair_count = splat(0.0), splat(0.0), splat(0.0)
+    by_axis = zeros_along(force.along, force.sums)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
@@ -137,6 +139,8 @@ def chunk_stillinger_weber(force, c):
                     )
                 gx, gy, gz = gx + along * nx, gy + along * ny, gz + along * nz
                 virial = virial - along * load(kept, at + 8 * WIDTH)
+                r = -load(kept, at + 8 * WIDTH)
+                by_axis = add_along(by_axis, r * gx * nx, r * gy * ny, r * gz * nz)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz
                 react(forces, reactions, rows.near, slot * room + first, mask_bits(kind >= 0.0), gx, gy, gz)
             p = STRIDE * cluster + slot % WIDTH
@@ -145,6 +149,7 @@ def chunk_stillinger_weber(force, c):
             forces[p + 2 * WIDTH] += lane_sum(fz)
     force.sums[c, 0] = lane_sum(energy)
     force.sums[c, 1] = lane_sum(virial)
+    store_along(by_axis, force.along, c)
     force.sums[c, 2] = 0.5 * lane_sum(pair_count)
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.forces.lists.clusters import STRIDE, chunk_clusters
 from kickdrift.forces.lists.neighbours import ROW, block_of_neighbours
 from kickdrift.forces.many_body.kernel import clear, collect, law_body, react, row_numbers
@@ -90,6 +91,7 @@ def chunk_tersoff(force, c):
     clear(pairs, c)
     forces, bonds, bonded = pairs.force[c], law.bonds[c], law.bonded[c]
     energy, virial, pair_count = splat(0.0), splat(0.0), 0
+    by_axis = zeros_along(force.along, force.sums)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
@@ -107,6 +109,8 @@ def chunk_tersoff(force, c):
                 nx, ny, nz = load(bonds, at + NX * WIDTH), load(bonds, at + NY * WIDTH), load(bonds, at + NZ * WIDTH)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz
                 virial = virial - load(bonds, at + R * WIDTH) * (gx * nx + gy * ny + gz * nz)
+                r = -load(bonds, at + R * WIDTH)
+                by_axis = add_along(by_axis, r * gx * nx, r * gy * ny, r * gz * nz)
                 here = mask_bits(lane_numbers() < float(count - first))
                 react(forces, law.reactions[c], bonded, first, here, gx, gy, gz)
             p = STRIDE * cluster + slot % WIDTH
@@ -115,6 +119,7 @@ def chunk_tersoff(force, c):
             forces[p + 2 * WIDTH] += lane_sum(fz)
     force.sums[c, 0] = lane_sum(energy)
     force.sums[c, 1] = lane_sum(virial)
+    store_along(by_axis, force.along, c)
     force.sums[c, 2] = 0.5 * pair_count
 
 

@@ -1,7 +1,4 @@
-"""Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four.
-
-A barostat whose edges change apart takes the virial along each axis. Without an array for it this is compiled out.
-"""
+"""Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four."""
 
 from __future__ import annotations
 
@@ -10,63 +7,17 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from kickdrift.forces.lists.along import add_along
 from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
-from kickdrift.forces.lists.pair_rows import displacements, in_float64
+from kickdrift.forces.lists.pair_rows import displacements
 from kickdrift.forces.lists.special_pairs import is_inside
 from kickdrift.forces.pairs.lanes import pair_terms, parameters_of, truncated_terms
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes.functions import lane_sum, multiply_add, rotated, splat
+from kickdrift.jit.lanes.functions import multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.single import off_diagonal
 from kickdrift.jit.lanes.vectors import WIDTH, single_type
-
-
-def zeros_along(along: Any, sums: Any) -> Any:
-    """Sums to begin with: three times eight zeros, or None if nobody asks."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(zeros_along)
-def _zeros_along(along, sums):
-    if isinstance(along, types.NoneType) or isinstance(sums, types.NoneType):
-        return lambda along, sums: None
-    return lambda along, sums: (splat(0.0), splat(0.0), splat(0.0))
-
-
-def add_along(total: Any, factor: Any, g: Any, dx: Any, dy: Any, dz: Any) -> Any:
-    """Sums with those of more pairs, of displacement (dx, dy, dz) and force over r ``g``, times ``factor``."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_along)
-def _add_along(total, factor, g, dx, dy, dz):
-    if isinstance(total, types.NoneType):
-        return lambda total, factor, g, dx, dy, dz: None
-
-    def each(total, factor, g, dx, dy, dz):
-        x, y, z = total
-        g = factor * g
-        return x + in_float64(g * dx * dx), y + in_float64(g * dy * dy), z + in_float64(g * dz * dz)
-
-    return each
-
-
-def store_along(total: Any, along: Any, c: int) -> None:
-    """Write the sums of chunk c."""
-
-
-@overload(store_along)
-def _store_along(total, along, c):
-    if isinstance(total, types.NoneType):
-        return lambda total, along, c: None
-
-    def each(total, along, c):
-        x, y, z = total
-        along[c, 0], along[c, 1], along[c, 2] = lane_sum(x), lane_sum(y), lane_sum(z)
-
-    return each
-
 
 UNSHIFTED = SHIFTS // 2
 
@@ -164,7 +115,7 @@ def _pairs_apart(laws, at, own, cutoff2, places, along, part):
         energy, force_over_r = terms_within(laws, at, places, r2)
         g = select(inside, force_over_r, 0.0)
         energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
-        along = add_along(along, part, g, dx, dy, dz)
+        along = add_along(along, part * g * dx * dx, part * g * dy * dy, part * g * dz * dz)
         return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count, along
 
     return meets

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFT_BITS, STRIDE, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.lists.pair_rows import (
     add_reactions,
@@ -36,7 +37,7 @@ from kickdrift.forces.lists.pair_rows import (
 from kickdrift.forces.lists.row_lanes import nothing
 from kickdrift.forces.lists.special_pairs import is_inside
 from kickdrift.forces.lists.sums import hand_over
-from kickdrift.forces.pairs.intra_cluster import add_along, own_pairs, row_start, store_along, zeros_along
+from kickdrift.forces.pairs.intra_cluster import own_pairs, row_start
 from kickdrift.forces.pairs.lanes import pair_terms
 from kickdrift.forces.pairs.variation import (
     add_row_slopes,
@@ -57,8 +58,8 @@ from kickdrift.jit.threads.chunks import chunk_task
 
 
 def add_special(special: Any, laws: Any, pairs: Any, forces: Any, c: int, cutoff2: float, totals: Any) -> Any:
-    """Add the forces of chunk c's entries to ``forces``; return energy, virial and number of pairs, ``totals``, with
-    theirs."""
+    """Add the forces of chunk c's entries to ``forces``; return energy, virial, number of pairs and the virial along
+    each axis, ``totals``, with theirs."""
     raise NotImplementedError("for compiled code")
 
 
@@ -68,7 +69,7 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
         return lambda special, laws, pairs, forces, c, cutoff2, totals: totals
 
     def add(special, laws, pairs, forces, c, cutoff2, totals):
-        energies, virials, counts = totals
+        energies, virials, counts, along = totals
         x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
         lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
         for e in range(special.number[c]):
@@ -98,6 +99,7 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
                     energies = energies + select(inside, factor * energy, 0.0)
                     virials = virials + g * select(inside, r2, 0.0)
                     counts = counts + select(inside, zero + 1.0, 0.0)
+                    along = add_along(along, fx * dx, fy * dy, fz * dz)
                 store_vector(row_sums, row, fx, fy, fz)
             ax, ay, az = load_vector(forces, cluster)
             ax = ax + sums_of_rows(row_sums, 0, STRIDE)
@@ -105,7 +107,7 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
             store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
             ax, ay, az = load_vector(forces, other)
             store_vector(forces, other, ax - hx, ay - hy, az - hz)
-        return energies, virials, counts
+        return energies, virials, counts, along
 
     return add
 
@@ -198,7 +200,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
-                    along_sum = add_along(along_sum, 1.0, g, dx, dy, dz)
+                    along_sum = add_along(along_sum, g * dx * dx, g * dy * dy, g * dz * dz)
                 if together is not None:
                     before, place = place, next_place
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy
@@ -228,8 +230,8 @@ def sum_pairs(force, sums, deviation, together, c, thread):
             add_row_slopes(deviation, start, first, cluster)
             if mine and not is_inside(pairs.special, cluster):
                 vary_cluster(deviation, laws, pairs.x, cluster, cutoff2)
-    totals = add_special(pairs.special, laws, pairs, forces, c, cutoff2, (energy_sum, virial_sum, pair_count))
-    energy_sum, virial_sum, pair_count = totals
+    totals = energy_sum, virial_sum, pair_count, along_sum
+    energy_sum, virial_sum, pair_count, along_sum = add_special(pairs.special, laws, pairs, forces, c, cutoff2, totals)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if touched[cluster]:
             add_reactions(forces, reactions, cluster, zero)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -34,6 +34,20 @@ class Grouped:
     group: int = field(default=0, repr=False)
 
     stands_for: ClassVar[str] = ""
+
+    @property
+    def reach(self) -> float:
+        """Half the least height that the box must keep for this force."""
+        return 0.0
+
+    def fixes_box(self, system: Subject) -> str:
+        """Why no barostat can change the box under this force; "" if one can, since the force follows the box and gives
+        its virial: see ``forces.bound.forces.in_live_box``."""
+        return "it acts on each particle alone, so it has no virial"
+
+    def fixes_shape(self, system: Subject) -> str:
+        """Why no barostat can change edges apart under this force; "" if one can."""
+        return ""
 
     def acting_on(self, system: Subject) -> dict[Any, str] | None:
         """Where the force acts, with a text for each place; None if it acts everywhere."""
@@ -106,3 +120,18 @@ class ListedForce:
 
     name: ClassVar[str]
     thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
+
+    @property
+    def reach(self) -> float:
+        """See Grouped: the cutoff."""
+        cutoff: float | None = self.cutoff  # type: ignore[attr-defined]
+        return float(cutoff or 0.0)
+
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: pairs scale with the box."""
+        return ""
+
+
+def reach_of(forces: Iterable[Any]) -> float:
+    """Half the least height of the box that these forces allow."""
+    return max((float(getattr(force, "reach", 0.0)) for force in forces), default=0.0)

@@ -142,9 +142,9 @@ class ParticleFlow(ParticleStates):
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
         self.live = LiveBox(system.box) if coupling else None
-        lengths = self.live.lengths if self.live else None
         under = self._under(system)
-        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, lengths=lengths, apart=coupling in APART)
+        apart = coupling in APART
+        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = self._listed and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
@@ -158,8 +158,7 @@ class ParticleFlow(ParticleStates):
 
     def _forces_aside(self, system: System) -> BoundForces:
         """Forces with lists of their own, for one set of positions."""
-        lengths = self.live.lengths if self.live else None
-        aside = BoundForces(self._under(system), self.forces.threads, thin=True, lengths=lengths)
+        aside = BoundForces(self._under(system), self.forces.threads, thin=True, live=self.live)
         aside.follow(self.forces)
         return aside
 

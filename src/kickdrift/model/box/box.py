@@ -205,6 +205,11 @@ class Box:
                     f"2 x {cutoff:.6g} = {2 * cutoff:.6g}"
                 )
 
+    def with_edges(self, matrix: Floats) -> Box:
+        """Return the box with the edge vectors of this matrix (3, 3) along its periodic axes."""
+        rows = np.where(np.array(self.periodic_axes)[:, None], matrix, self.matrix)
+        return Box(matrix=rows, periodic=self.periodic_axes)
+
     # --- coordinates and images ---
 
     def fractional(self, positions: Floats) -> Floats:

@@ -19,8 +19,20 @@ from kickdrift.model.box.box import Box
 SHIFTS = 27  # images of the brick that may touch the brick
 
 
+class Shape(NamedTuple):
+    """Arrays of a Cell whose edges are 1 long along their own axes; the edge lengths bring them to a Cell's size."""
+
+    matrix: NDArray[np.float64]
+    reduced: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    neighbours: NDArray[np.float64]
+
+
 class Cell(NamedTuple):
-    """Box in compiled code; `kickdrift.model.box.box.Images` describes the last four fields."""
+    """Box in compiled code; `kickdrift.model.box.box.Images` describes the fields from ``reduced`` to ``sure2``.
+
+    A barostat writes the edge lengths to ``live``, and `follow` brings the other arrays to these lengths. The arrays
+    depend on nothing but the shape and these lengths, so the way there does not change their bits."""
 
     matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
     leans: bool
@@ -28,7 +40,9 @@ class Cell(NamedTuple):
     reduced: NDArray[np.float64]  # (3, 3)
     inverse: NDArray[np.float64]  # (3, 3)
     neighbours: NDArray[np.float64]  # (26, 3) or fewer
-    sure2: float
+    sure2: NDArray[np.float64]  # (1,)
+    live: NDArray[np.float64]  # (3,) lengths ax, by and cz now; zero along axes that are not periodic
+    shape: Shape
 
 
 class Bricks(NamedTuple):
@@ -42,17 +56,74 @@ class Bricks(NamedTuple):
     leans: NDArray[np.float64]  # (rows, 2) shift along x and y; all rows without a shift count as one
     whole: NDArray[np.int64]  # (rows, 4) first and last j, first and last k of each row
     reach: float  # the images cover everything within this distance; infinite in an open box
+    shifts_by_edge: NDArray[np.float64]  # (3, 27) shifts over the edge lengths
+    leans_by_edge: NDArray[np.float64]  # (rows, 2)
 
 
 def cell_of(box: Box) -> Cell:
     """Return the Cell of a Box."""
     matrix = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
-    reduced, inverse = np.zeros((3, 3)), np.zeros((3, 3))
-    if not box.triclinic:
-        return Cell(matrix, False, np.diag(matrix).copy(), reduced, inverse, np.zeros((0, 3)), np.inf)
-    images = box.images
-    reduced[: len(images.reduced)], inverse[:, : len(images.reduced)] = images.reduced, images.inverse
-    return Cell(matrix, True, np.zeros(3), reduced, inverse, images.neighbours, images.sure2)
+    reduced, inverse, neighbours, sure2 = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((0, 3)), np.inf
+    if box.triclinic:
+        images = box.images
+        reduced[: len(images.reduced)], inverse[:, : len(images.reduced)] = images.reduced, images.inverse
+        neighbours, sure2 = images.neighbours.copy(), images.sure2
+    live = np.diag(matrix).copy()
+    edges = np.where(live > 0.0, live, 1.0)
+    shape = Shape(matrix / edges, reduced / edges, inverse * edges[:, None], neighbours / edges)
+    of_axes = np.zeros(3) if box.triclinic else live.copy()
+    return Cell(matrix, box.triclinic, of_axes, reduced, inverse, neighbours, np.array([sure2]), live, shape)
+
+
+def live_cell(cell: Cell, lengths: NDArray[np.float64]) -> Cell:
+    """Return the Cell with its edge lengths in this memory. Its arrays are those that `follow` gives."""
+    made = cell._replace(live=lengths)
+    resize.py_func(made)
+    return made
+
+
+@strict
+def follow(cell):
+    """Bring a Cell to the edge lengths of now; tell whether these have changed."""
+    changed = False
+    for k in range(3):
+        changed = changed or cell.live[k] != cell.matrix[k, k]
+    if changed:
+        resize(cell)
+    return changed
+
+
+@strict
+def resize(cell):
+    """Set the arrays of a Cell from its shape and the edge lengths of now."""
+    shape, sure2 = cell.shape, np.inf
+    for k in range(3):
+        edge = cell.live[k]
+        for m in range(3):
+            cell.matrix[m, k] = shape.matrix[m, k] * edge
+            cell.reduced[m, k] = shape.reduced[m, k] * edge
+            cell.inverse[k, m] = shape.inverse[k, m] / edge if edge > 0.0 else shape.inverse[k, m]
+        for m in range(cell.neighbours.shape[0]):
+            cell.neighbours[m, k] = shape.neighbours[m, k] * edge
+        if not cell.leans:
+            cell.edges[k] = edge
+    for m in range(cell.neighbours.shape[0]):
+        step = cell.neighbours[m]
+        sure2 = min(sure2, 0.25 * (step[0] * step[0] + step[1] * step[1] + step[2] * step[2]))
+    cell.sure2[0] = sure2
+
+
+@strict
+def least_height(matrix):
+    """Least distance between opposite faces of a box with these edge vectors; infinite in open space."""
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    ax = a[0] if a[0] > 0.0 else 1.0
+    by = b[1] if b[1] > 0.0 else 1.0
+    cz = c[2] if c[2] > 0.0 else 1.0
+    u, v, w = -b[0] / (ax * by), (b[0] * c[1] - c[0] * by) / (ax * by * cz), -c[1] / (by * cz)
+    least = ax / np.sqrt(1.0 + (ax * u) ** 2 + (ax * v) ** 2) if a[0] > 0.0 else np.inf
+    least = min(least, by / np.sqrt(1.0 + (by * w) ** 2)) if b[1] > 0.0 else least
+    return min(least, cz) if c[2] > 0.0 else least
 
 
 def bricks_of(cell: Cell) -> Bricks:
@@ -73,7 +144,8 @@ def bricks_of(cell: Cell) -> Bricks:
     along = np.array(leans)
     room = np.diag(cell.matrix) - [*np.abs(along).max(axis=0), 0.0]
     reach = float(min((room[k] for k in range(3) if most[k]), default=np.inf))
-    return Bricks(shifts, along, np.array(whole, np.int64), reach)
+    edges = np.where(cell.live > 0.0, cell.live, 1.0)
+    return Bricks(shifts, along, np.array(whole, np.int64), reach, shifts / edges[:, None], along / edges[:2])
 
 
 class MinimumImage(NamedTuple):
@@ -143,7 +215,7 @@ def leaning_image(cell, d):
     for k in range(2, -1, -1):
         if matrix[k, k] > 0.0:
             take_off(d, matrix, k, floor(d[k] / matrix[k, k] + 0.5))
-    if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= cell.sure2:
+    if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= cell.sure2[0]:
         return
     whole = np.empty(3)
     for k in range(3):

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.fields.shipped import Springs
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import reach_of
 from kickdrift.integrators.options import (
     APART,
     BAROSTAT,
@@ -43,7 +43,8 @@ TAKES = {  # options that each needs, and others
 }
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
 FEWEST_ACTIONS = 5  # in a time constant
-ALONG = "along"  # name of the virials along the axes in a memory
+ALONG, SUMS = "along", "sums"  # names in a memory: virials along the axes; energy, virial and pairs
+OF_PAIRS = 2  # place of the number of pairs, which is nan if a force does not know it
 NEVER = np.iinfo(np.int64).min
 
 
@@ -104,29 +105,18 @@ def check_pressed(system: Any, options: Options) -> None:
     if not np.isfinite(system.volume):
         along = "in open space" if not system.box.periodic else "whose box is open along an axis"
         raise InputError(f"pressure: {system.name!r} is a system {along}, which has no volume")
-    if system.box.tilts:
-        raise InputError("pressure: no barostat here changes a leaning box; give a rectangular one")
     for force in system.forces:
-        if not isinstance(force, PairForce | Springs):
-            raise InputError(
-                f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces"
-            )
-    if system.topology is not None:
-        raise InputError("pressure: no barostat here takes a topology, with its bonds and exclusions, yet")
+        reason = force.fixes_box(system) if hasattr(force, "fixes_box") else "its class does not say that it does"
+        if reason:
+            raise InputError(f"pressure: force {force.name!r} does not scale with the box: {reason}")
     coupling = coupling_of(options)
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
-    if coupling in APART and any(isinstance(force, Springs) for force in system.forces):
-        raise InputError(f"coupling: {coupling} needs pair forces alone; springs take isotropic")
-    if coupling in APART and sum(isinstance(force, PairForce) for force in system.forces) > 1:
-        raise InputError(f"coupling: {coupling} takes one pair force; give it the parameters of all species")
-
-
-def reach_of(system: Any) -> float:
-    """Half the least edge length that the forces allow: the largest cutoff, or length of a spring."""
-    cutoffs = [float(force.cutoff or 0.0) for force in system.forces if isinstance(force, PairForce)]
-    springs = [float(np.max(force.length)) for force in system.forces if isinstance(force, Springs)]
-    return max(cutoffs + springs, default=0.0)
+    if coupling in APART and system.box.tilts:
+        raise InputError(f"coupling: {coupling} needs a rectangular box; a leaning box takes isotropic")
+    for force in system.forces:
+        if coupling in APART and (reason := force.fixes_shape(system)):
+            raise InputError(f"coupling: {coupling} needs the virial along each axis, and {reason}; or take isotropic")
 
 
 class Barostat:
@@ -144,6 +134,7 @@ class Barostat:
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
         check_options(self._kind, options, method)
         self._live: Any = flow.live  # type: ignore[union-attr]
+        self._reach = reach_of(system.forces)
         self._coupling = coupling_of(options)
         self.piston = self._made(flow, options, method)
         self.flows: dict[str, BoundSubflow] = {}
@@ -162,12 +153,12 @@ class Barostat:
 
     def _made(self, flow: Flow, options: Options, method: Lettered) -> Piston:
         lengths: Floats = self._live.lengths
+        shortest = self._live.lengths_of_height(2.0 * self._reach)
         group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths, strict=True)]
-        along = flow.forces.virials_along
         return Piston(
             bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), lengths,
             np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
-            float(options[PRESSURE.name]), 2.0 * reach_of(flow.subject), np.zeros(3), along[0] if along else None,
+            float(options[PRESSURE.name]), shortest, np.zeros(3), flow.forces.along,
             np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
         )  # fmt: skip
 
@@ -198,21 +189,23 @@ class Barostat:
         """Why the barostat stopped."""
         cause, which, value = self.piston.trouble
         if cause == TOO_SHORT:
-            cutoff = 0.5 * self.piston.shortest
+            reach, axis = self._reach, int(which)
             advice = (
                 "a fluid does not hold the shape of its box, so take coupling = isotropic"
                 if self._coupling in APART
                 else "take more particles or another pressure"
             )
+            height = 2.0 * reach * value / self.piston.shortest[axis]
+            edge = f"the box height across {'abc'[axis]}" if self._live.box.tilts else f"box edge {'xyz'[axis]}"
             return (
-                f"the barostat would make box edge {'xyz'[int(which)]} {value:.6g}, shorter than twice the cutoff, "
-                f"2 x {cutoff:.6g} = {2 * cutoff:.6g}; {advice}"
+                f"the barostat would make {edge} {height:.6g}, shorter than twice the cutoff, "
+                f"2 x {reach:.6g} = {2 * reach:.6g}; {advice}"
             )
         return f"the barostat would change the volume by a factor of {which:.3g} at once; give a longer pressure_tau"
 
     @property
     def _arrays(self) -> dict[str, Any]:
-        own = {"lengths": self._live.lengths, "place": self.pressed.place, "sums": self.pressed.sums}
+        own = {"lengths": self._live.lengths, "place": self.pressed.place, SUMS: self.pressed.sums}
         own |= {"work": self.piston.work, "state": self.piston.state}
         own |= {} if self.piston.along is None else {ALONG: self.piston.along}
         chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
@@ -239,7 +232,8 @@ class Barostat:
                 self.pressed.place[SUMMED] = 0
                 continue
             given = np.asarray(memory[name])
-            if given.shape != array.shape or not np.all(np.isfinite(given)):
+            known = given[:OF_PAIRS] if name == SUMS else given
+            if given.shape != array.shape or not np.all(np.isfinite(known)):
                 raise InputError(f"checkpoint: {name} of its barostat does not fit a run of this system")
             if name == "lengths" and not np.array_equal(given > 0, array > 0):
                 raise InputError("checkpoint: its box is open along other axes")

@@ -34,13 +34,13 @@ class Piston(NamedTuple):
     """The box of a run, and what acts on it."""
 
     bath: Bathed
-    lengths: Floats  # (3,) edge lengths now, which the forces read; 0 along open axes
+    lengths: Floats  # (3,) lengths ax, by and cz now, which the forces read; 0 along open axes
     group: NDArray[np.int64]  # (3,) of each axis; -1 along open axes
     sizes: Floats  # (groups,) axes of each
     pressure: float
-    shortest: float  # least edge length that the forces allow
+    shortest: Floats  # (3,) least lengths that the forces allow
     sums: Floats  # (3,) potential energy, virial and pairs at the particles
-    along: Any  # (chunks, 3) virial along each axis, None if all edges scale together
+    along: Any  # (rows, 3) virial along each axis, in parts; None if all edges scale together
     trouble: Floats  # (3,) cause of a stop, the axis and the length, or the factor
     work: Floats  # (1,) energy that the particles have got
     state: Floats  # (slots,) of the barostat
@@ -141,7 +141,7 @@ def stretch(piston, x, v, factors):
     for k in range(3):
         if piston.group[k] >= 0:
             length = piston.lengths[k] * factors[piston.group[k]]
-            if not length >= piston.shortest:
+            if not length >= piston.shortest[k]:
                 piston.trouble[0], piston.trouble[1], piston.trouble[2] = TOO_SHORT, k, length
                 return STOPPED
     if v is not None:
