@@ -30,10 +30,11 @@ from kickdrift.model.box.box import Box, Oriented
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units.file_units import Scale
+from kickdrift.model.units.file_units import Scale, elementary_charge
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import choices, shown
 
+INITIAL_CHARGES = "initial_charges"
 NAMES, RADII = "names", "radii"  # arrays of Atoms for data without a place in ASE
 UNKNOWN = "X"  # ASE's symbol for no element; info["species"] then names the species, by the atoms' tags
 DIMENSIONS = "dimensions"  # 2 in info, for particles in a plane
@@ -89,6 +90,7 @@ def _system(
         radii=arrays[RADII] * scale.length if RADII in arrays else None,
         dimensions=_dimensions(atoms),
         topology=_topology(atoms) if topology is None else topology,
+        charges=_charges(atoms, units),
     )
     return system, rotation
 
@@ -98,6 +100,12 @@ def _topology(atoms: Any) -> Topology | None:
     if (kept := getattr(atoms.calc, "topology", None)) is not None and isinstance(kept, Topology):
         return kept
     return Topology.from_ase(atoms) if any(kind in atoms.arrays for kind in SIZES) else None
+
+
+def _charges(atoms: Any, units: UnitSystem) -> Floats | None:
+    """Return the initial charges, which are in elementary charges, in the units; None without any."""
+    found = atoms.arrays.get(INITIAL_CHARGES)
+    return None if found is None or not found.any() else found * elementary_charge(units)
 
 
 def _dimensions(atoms: Any) -> int:
@@ -171,7 +179,7 @@ def _forces_of(atoms: Any, units: UnitSystem, scale: Scale, species: list[str] |
 
 def _check_plain(atoms: Any) -> None:
     """Refuse charges and magnetic moments, which a calculator would no longer see."""
-    for key in ("initial_charges", "initial_magmoms"):
+    for key in (INITIAL_CHARGES, "initial_magmoms"):
         if key in atoms.arrays and atoms.arrays[key].any():
             raise InputError(f"atoms: {key} have no place in a System, so its calculator would not see them")
 
@@ -207,6 +215,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         atoms.set_array(NAMES, np.array(system.names))
     if system.radii is not None:
         atoms.set_array(RADII, system.radii / scale.length)
+    if system.charges is not None:
+        atoms.set_initial_charges(system.charges / elementary_charge(system.units))
     if system.dimensions == 2:
         atoms.info[DIMENSIONS] = 2
     if calculator and system.forces:
@@ -276,7 +286,7 @@ class Calculator(AseCalculator):
         from kickdrift.forces.bound.forces import BoundForces
 
         super().calculate(atoms, properties, system_changes)
-        if self._system is None or not set(system_changes) <= {"positions", "initial_charges", "initial_magmoms"}:
+        if self._system is None or not set(system_changes) <= {"positions", "initial_magmoms"}:
             self._system, self._rotation = _system(self.atoms, self.forces, self.units, topology=self.topology)
             self._bound = BoundForces(self._system, self.threads)
         turn = np.eye(3) if self._rotation is None else self._rotation

@@ -17,7 +17,8 @@ from kickdrift.text import clean
 
 
 class DataFile(NamedTuple):
-    """Content of a data file of atom style "molecular". Types, particles and molecules are counted from 1.
+    """Content of a data file of atom style "molecular", or "full" with charges. Types, particles and molecules are
+    counted from 1.
 
     Attributes
     ----------
@@ -32,6 +33,7 @@ class DataFile(NamedTuple):
     counts : number of types of each kind
     names : names of these types, for a comment; nothing where the numbers say all
     images : (n, 3) whole edges of the box from the positions to unwrapped ones; None to leave them out
+    charges : (n,); None without charges
     """
 
     heading: str
@@ -48,6 +50,7 @@ class DataFile(NamedTuple):
     counts: Mapping[str, int]
     names: Mapping[str, Sequence[str]]
     images: NDArray[np.int64] | None = None
+    charges: Floats | None = None
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file, each with its end."""
@@ -67,13 +70,14 @@ class DataFile(NamedTuple):
         yield from ("", "Masses", "")
         for number, mass in enumerate(self.masses, 1):
             yield f"{number} {mass!r}" + (f" # {clean(self.labels[number - 1], 80)}" if self.labels else "")
-        yield from ("", "Atoms # molecular", "")
+        yield from ("", "Atoms # molecular" if self.charges is None else "Atoms # full", "")
+        charges = repeat("") if self.charges is None else (f"{charge!r} " for charge in self.charges.tolist())
         flags = repeat("") if self.images is None else (f" {x} {y} {z}" for x, y, z in self.images.tolist())
         columns = (self.ids, self.molecules, self.types, self.positions)
-        for (i, molecule, type_, (x, y, z)), flag in zip(
-            zip(*(each.tolist() for each in columns), strict=True), flags, strict=False
+        for (i, molecule, type_, (x, y, z)), flag, charge in zip(
+            zip(*(each.tolist() for each in columns), strict=True), flags, charges, strict=False
         ):
-            yield f"{i} {molecule} {type_} {x!r} {y!r} {z!r}{flag}"
+            yield f"{i} {molecule} {type_} {charge}{x!r} {y!r} {z!r}{flag}"
         yield from ("", "Velocities", "")
         for i, (x, y, z) in zip(self.ids.tolist(), self.velocities.tolist(), strict=True):
             yield f"{i} {x!r} {y!r} {z!r}"

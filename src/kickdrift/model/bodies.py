@@ -21,6 +21,7 @@ class Body:
     id : int
     mass : float
     radius : float, or None if the bodies have no radii
+    charge : float, or None if the bodies have no charges
     position, velocity : (3,)
     """
 
@@ -29,6 +30,7 @@ class Body:
     species: str
     mass: float
     radius: float | None
+    charge: float | None
     position: Floats
     velocity: Floats
     system: Bodies = field(repr=False)
@@ -66,6 +68,7 @@ def body_of(system: Bodies, key: str | int) -> Body:
         species=system.species[system.species_index[i]],
         mass=float(state.masses[i]),
         radius=None if system.radii is None else float(system.radii[i]),
+        charge=None if system.charges is None else float(system.charges[i]),
         position=position,
         velocity=velocity,
         system=system,

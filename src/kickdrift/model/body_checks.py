@@ -1,4 +1,4 @@
-"""Checks of what users give to a System: names, radii, species and forces, and arrays against the number of dimensions.
+"""Checks of what users give to a System: names, radii, charges, species and forces, and arrays against dimensions.
 
 A force says with ``stands_for`` what it stands for, such as "gravity", and with ``acting_on`` where. Two forces that
 stand for the same at the same place count it twice. A user's class of forces may say so, too.
@@ -56,6 +56,11 @@ def check_name(key: str, name: str) -> None:
 def body_radii(radii: ArrayLike, n: int) -> Floats:
     """Checked radii (n,) of bodies."""
     return per_particle("radii", radii, n, "radius", "a length")
+
+
+def body_charges(charges: ArrayLike, n: int) -> Floats:
+    """Checked charges (n,) of particles."""
+    return per_particle("charges", charges, n, "charge", "a finite number", signed=True)
 
 
 def body_names(names: Sequence[str], n: int) -> tuple[str, ...]:

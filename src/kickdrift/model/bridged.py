@@ -44,7 +44,7 @@ class Bridged:
         ----------
         atoms : ase.Atoms
             Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
-            velocities are rotated with them (`Box.from_vectors`). Tags, charges and magnetic moments are ignored,
+            velocities are rotated with them (`Box.from_vectors`). Tags and magnetic moments are ignored,
             except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms. The
             topology is that of the atoms' calculator, or the lists that ASE reads from LAMMPS data files.
         forces : iterable of forces, in ``units``; default those of the atoms' calculator: `LennardJones` (shifted at

@@ -71,5 +71,7 @@ def with_empty_rows(system: System, count: int) -> System:
     put(other, "state", state)
     put(other, "species_index", np.concatenate([system.species_index, np.zeros(count, np.int32)]))
     put(other, "names", (*system.names, *(f"new-{k + 1}" for k in range(count) if system.names)))
-    put(other, "radii", None if system.radii is None else np.concatenate([system.radii, np.zeros(count)]))
+    for key in ("radii", "charges"):
+        own = getattr(system, key)
+        put(other, key, None if own is None else np.concatenate([own, np.zeros(count)]))
     return other

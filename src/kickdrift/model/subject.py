@@ -58,6 +58,9 @@ class Subject(Particles, Protocol):
     @property
     def topology(self) -> Topology | None: ...
 
+    @property
+    def charges(self) -> Floats | None: ...
+
     def __len__(self) -> int: ...
 
     def body(self, i: int) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import (
+    body_charges,
     body_names,
     body_radii,
     box_for,
@@ -46,6 +47,7 @@ _KEPT = (
     "seed",
     "names",
     "radii",
+    "charges",
     "events",
     "dimensions",
     "topology",
@@ -81,6 +83,7 @@ class System(Bridged, ShownSystem):
         Two-dimensional particles lie and move in one plane, z the same for all. Positions and velocities may then be
         (n, 2), and the box is two edge lengths or a matrix (2, 2).
     topology : `Topology` with the bonds, angles and dihedrals of molecules; default none
+    charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
     """
 
     state: State
@@ -99,6 +102,7 @@ class System(Bridged, ShownSystem):
     events: tuple[Event, ...] = ()
     dimensions: int = 3
     topology: Topology | None = None
+    charges: Floats | None = None
 
     def __init__(
         self,
@@ -120,6 +124,7 @@ class System(Bridged, ShownSystem):
         events: Iterable[Event] = (),
         dimensions: int = 3,
         topology: Topology | None = None,
+        charges: ArrayLike | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -152,6 +157,7 @@ class System(Bridged, ShownSystem):
         put(self, "source", source)
         put(self, "seed", None if seed is None else whole_number("seed", seed, 0))
         put(self, "radii", None if radii is None else body_radii(radii, n))
+        put(self, "charges", None if charges is None else body_charges(charges, n))
         check_kinds(topology=(topology, Topology))
         put(self, "topology", topology)
         if topology is not None:
@@ -314,8 +320,8 @@ class System(Bridged, ShownSystem):
     def to_toml(self) -> str:
         """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
 
-        Positions and velocities are numbers. The text also holds species, names, radii, box, forces, events, ``[run]``,
-        ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
+        Positions and velocities are numbers. The text also holds species, names, radii, charges, box, forces, events,
+        ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
 
         Raises
         ------

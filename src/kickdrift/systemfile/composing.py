@@ -72,6 +72,7 @@ def with_body(system: System, name: str | None, barycentric: bool, given: Mappin
             species=[*(system.species[k] for k in system.species_index), _species(system, body)],
             names=_names(system, body),
             radii=_radii(system, body),
+            charges=None if system.charges is None else np.append(system.charges, 0.0),
             ids=np.append(state.ids, state.ids.max() + 1),
         )
         check_overlaps(made)

@@ -237,8 +237,10 @@ def _by_name(value: Mapping[str, Any]) -> Json:
 
 
 _MASS, _RADIUS = _quantity(In("mass", "non-negative")), _quantity(In("length", "non-negative"))
+_CHARGE = _quantity(In("charge"))
 _SPECIAL: dict[Callable[..., Any], Json] = {
     schema.mass_given: {"anyOf": [_MASS, _by_name(_MASS)]},
+    schema.charge_given: {"anyOf": [_CHARGE, _by_name(_CHARGE)]},
     schema.species_given: {"anyOf": [TEXT, NAMES, _by_name(NUMBER)]},
     schema.density_given: _quantity(In("number density")),
     events.radii_given: {"anyOf": [_RADIUS, {"type": "array", "items": _RADIUS}, _by_name(_RADIUS)]},

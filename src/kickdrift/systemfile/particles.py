@@ -15,6 +15,7 @@ from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import (
+    COMPOUNDS,
     LATTICES,
     PLANE_LATTICES,
     Structure,
@@ -78,20 +79,23 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
         )
     fill: Any = plane_lattice if plane else lattice
     check_particles("count", count)
-    if isinstance(particles.species, dict):
+    if particles.lattice in COMPOUNDS:
+        species = _of_compound(particles)
+    elif isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
             raise InputError("seed: required key is missing; a mixture is placed with a seed, such as seed = 1")
         species = mixture(particles.species, count, particles.seed or 0)
     else:
         species = particles.species
-    masses = _masses(particles.mass, species, count, units)
+    masses, charges = _masses(particles.mass, species, count, units), charges_of(particles, species)
     if table.box.matrix is not None and box is not None:
         if particles.density is not None:
             raise InputError("density: not allowed with box.matrix, since the lattice fills that box")
         room = float(np.prod(np.diag(box.matrix)[: table.dimensions]))
         positions, edges = fill(particles.lattice, count, count / room)
-        return Structure((positions / [*edges, 1.0][:3]) @ box.matrix, masses, species, None, periodic=True)
+        positions = (positions / [*edges, 1.0][:3]) @ box.matrix
+        return Structure(positions, masses, species, None, periodic=True, charges=charges)
     if particles.density is not None:
         if plane and isinstance(particles.density, str):
             raise InputError(f"density: expected a number of particles per area, got {shown(particles.density)}")
@@ -102,7 +106,20 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
         equal = "two equal edges for a square lattice" if plane else "three equal edges"
         raise InputError(f"density: required key is missing (or box.lengths with {equal})")
     positions, edges = fill(particles.lattice, count, density)
-    return Structure(positions, masses, species, edges, periodic=True)
+    return Structure(positions, masses, species, edges, periodic=True, charges=charges)
+
+
+def _of_compound(particles: LatticeTable) -> list[str]:
+    """Species of the particles on the sites of a compound of two species."""
+    parts = particles.species if isinstance(particles.species, dict) else {}
+    if len(parts) != 2 or len(set(parts.values())) != 1:
+        raise InputError(
+            f"species: a {particles.lattice} lattice has two species in equal parts, such as {{Na = 0.5, Cl = 0.5}}, "
+            f"got {shown(particles.species)}"
+        )
+    sites, names = len(LATTICES[particles.lattice]), list(parts)
+    cell = [name for name in names for _ in range(sites // 2)]
+    return cell * (particles.count // sites)
 
 
 def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:
@@ -131,7 +148,7 @@ def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None
     names = body_names(particles.names, n)
     return Structure(
         positions, masses, species, None, periodic=False, names=names, radii=particles.radii,
-        barycentric=particles.barycentric,
+        charges=charges_of(particles, species), barycentric=particles.barycentric,
     )  # fmt: skip
 
 
@@ -142,13 +159,30 @@ def _masses(mass: Any, species: Sequence[str], n: int, units: UnitSystem) -> Any
         if not units.reduced:
             raise InputError(f"mass: required key is missing; units {units.name!r} have no default mass")
         return 1.0
-    if not isinstance(mass, dict):
-        return mass
-    missing, unused = sorted(set(species) - set(mass)), sorted(set(mass) - set(species))
+    return _of_species("mass", mass, species)
+
+
+def _of_species(key: str, given: Any, species: Sequence[str]) -> Any:
+    """One number for all particles as it is, and a list for particles from a table by species."""
+    if not isinstance(given, dict):
+        return given
+    missing, unused = sorted(set(species) - set(given)), sorted(set(given) - set(species))
     if missing or unused:
-        what = f"species {missing[0]!r} has no mass" if missing else f"no particle is of species {unused[0]!r}"
-        raise InputError(f"mass: {what}")
-    return [mass[name] for name in species]
+        what = f"species {missing[0]!r} has no {key}" if missing else f"no particle is of species {unused[0]!r}"
+        raise InputError(f"{key}: {what}")
+    return [given[name] for name in species]
+
+
+def charges_of(particles: Any, species: Sequence[str]) -> Any:
+    """Charges of a table with ``charge``, one number or one for each species, or with ``charges``; None without."""
+    listed = getattr(particles, "charges", None)
+    if listed is None:
+        return _of_species("charge", particles.charge, species)
+    if particles.charge is not None:
+        raise InputError("charges: expected charge or charges, got both")
+    if len(listed) != len(species):
+        raise InputError(f"charges: expected {len(species)}, one for each particle, got {len(listed)}")
+    return listed
 
 
 def on_orbits(

@@ -29,7 +29,16 @@ from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_sy
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
-from kickdrift.systemfile.particles import as_given, box_of, cluster, edges_given, on_lattice, on_orbits, topology_of
+from kickdrift.systemfile.particles import (
+    as_given,
+    box_of,
+    charges_of,
+    cluster,
+    edges_given,
+    on_lattice,
+    on_orbits,
+    topology_of,
+)
 from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
 from kickdrift.text import choices, shown, suggestion
@@ -90,8 +99,9 @@ def structure_system(path: Path) -> System:
             raise InputError("is periodic, but has no cell")
         box = Box(found.edges, periodic=found.periodic) if found.periodic else None
         return System(
-            found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem
-        )
+            found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem,
+            charges=found.charges,
+        )  # fmt: skip
 
 
 def loads(
@@ -204,6 +214,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             start.radii,
             dimensions=table.dimensions,
             topology=topology,
+            charges=start.charges,
         )
 
     made = system(velocities)
@@ -257,4 +268,6 @@ def _start(
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            return read_structure(folder / particles.file, units, table.box.periodic, box is not None)
+            found = read_structure(folder / particles.file, units, table.box.periodic, box is not None)
+        charges = charges_of(particles, found.species)
+        return found if charges is None else found._replace(charges=charges)

@@ -42,6 +42,11 @@ def mass_given(value: Any, info: ValidationInfo) -> float | dict[str, float]:
     return {k: convert(v, info) for k, v in value.items()} if isinstance(value, dict) else convert(value, info)
 
 
+def charge_given(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+    convert = In("charge")
+    return {k: convert(v, info) for k, v in value.items()} if isinstance(value, dict) else convert(value, info)
+
+
 def species_given(value: Any) -> dict[str, float] | list[str]:
     """Species: one name, a list of names, or fractions that add up to one."""
     if isinstance(value, str):
@@ -63,15 +68,19 @@ def density_given(value: Any) -> Any:
 
 
 Masses = Annotated[Any, BeforeValidator(mass_given)]
+Charges = Annotated[Any, BeforeValidator(charge_given)]
 Species = Annotated[Any, BeforeValidator(species_given)]
 Density = Annotated[Any, BeforeValidator(density_given)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc", "diamond", "square", "hexagonal"]
+    lattice: Literal[
+        "sc", "bcc", "fcc", "diamond", "rock-salt", "caesium-chloride", "zincblende", "square", "hexagonal"
+    ]
     count: PositiveInt
     density: Density = None
     mass: Masses = None
+    charge: Charges = None
     species: Species = {"A": 1.0}
     seed: NonNegativeInt | None = None
 
@@ -80,6 +89,8 @@ class PositionsTable(Table):
     positions: Annotated[list[base.Vector], Field(min_length=1)]
     mass: Masses = None
     masses: list[base.Mass] | None = None
+    charge: Charges = None
+    charges: list[base.Charge] | None = None
     GM: list[base.GravitationalParameter] | None = None
     barycentric: bool = False
     species: Species = {"A": 1.0}
@@ -89,6 +100,8 @@ class PositionsTable(Table):
 
 class FileTable(Table):
     file: str
+    charge: Charges = None
+    charges: list[base.Charge] | None = None
 
 
 PARTICLES = ("lattice", "positions", "elements", "plummer", "file")

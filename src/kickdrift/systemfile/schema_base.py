@@ -43,6 +43,7 @@ Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
 Temperature = Annotated[float, BeforeValidator(In("temperature", "non-negative"))]
 Velocity = Annotated[float, BeforeValidator(In("velocity"))]
 GravitationalParameter = Annotated[float, BeforeValidator(In("gravitational parameter", "non-negative"))]
+Charge = Annotated[float, BeforeValidator(In("charge"))]
 Vector = Annotated[list[Length], Field(min_length=3, max_length=3)]
 
 

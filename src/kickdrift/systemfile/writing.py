@@ -56,6 +56,9 @@ def tables_of(system: System) -> dict[str, Any]:
         particles["names"] = system.names
     if system.radii is not None:
         particles["radii"] = system.radii
+    if system.charges is not None:
+        one_charge = np.all(system.charges == system.charges[0])
+        particles |= {"charge": system.charges[0]} if one_charge else {"charges": system.charges}
     title = toml_table(system.source).get("title") if system.source else None
     tables: dict[str, Any] = {"units": units.name} if title is None else {"title": title, "units": units.name}
     if system.dimensions != 3:

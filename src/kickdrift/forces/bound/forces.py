@@ -63,14 +63,27 @@ def in_live_box(force: BoundForce, lengths: Floats, shortest: Floats, along: Flo
 
     A force follows the box if its parts have a ``cell`` or a list. Unless ``along`` is None, the force sums its virial
     along each axis there. ``shortest`` (3,) are lengths to which the box may shrink."""
-    parts = force.parts
     if isinstance(force, PairKernel):
-        parts = force.with_list(**live_list(force.pairs, lengths, shortest)).parts
-    elif hasattr(parts, "cell"):
-        parts = parts._replace(cell=live_cell(parts.cell, lengths))
-    if along is not None and hasattr(parts, "along"):
-        parts = parts._replace(along=along)
-    return type(force)(parts)
+        force = force.with_list(**live_list(force.pairs, lengths, shortest))
+    elif hasattr(force.parts, "cell"):
+        force = type(force)(force.parts._replace(cell=live_cell(force.parts.cell, lengths)))
+    if along is not None and hasattr(force.parts, "along"):
+        force = type(force)(force.parts._replace(along=along))
+    return force
+
+
+def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, ...]:
+    """The System's forces, bound in their order. A force may give a part of its sum to another one, its host."""
+    guests = {id(host): force for force in system.forces if hasattr(force, "host") and (host := force.host(system))}
+    found = []
+    for force in system.forces:
+        made: Any
+        if (guest := guests.get(id(force))) is not None:
+            made = guest.bind_host(force, system, threads, mixed)
+        else:
+            made = force.bind(system, threads, *([mixed] if isinstance(force, ListedForce) else []))
+        found.append(made if isinstance(made, BoundForce) else BoundForce(made))
+    return tuple(found)
 
 
 class UnderForces(Protocol):
@@ -111,14 +124,11 @@ class BoundForces:
         pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
-        self.forces: tuple[BoundForce, ...] = tuple(
-            force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
-            for force, pair in zip(system.forces, pairs, strict=True)
-        )
+        self.forces = bound(system, threads, mixed)
         self._varies = live is not None
         self.along: Floats | None = None
         if live is not None:
-            self._follow(live.lengths, live.lengths_of_height(2.0 * reach_of(system.forces)), apart)
+            self._follow(live.lengths, live.lengths_of_height(2.0 * reach_of(system)), apart)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         self.hosts: tuple[Host | None, ...] = tuple(host_of(force.parts) for force in self.forces)
         if thin:

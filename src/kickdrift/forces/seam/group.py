@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -35,8 +35,7 @@ class Grouped:
 
     stands_for: ClassVar[str] = ""
 
-    @property
-    def reach(self) -> float:
+    def reach(self, system: Subject) -> float:
         """Half the least height that the box must keep for this force."""
         return 0.0
 
@@ -121,8 +120,7 @@ class ListedForce:
     name: ClassVar[str]
     thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
 
-    @property
-    def reach(self) -> float:
+    def reach(self, system: Subject) -> float:
         """See Grouped: the cutoff."""
         cutoff: float | None = self.cutoff  # type: ignore[attr-defined]
         return float(cutoff or 0.0)
@@ -132,6 +130,6 @@ class ListedForce:
         return ""
 
 
-def reach_of(forces: Iterable[Any]) -> float:
-    """Half the least height of the box that these forces allow."""
-    return max((float(getattr(force, "reach", 0.0)) for force in forces), default=0.0)
+def reach_of(system: Any) -> float:
+    """Half the least height of the box that the System's forces allow."""
+    return max((float(force.reach(system)) for force in system.forces if hasattr(force, "reach")), default=0.0)

@@ -82,16 +82,17 @@ def _one_by_one(key: str, given: NDArray[Any], expected: str) -> NDArray[np.floa
     return found
 
 
-def per_particle(key: str, values: ArrayLike, n: int, one: str, what: str) -> NDArray[np.float64]:
-    """Numbers (n,), zero or more, from one number for all or one for each. ``one`` and ``what`` name them in
-    messages."""
+def per_particle(key: str, values: ArrayLike, n: int, one: str, what: str, signed: bool = False) -> NDArray[np.float64]:
+    """Numbers (n,), zero or more unless ``signed``, from one number for all or one for each. ``one`` and ``what`` name
+    them in messages."""
     found = numbers(key, values, f"one number or {n}")
     if found.ndim > 1 or (found.ndim == 1 and len(found) != n):
         raise InputError(f"{key}: expected one number or {n}, got shape {found.shape}")
     found = np.broadcast_to(found, (n,)).copy()
-    bad = np.flatnonzero(~(np.isfinite(found) & (found >= 0)))
+    bad = np.flatnonzero(~(np.isfinite(found) & ((found >= 0) | signed)))
     if bad.size:
-        raise InputError(f"{key}: particle {bad[0]} has {one} {found[bad[0]]}; expected {what}, zero or more")
+        least = "" if signed else ", zero or more"
+        raise InputError(f"{key}: particle {bad[0]} has {one} {found[bad[0]]}; expected {what}{least}")
     return found
 
 

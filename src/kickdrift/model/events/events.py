@@ -228,7 +228,10 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         elif isinstance(event, Crossing):
             _check_signature(event, ("t", "x", "v"))
         joins = [*system.acting("joins"), *(["bonds"] if system.topology is not None else [])]
-        if getattr(event, "action", "") in ("merge", "remove", "fragment", "rule") and joins:
+        changes = getattr(event, "action", "") in ("merge", "remove", "fragment", "rule")
+        if changes and system.charges is not None:
+            raise InputError(f"{event.kind}: action {event.action!r} cannot act on charged particles")  # type: ignore[union-attr]
+        if changes and joins:
             names = ", ".join(dict.fromkeys(joins))
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by {names}")  # type: ignore[union-attr]
     return found

@@ -38,7 +38,18 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
         *((0.125, 0.125, 0.125), (0.125, 0.625, 0.625), (0.625, 0.125, 0.625), (0.625, 0.625, 0.125)),
         *((0.375, 0.375, 0.375), (0.375, 0.875, 0.875), (0.875, 0.375, 0.875), (0.875, 0.875, 0.375)),
     ),
+    "rock-salt": (
+        *((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+        *((0.75, 0.75, 0.75), (0.75, 0.25, 0.25), (0.25, 0.75, 0.25), (0.25, 0.25, 0.75)),
+    ),
+    "caesium-chloride": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
 }
+LATTICES["zincblende"] = LATTICES["diamond"]
+COMPOUNDS = (
+    "rock-salt",
+    "caesium-chloride",
+    "zincblende",
+)  # one species on the first half of the sites, one on the rest
 
 MOST = 10**8  # most particles on a lattice, whatever the memory
 ROUNDING = 1e-9  # part of a cell vector in a structure file: a tilt that is only rounding
@@ -50,7 +61,7 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
 
     Parameters
     ----------
-    kind : "sc", "bcc", "fcc" or "diamond"
+    kind : one of ``LATTICES``
     count : particles; k^3, 2 k^3, 4 k^3 or 8 k^3, so that the lattice continues across the periodic faces without a gap
     density : particles per volume
 
@@ -139,9 +150,9 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
 
 
 class Structure(NamedTuple):
-    """Particles of an initial state. ``masses`` is one number or one for each. Edges (three lengths or a matrix) and
-    velocities are None if unknown, ``seed`` if nothing was drawn. With ``barycentric``, the particles must still be
-    moved to their centre of mass."""
+    """Particles of an initial state. ``masses`` and ``charges`` are one number or one for each. Edges (three
+    lengths or a matrix), velocities and charges are None if unknown, ``seed`` if nothing was drawn. With
+    ``barycentric``, the particles must still be moved to their centre of mass."""
 
     positions: Floats
     masses: Any
@@ -151,6 +162,7 @@ class Structure(NamedTuple):
     velocities: Floats | None = None
     names: Sequence[str] = ()
     radii: Sequence[float] | None = None
+    charges: Any = None
     seed: int | None = None
     barycentric: bool = False
 
@@ -158,7 +170,8 @@ class Structure(NamedTuple):
 def read_structure(
     path: Path, units: UnitSystem, periodic: bool | Sequence[bool] | None = None, boxed: bool = False
 ) -> Structure:
-    """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta if any.
+    """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta and charges
+    if any.
 
     ASE's units are angstrom, u and eV, so ``units`` must be metal; for LAMMPS' data files also lj or si, with the
     numbers of the file. There, species are the comments beside the masses of all types; without these the elements of
@@ -215,7 +228,10 @@ def read_structure(
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
-    return Structure(positions, masses, symbols, edges, along if len(set(along)) > 1 else along[0], velocities)
+    charges = atoms.arrays.get("initial_charges")
+    charges = charges if charges is not None and charges.any() else None
+    periodic_along = along if len(set(along)) > 1 else along[0]
+    return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges)
 
 
 def _names_of_types(path: Path) -> dict[int, str]:

@@ -1,8 +1,8 @@
 """Physical constants in SI units.
 
 CODATA 2022 (Mohr, Newell, Taylor & Tiesinga 2025, Rev. Mod. Phys. 97, 025002, doi:10.1103/RevModPhys.97.025002); all
-but the last two are exact. `scipy.constants` has the values of another year in each SciPy version, and takes a tenth of
-a second to import.
+but the last three are exact. `scipy.constants` has the values of another year in each SciPy version, and takes a tenth
+of a second to import.
 """
 
 from __future__ import annotations
@@ -15,3 +15,4 @@ AU = 149597870700.0  # m, IAU 2012
 DAY = 86400.0  # s
 ATOMIC_MASS = 1.66053906892e-27  # kg
 GRAVITY = 6.6743e-11  # m^3/(kg s^2)
+VACUUM_PERMITTIVITY = 8.8541878188e-12  # F/m

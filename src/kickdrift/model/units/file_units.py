@@ -20,6 +20,11 @@ _FORCE = {
 }
 
 
+def elementary_charge(units: UnitSystem) -> float:
+    """The elementary charge in these units; 1 in units whose charge has no value in coulombs."""
+    return constants.ELEMENTARY_CHARGE if units.charge == "C" else 1.0
+
+
 class FileUnits(NamedTuple):
     """Factors from the system's units to stored positions, times and forces; exactly 1 for length and time except
     ``si``.

@@ -35,6 +35,7 @@ EXAMPLES = {
     "rate": "0.1 ps^-1",
     "gravitational parameter": "398600.4 km^3/s^2",
     "angle": "1.3 deg",
+    "charge": "1 e",
 }
 
 _COMMON = (

@@ -6,6 +6,7 @@ the Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ YEAR = 365.25 * constants.DAY  # s, the Julian year
 MSUN = GM_SUN / constants.GRAVITY  # kg; no better known than CODATA's G, and needed only for input in kilograms
 
 GREEK = {"sigma": "σ", "tau": "τ", "epsilon": "ε"}
-NAMELESS = {"length", "time", "mass", "energy"}  # names of units that only repeat the dimension
+NAMELESS = {"length", "time", "mass", "energy", "charge"}  # names of units that only repeat the dimension
 
 # Each dimension as a product of powers of length L, time T, mass M, energy E, temperature K and angle A.
 DIMENSIONS: dict[str, dict[str, int]] = {
@@ -49,6 +50,7 @@ DIMENSIONS: dict[str, dict[str, int]] = {
     "gravitational constant": {"L": 3, "M": -1, "T": -2},
     "gravitational parameter": {"L": 3, "T": -2},
     "angle": {"A": 1},
+    "charge": {"Q": 1},
 }
 
 
@@ -58,6 +60,8 @@ class UnitSystem:
 
     G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
     acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2; elsewhere it is 1.
+
+    The unit of charge and Coulomb's constant follow from the name; see ``CHARGES``.
     """
 
     name: str
@@ -76,9 +80,21 @@ class UnitSystem:
         """Whether quantities are plain numbers, without units that text could name."""
         return self.name in ("lj", "nbody")
 
+    @property
+    def charge(self) -> str:
+        """Name of the unit of charge; "charge" in systems without a name for it."""
+        return CHARGES[self.name][0] if self.name in CHARGES else "charge"
+
+    @property
+    def coulomb(self) -> float | None:
+        """Coulomb's constant: the energy of two unit charges at unit distance in vacuum; None in systems without
+        charges."""
+        return CHARGES[self.name][1] if self.name in CHARGES else None
+
     def unit(self, dimension: str) -> str:
         """Unit of a dimension, as text for people and for pint: ``angstrom/ps``, ``eV/angstrom^3``."""
         names = {"L": self.length, "T": self.time, "M": self.mass, "E": self.energy, "K": self.temperature, "A": "deg"}
+        names["Q"] = self.charge
         over: list[str] = []
         under: list[str] = []
         found = powers(dimension)
@@ -97,6 +113,16 @@ class UnitSystem:
         named = [f"{dimension} {symbol}" for dimension in dimensions if (symbol := self.symbol(dimension))]
         return ", ".join(named) or "plain numbers" + (f", G = {self.gravity:g}" if self.gravity else "")
 
+
+_IN_VACUUM = 1.0 / (4.0 * math.pi * constants.VACUUM_PERMITTIVITY)  # N m^2/C^2
+# Unit of charge and Coulomb's constant. In lj and nbody, two unit charges at distance r have the energy 1 / r.
+CHARGES: dict[str, tuple[str, float | None]] = {
+    "lj": ("charge", 1.0),
+    "metal": ("e", _IN_VACUUM * constants.ELEMENTARY_CHARGE / 1e-10),  # eV angstrom
+    "si": ("C", _IN_VACUUM),
+    "astro": ("C", None),
+    "nbody": ("charge", 1.0),
+}
 
 UNIT_SYSTEMS: dict[str, UnitSystem] = {
     "lj": UnitSystem("lj", "sigma", "tau", "m", "epsilon", "epsilon/k_B", 1.0),

@@ -11,6 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.looks.columns import BODY_MASSES
+from kickdrift.model.units.file_units import elementary_charge
 from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format, Placed
 from kickdrift.trajectory.read.universe import species
 
@@ -88,6 +89,8 @@ class AtomsOf:
             pbc=frame.box.periodic_axes,
         )
         atoms.set_velocities(self.velocities)
+        if run.charges is not None:
+            atoms.set_initial_charges(run.charges[there] / elementary_charge(run.units))
         atoms.info = {
             "step": frame.step,
             "time": frame.time,

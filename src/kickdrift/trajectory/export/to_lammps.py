@@ -75,6 +75,7 @@ def _content(chosen: Chosen, frame: Placed, there: NDArray[np.bool_]) -> DataFil
         counts=counts,
         names=names,
         images=_flags(frame, there, molecules) if boxed else None,
+        charges=None if run.charges is None else run.charges[there],
     )
 
 

@@ -92,6 +92,7 @@ class Header(Outline):
     species: tuple[str, ...]
     species_index: NDArray[np.int32]
     masses: Floats
+    charges: Floats | None
     names: tuple[str, ...]
     source: str
     record: dict[str, Any]
@@ -122,6 +123,7 @@ def read(contents: Contents) -> Header:
     species, index = _species(contents)
     n = len(index)
     masses = contents.array(f"{particles}/mass", "f8", (n,))
+    charges = contents.array(f"{particles}/charge", "f8", (n,)) if contents.has(f"{particles}/charge") else None
     ids = contents.array(f"{particles}/id", "i8", (n,))
     _check_particles(contents, record, species, index, ids)
     frames, samples, events = counts = contents.array(f"{own}/committed", "i8", (3,)).tolist()
@@ -147,6 +149,7 @@ def read(contents: Contents) -> Header:
         species=species,
         species_index=index,
         masses=masses,
+        charges=charges,
         names=_names(contents, record),
         ids=ids,
         source=contents.text(f"{own}/system/source"),

@@ -235,6 +235,9 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
     group.create_dataset("species", data=system.species_index.astype("i4"), dtype=kind, track_times=False)
     mass = group.create_dataset("mass", data=system.state.masses, track_times=False)
     mass.attrs["unit"] = system.units.mass
+    if system.charges is not None:
+        charge = group.create_dataset("charge", data=system.charges, track_times=False)
+        charge.attrs["unit"] = system.units.charge
     group.create_dataset("id", data=system.state.ids, track_times=False)
 
 
@@ -287,7 +290,8 @@ def system_hash(file: h5py.File) -> str:
 
     The hash covers, in this order: the text of ``kickdrift/system/record``, UTF-8; the little-endian bytes of
     ``kickdrift/system/phase`` (float64), and of ``mass`` (float64), ``id`` (int64) and ``species`` (int32) of the
-    particles. ``kickdrift/system`` holds the hash as its attribute ``sha256`` from the file's beginning on.
+    particles, and ``charge`` (float64) if there are charges. ``kickdrift/system`` holds the hash as its attribute
+    ``sha256`` from the file's beginning on.
     """
     own, particles = file["kickdrift/system"], file[TRAJECTORY]
     found = hashlib.sha256(own["record"].asstr()[()].encode())
@@ -296,6 +300,7 @@ def system_hash(file: h5py.File) -> str:
         (particles["mass"], "<f8"),
         (particles["id"], "<i8"),
         (particles["species"], "<i4"),
+        *([(particles["charge"], "<f8")] if "charge" in particles else []),
     )
     for data, dtype in arrays:
         found.update(data[()].astype(dtype).tobytes())
@@ -309,8 +314,9 @@ def run_hash(file: h5py.File) -> str:
     ``kickdrift``; for each key of UNIT_KEYS that is an attribute of ``kickdrift/units``, the key and its value, a text
     or a float64; ``every`` (int64); ``boundary`` of the box; the names of the species in the order of their numbers;
     the attribute ``unit`` of the masses; the checksums (`checksums.sums_of_array`) of ``system/phase``, ``mass``,
-    ``id`` and ``species``. Texts are UTF-8, each followed by a zero byte; numbers are little-endian. ``kickdrift``
-    holds the hash as its attribute ``sha256`` from the file's beginning on.
+    ``id`` and ``species``; the attribute ``unit`` and the checksum of ``charge``, if there are charges. Texts are
+    UTF-8, each followed by a zero byte; numbers are little-endian. ``kickdrift`` holds the hash as its attribute
+    ``sha256`` from the file's beginning on.
     """
     own, particles = file["kickdrift"], file[TRAJECTORY]
     found = hashlib.sha256()
@@ -334,6 +340,9 @@ def run_hash(file: h5py.File) -> str:
     add(particles["mass"].attrs["unit"])
     for data in (own["system/phase"], particles["mass"], particles["id"], particles["species"]):
         found.update(checksums.sums_of_array(data[()]).astype("<u8").tobytes())
+    if "charge" in particles:
+        add(particles["charge"].attrs["unit"])
+        found.update(checksums.sums_of_array(particles["charge"][()]).astype("<u8").tobytes())
     return found.hexdigest()
 
 

@@ -58,7 +58,7 @@ def _plain(value: Any) -> Any:
 
 
 def record_of(system: System) -> dict[str, Any]:
-    """Record of a System without its state, masses, ids and species, which the file has as arrays."""
+    """Record of a System without its state, masses, charges, ids and species, which the file has as arrays."""
     return {
         "name": system.name,
         "units": system.units.name,
@@ -155,6 +155,7 @@ def system_of(
             [event_of(given) for given in record.events] if events is None else events,
             record.dimensions,
             None if record.topology is None else Topology(**record.topology),
+            None if run.charges is None else run.charges[:n],
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
@@ -194,6 +195,7 @@ def differences(system: System, run: RunFile) -> list[str]:
         "velocities": (state.phase[1], run.initial_phase[1]),
         "masses": (state.masses, run.masses),
         "ids": (state.ids, run.ids),
+        **({} if system.charges is run.charges is None else {"charges": (system.charges, run.charges)}),
         "species of particles": ([system.species[k] for k in system.species_index], species),
     }
     found += [key for key, (one, other) in arrays.items() if not _same(one, other)]
@@ -202,4 +204,6 @@ def differences(system: System, run: RunFile) -> list[str]:
 
 def _same(one: Any, other: Any) -> bool:
     """Whether two arrays, or two lists of names, are equal; a body that does not exist yet has nan in both."""
+    if one is None or other is None:
+        return one is other
     return np.array_equal(one, other, equal_nan=np.asarray(one).dtype.kind == "f")

@@ -32,6 +32,9 @@ class RunFile(Particles, Protocol):
     def masses(self) -> Floats: ...
 
     @property
+    def charges(self) -> Floats | None: ...
+
+    @property
     def ids(self) -> NDArray[Any]: ...
 
     @property

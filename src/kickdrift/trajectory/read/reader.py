@@ -54,6 +54,7 @@ class Run(Recorded, Frames, ShownRun):
     names : tuple of str
         Names of the bodies, if any.
     masses : (n,) float64
+    charges : (n,) float64; None if the particles have no charges
     ids : (n,) int64
     system_source : str
         Text of the system file; empty if there was none.
@@ -78,7 +79,7 @@ class Run(Recorded, Frames, ShownRun):
         self._factors = FileUnits.of(self.units)
         self.nominal_units = self._factors.nominal
         self.species, self.species_index = found.species, found.species_index
-        self.masses, self.ids = found.masses, found.ids
+        self.masses, self.charges, self.ids = found.masses, found.charges, found.ids
         self.system_source, self.system_record = found.source, found.record
         self.names: tuple[str, ...] = found.names
         self.method, self.versions = found.method, found.versions

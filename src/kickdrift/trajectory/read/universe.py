@@ -14,7 +14,7 @@ from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.state import Floats
 from kickdrift.model.units import constants
-from kickdrift.model.units.file_units import FileUnits
+from kickdrift.model.units.file_units import FileUnits, elementary_charge
 from kickdrift.trajectory.file.opening import open_to_read
 from kickdrift.trajectory.layout.edges import EDGES, stored
 from kickdrift.trajectory.layout.names import TRAJECTORY
@@ -88,6 +88,8 @@ def label(universe: Any, run: RunFile) -> None:
 
     types = species(run)
     attributes = {"names": list(run.names) or types, "types": types, "masses": atomic_masses(run), "ids": run.ids}
+    if run.charges is not None:
+        attributes["charges"] = run.charges / elementary_charge(run.units)
     if elements := chemical_symbols(run, SYMB2Z):
         attributes["elements"] = elements
     for attribute, values in attributes.items():

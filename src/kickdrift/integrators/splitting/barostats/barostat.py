@@ -134,7 +134,7 @@ class Barostat:
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
         check_options(self._kind, options, method)
         self._live: Any = flow.live  # type: ignore[union-attr]
-        self._reach = reach_of(system.forces)
+        self._reach = reach_of(system)
         self._coupling = coupling_of(options)
         self.piston = self._made(flow, options, method)
         self.flows: dict[str, BoundSubflow] = {}
