@@ -95,6 +95,7 @@ class EmbeddedAtom(ManyBodyForce):
             densities=np.zeros((0, 0)),
             at=np.zeros(0),
             row=np.zeros((0, 0)),
+            close=np.zeros((0, 0), np.int64),
             kept=np.zeros(0),
             forces=np.zeros((0, 0)),
         )
