@@ -153,26 +153,40 @@ def reach_of_chunk(work, c):
 
 
 @as_written
-def close_neighbours(work, c, slot, at, distances):
+def shift_cluster(pairs, c, cluster, table):
+    """Write a cluster's positions minus each shift in chunk c's rows to the table; a look-up is cheaper than a
+    subtraction for each pair of clusters."""
+    p = STRIDE * cluster
+    x, y, z = load(pairs.x, p), load(pairs.x, p + WIDTH), load(pairs.x, p + 2 * WIDTH)
+    used = pairs.used[c, cluster]
+    while used:
+        s = lowest_bit(used)
+        used &= used - 1
+        store(table, TABLE_STRIDE * s, x - pairs.shifts[0, s])
+        store(table, TABLE_STRIDE * s + WIDTH, y - pairs.shifts[1, s])
+        store(table, TABLE_STRIDE * s + 2 * WIDTH, z - pairs.shifts[2, s])
+
+
+@as_written
+def close_neighbours(work, c, slot, table, at, distances):
     """Write the slots of the neighbours within the cutoff of the particle in a slot, in chunk c's pairs, to
     ``rows.near`` from ``at`` on, and their squared distances to ``distances``. Return their number.
 
-    The particle's own slot, at the cutoff, fills the last block of eight."""
+    The particle's own slot, at the cutoff, fills the last block of eight. ``table`` is from `shift_cluster`."""
     pairs, near = work.pairs, work.rows.near
-    x, shifts, listed, start, cutoff2 = pairs.x, pairs.shifts, pairs.rows[c], pairs.row_start[c], work.cutoff**2
+    x, listed, start, cutoff2 = pairs.x, pairs.rows[c], pairs.row_start[c], work.cutoff**2
     cluster, lane = slot // WIDTH, slot % WIDTH
-    p = STRIDE * cluster + lane
-    x0, y0, z0 = x[p], x[p + WIDTH], x[p + 2 * WIDTH]
     begin, end = chunk_clusters(pairs, c)
     count = 0
     if begin <= cluster < end:
-        r2 = squared_distances(x, STRIDE * cluster, x0, y0, z0)
+        p = STRIDE * cluster + lane
+        r2 = squared_distances(x, STRIDE * cluster, x[p], x[p + WIDTH], x[p + 2 * WIDTH])
         within = ~(r2 >= cutoff2) & (lane_numbers() < float(lane))  # nan is within, so that a blow-up stays visible
         store(distances, 0, packed(within, r2))
         count += pack_counted(near, at, WIDTH * cluster, within)
     for k in range(start[slot], start[slot + 1]):
-        other, s = unsigned(entry(listed, k, 0)), unsigned(entry(listed, k, 1)) // unsigned(TABLE_STRIDE)
-        r2 = squared_distances(x, other, x0 - shifts[0, s], y0 - shifts[1, s], z0 - shifts[2, s])
+        other, p = unsigned(entry(listed, k, 0)), unsigned(entry(listed, k, 1))
+        r2 = squared_distances(x, other, table[p], table[p + LANES], table[p + LANES + LANES])
         within = ~(r2 >= cutoff2)
         store(distances, count, packed(within, r2))
         count += pack_counted(near, at + count, other // unsigned(3), within)

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.clusters import N_CLUSTERS, chunk_clusters
-from kickdrift.forces.lists.neighbours import ROW, close_neighbours, separations
-from kickdrift.forces.many_body.kernel import clear_reached, law_body, over_chunks
+from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFTS, TABLE_STRIDE, chunk_clusters
+from kickdrift.forces.lists.neighbours import ROW, close_neighbours, separations, shift_cluster
+from kickdrift.forces.many_body.kernel import add_others, clear_reached, law_body
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.duals.lanes import (
     add_numbers_at,
@@ -53,6 +53,7 @@ class EmbeddedAtomLaw(NamedTuple):
     highest: float  # density from which the embedding energy continues as a line
     densities: NDArray[np.float64]  # (chunks, slots) from the pairs of each chunk
     at: NDArray[np.float64]  # (4 slots,) x, y, z and slope of the embedding energy of each slot
+    shifted: NDArray[np.float64]  # (chunks, 32 * 27) see `shift_cluster`
     row: NDArray[np.float64]  # (chunks, slots + 16) squared distances of the neighbours at hand
     close: NDArray[np.int64]  # (chunks, slots) neighbours within the cutoff in a chunk's pairs
     kept: NDArray[Any]  # two or three slopes for each number of ``rows.near``
@@ -65,6 +66,7 @@ class EmbeddedAtomLaw(NamedTuple):
         return self._replace(
             densities=aligned((chunks, slots)),
             at=aligned((ROW * slots,)),
+            shifted=aligned((chunks, TABLE_STRIDE * SHIFTS)),
             row=aligned((chunks, slots + 2 * WIDTH), fill=None),
             close=np.zeros((chunks, slots), np.int64),
             kept=aligned((slots * room * (2 if len(self.by_distance) == 1 else 3),), None, self.by_distance.dtype),
@@ -117,9 +119,10 @@ def chunk_densities(force, c):
     for cluster in range(pairs.counts[N_CLUSTERS]):
         if not has_rows(force, c, cluster):
             continue
+        shift_cluster(pairs, c, cluster, law.shifted[c])
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = value_of(rows.at[ROW * slot + 3])
-            count = close_neighbours(force, c, slot, at, row)
+            count = close_neighbours(force, c, slot, law.shifted[c], at, row)
             close[slot] = count
             pair_count += count
             density = splat(0.0)
@@ -167,32 +170,40 @@ def chunk_embedding(force, c):
     """Sum the chunks' densities at chunk c's particles, and the embedding energies."""
     never_inline()
     rows, law, pairs = force.rows, force.law, force.pairs
-    embedded = 0.0
+    embedded = splat(0.0)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            density = over_chunks(force, law.densities, c, cluster, slot)
-            for k in range(3):
-                law.at[ROW * slot + k] = rows.at[ROW * slot + k]
-            embedded += embedding(law, slot, int(value_of(rows.at[ROW * slot + 3])), density)
-    force.sums[c, 0] += embedded
+        add_others(force, law.densities, c, cluster, 1)
+        for p in range(ROW * WIDTH * cluster, ROW * WIDTH * (cluster + 1), WIDTH):
+            store(law.at, p, load(rows.at, p))
+        embedded = embedded + embedding(law, c, cluster, pairs.filled[cluster])
+    force.sums[c, 0] += lane_sum(embedded)
 
 
 @as_written
-def embedding(law, slot, kind, density):
-    """Write the slope of a particle's embedding energy, and return the energy."""
-    table = law.by_density
+def embedding(law, c, cluster, filled):
+    """Write the slopes of a cluster's embedding energies over the species in ``law.at``, and return the energies."""
+    table, row, density = law.by_density, law.row[c], load(law.densities[c], WIDTH * cluster)
+    last = float(table.shape[1] - 1)
     p = density * law.per_density
-    most = table.shape[1] - 1
-    interval = max(0, int(value_of(p))) if p < float(most) else most  # nan too: no index is out of range
+    interval = lane_floor(value_of(p))
+    interval = select(interval < last, interval, last)  # nan too: no index is out of range
+    interval = select(interval > 0.0, interval, 0.0)
     p = p - interval
-    p = 1.0 if p > 1.0 else p
-    c3, c2 = table[kind, interval, 0], table[kind, interval, 1]
-    c1, c0 = table[kind, interval, 2], table[kind, interval, 3]
+    p = select(p > 1.0, 0.0 * p + 1.0, p)
+    kind = splat(0.0)
+    if table.shape[0] > 1:
+        for lane in range(WIDTH):
+            row[lane] = law.at[ROW * (WIDTH * cluster + lane) + 3]
+        kind = value_of(load(row, 0))
+    c3, c2, c1, c0 = rows_of(table, interval + kind * float(table.shape[1]), ROW, 0)
     value, slope = cubic(c3, c2, c1, c0, p)
-    slope *= law.per_density
-    law.at[ROW * slot + 3] = slope
-    return value + slope * (density - law.highest) if density > law.highest else value
+    slope = slope * law.per_density
+    store(row, 0, slope)
+    for lane in range(WIDTH):
+        law.at[ROW * (WIDTH * cluster + lane) + 3] = row[lane]
+    value = select(density > law.highest, value + slope * (density - law.highest), value)
+    return select(lane_numbers() < float(filled), value, 0.0)
 
 
 @chunk_task

@@ -9,21 +9,22 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.clusters import LANES, N_CLUSTERS, STRIDE, ClusterList, chunk_clusters, unsigned
+from kickdrift.forces.lists.clusters import N_CLUSTERS, STRIDE, ClusterList, chunk_clusters
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.neighbours import ROOM_NEEDED, SUMMED, Neighbours, copy_places, renew, with_room
+from kickdrift.forces.lists.sums import Gathering
 from kickdrift.forces.pairs.kernel import PairKernel, compute_for
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, jit, never_inline
-from kickdrift.jit.duals.lanes import store, value_of
-from kickdrift.jit.handle import Handle
+from kickdrift.jit.duals.lanes import load, store, value_of
+from kickdrift.jit.handle import Handle, handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.gathering import ROW, rows_of
 from kickdrift.jit.lanes.memory import broadcast
 from kickdrift.jit.lanes.single import zeros_in
 from kickdrift.jit.lanes.vectors import WIDTH
-from kickdrift.jit.threads.chunks import Chunks, chunk_task
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk
 
 LAWS: dict[type, Callable[..., Any]] = {}
 
@@ -121,12 +122,7 @@ def add_forces(force, wanted, x, a, sums):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
             sums[2] += force.sums[c, 2]
-    place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
-    for i in range(place.size):
-        p, w = unsigned(place[i]), inverse_masses[i]
-        a[0, i] += total[p] * w
-        a[1, i] += total[p + LANES] * w
-        a[2, i] += total[p + LANES + LANES] * w
+    each_chunk(handle(Gathering(pairs, chunks, force.inverse_masses, a, None)), chunks, "gather_chunk")
     return OK
 
 
@@ -140,27 +136,26 @@ def clear_reached(force, numbers, c, each):
 
 
 @as_written
-def over_chunks(force, numbers, c, cluster, at):
-    """Return the sum of a number of a cluster in chunk c: that from the chunk's own rows, then those of the others."""
-    total = numbers[c, at]
+def add_others(force, numbers, c, cluster, each):
+    """Add to chunk c's numbers of a cluster, ``each`` for a slot, those that the other chunks' rows give."""
     for other in range(force.chunks.number):
         if other != c and force.rows.reached[other, cluster]:
-            total += numbers[other, at]
-    return total
+            for p in range(each * WIDTH * cluster, each * WIDTH * (cluster + 1), WIDTH):
+                store(numbers[c], p, load(numbers[c], p) + load(numbers[other], p))
 
 
 @chunk_task
 def collect_forces(force, c):
     """Sum the chunks' forces, ``law.forces``, on chunk c's particles."""
     never_inline()
-    law, pairs = force.law, force.pairs
+    forces, pairs = force.law.forces, force.pairs
     total = pairs.force[0]
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            for k in range(3):
-                place = STRIDE * cluster + k * WIDTH + slot % WIDTH
-                total[place] = over_chunks(force, law.forces, c, cluster, ROW * slot + k)
+        add_others(force, forces, c, cluster, ROW)
+        for lane in range(WIDTH):
+            p, q = STRIDE * cluster + lane, ROW * (WIDTH * cluster + lane)
+            total[p], total[p + WIDTH], total[p + 2 * WIDTH] = forces[c, q], forces[c, q + 1], forces[c, q + 2]
 
 
 @as_written
