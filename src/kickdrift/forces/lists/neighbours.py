@@ -84,7 +84,7 @@ def neighbours_of(pairs: ClusterList, box: Box, species: NDArray[np.int64], once
     n, slots = len(species), pairs.x.size // 3
     reach = pairs.cutoff + pairs.inner_skin
     volume = box.volume if all(box.periodic_axes) else math.inf
-    room = whole_blocks(min(SPARE * 4.19 * reach**3 * n / volume, n) + 2 * WIDTH)
+    room = whole_blocks(min((1.0 if once else SPARE) * 4.19 * reach**3 * n / volume, n) + 2 * WIDTH)
     matrix = pairs.cell.matrix
     diagonal = np.diag(matrix)
     heights = [height for height, periodic in zip(box.heights, box.periodic_axes, strict=True) if periodic]
@@ -308,19 +308,6 @@ def separations(rows, at, places, first, x, y, z):
 
 
 @as_written
-def block_of_neighbours(rows, slot, first, cutoff2):
-    """Return the squared distances of eight neighbours, from the ``first`` of a row on, from the particle in a slot,
-    whether they are within the cutoff, and the neighbours' species."""
-    at, q = rows.at, ROW * slot
-    here = slot * rows.near.shape[1] + first
-    dx, dy, dz, kind = separations(rows, at, rows.near, here, at[q], at[q + 1], at[q + 2])
-    r2 = dx * dx + dy * dy + dz * dz
-    # a distance that is nan counts as within the cutoff, so that a blow-up stays visible
-    beyond = (r2 >= cutoff2) | (lane_numbers() >= float(rows.lengths[slot] - first))
-    return r2, ~beyond, value_of(kind)
-
-
-@as_written
 def neighbours_of_eight(rows, c, cluster, cutoff2):
     """Write the neighbours within the cutoff of a cluster's eight particles to ``places[c]``, and to ``counts[c]`` how
     many each has. Return the largest of these numbers.
@@ -331,11 +318,13 @@ def neighbours_of_eight(rows, c, cluster, cutoff2):
     width, most = rows.near.shape[1] + WIDTH, 0
     for lane in range(WIDTH):
         slot = WIDTH * cluster + lane
-        made = 0
+        at, q, made = slot * rows.near.shape[1], ROW * slot, 0
         for first in range(0, rows.lengths[slot], WIDTH):
-            _, within, _ = block_of_neighbours(rows, slot, first, cutoff2)
-            at = lane * width + made
-            made += pack_places(listed, at, rows.near, slot * rows.near.shape[1] + first, within)
+            x, y, z = rows.at[q], rows.at[q + 1], rows.at[q + 2]
+            dx, dy, dz, _ = separations(rows, rows.at, rows.near, at + first, x, y, z)
+            # a distance that is nan counts as within the cutoff, so that a blow-up stays visible
+            within = ~(dx * dx + dy * dy + dz * dz >= cutoff2) & (lane_numbers() < float(rows.lengths[slot] - first))
+            made += pack_places(listed, lane * width + made, rows.near, at + first, within)
         places[lane], counts[lane] = slot, made
         most = max(most, made)
     for lane in range(WIDTH):

@@ -59,8 +59,6 @@ class EmbeddedAtomLaw(NamedTuple):
     kept: NDArray[Any]  # two or three slopes for each number of ``rows.near``
     forces: NDArray[np.float64]  # (chunks, 4 slots) from the pairs of each chunk: x, y, z and 0 for each slot
 
-    tables = ("by_distance",)
-
     def with_room(self, slots: int, room: int, chunks: int) -> EmbeddedAtomLaw:
         """Return the law with workspace for this room."""
         return self._replace(
@@ -74,7 +72,7 @@ class EmbeddedAtomLaw(NamedTuple):
         )
 
 
-@law_body(EmbeddedAtomLaw, pairs_once=True)
+@law_body(EmbeddedAtomLaw, ("by_distance",), pairs_once=True)
 def embedded_atom(law, force, chunks):
     each_chunk(force, chunks, "chunk_densities")
     each_chunk(force, chunks, "chunk_embedding")

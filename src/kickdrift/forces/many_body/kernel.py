@@ -64,8 +64,10 @@ class ManyBodyKernel(PairKernel):
         return compute_for(kind, add_forces, renew_rows)
 
 
-def law_body(cls: type, pairs_once: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Register the compiled body of a law, ``body(law, force, chunks)``, and whether its rows hold each pair once.
+def law_body(cls: type, tables: tuple[str, ...], pairs_once: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Register the compiled body of a law, ``body(law, force, chunks)``, and whether it visits each pair once.
+
+    ``tables`` names the arrays that are of float32 in mixed precision.
 
     The body writes the force on the particle in each slot to ``force.pairs.force[0]``, see `collect_forces`. It writes
     energy, virial and number of pairs of each chunk to ``force.sums``."""
@@ -73,7 +75,7 @@ def law_body(cls: type, pairs_once: bool = False) -> Callable[[Callable[..., Any
     def register(body: Callable[..., Any]) -> Any:
         LAWS[cls] = body
         cls.kernel_sources = (body,)  # type: ignore[attr-defined]
-        cls.pairs_once = pairs_once  # type: ignore[attr-defined]
+        cls.pairs_once, cls.tables = pairs_once, tables  # type: ignore[attr-defined]
         return body
 
     return register

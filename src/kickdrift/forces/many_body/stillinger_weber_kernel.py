@@ -53,8 +53,6 @@ class StillingerWeberLaw(NamedTuple):
     moments: NDArray[Any]  # (chunks, 2 species * 11 * 8) sums over neighbours of a species, and their weighted sums
     forces: NDArray[np.float64]  # (chunks, 4 slots) from the terms of each chunk: x, y, z and 0 for each slot
 
-    tables = ("by_pair", "by_triple")
-
     def with_room(self, slots: int, room: int, chunks: int) -> StillingerWeberLaw:
         """Return the law with workspace for this room."""
         kind = self.by_pair.dtype
@@ -65,7 +63,7 @@ class StillingerWeberLaw(NamedTuple):
         )
 
 
-@law_body(StillingerWeberLaw)
+@law_body(StillingerWeberLaw, ("by_pair", "by_triple"))
 def stillinger_weber(law, force, chunks):
     each_chunk(force, chunks, "chunk_stillinger_weber")
     each_chunk(force, chunks, "collect_forces")

@@ -53,8 +53,6 @@ class TersoffLaw(NamedTuple):
     others: NDArray[Any]  # (chunks, room * 4 * 8)
     forces: NDArray[np.float64]  # (chunks, 4 slots) from the terms of each chunk: x, y, z and 0 for each slot
 
-    tables = ("by_pair", "by_triple")
-
     def with_room(self, slots: int, room: int, chunks: int) -> TersoffLaw:
         """Return the law with workspace for this room."""
         kind = self.by_pair.dtype
@@ -65,7 +63,7 @@ class TersoffLaw(NamedTuple):
         )
 
 
-@law_body(TersoffLaw)
+@law_body(TersoffLaw, ("by_pair", "by_triple"))
 def tersoff(law, force, chunks):
     each_chunk(force, chunks, "chunk_tersoff")
     each_chunk(force, chunks, "collect_forces")

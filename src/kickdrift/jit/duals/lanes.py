@@ -21,7 +21,7 @@ from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import functions as lanes
 from kickdrift.jit.lanes import gathering, masks, memory, packing, single
-from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, half_single_type, lanes_type
+from kickdrift.jit.lanes.vectors import F64, I32, WIDTH, half_single_type, lanes_type
 from kickdrift.jit.numba_private import cgutils
 
 _DTYPE = np.dtype([("value", np.float64), ("slope", np.float64)])
@@ -160,21 +160,6 @@ def _rows_at(typingctx, table, places, first):
 
 
 @intrinsic
-def _numbers_at(typingctx, table, places, first):
-    def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        parts = [ir.Constant(F64X8, ir.Undefined)] * 2
-        for k, place in enumerate(gathering.places_in(context, builder, sig.args[1], args[1], args[2])):
-            number = builder.bitcast(builder.gep(data, [place]), F64.as_pointer())
-            for part in range(2):
-                each = builder.load(builder.gep(number, [I32(part)]))
-                parts[part] = builder.insert_element(parts[part], each, I32(k))
-        return made(builder, *parts)
-
-    return _DUALS(table, places, types.intp), codegen
-
-
-@intrinsic
 def _add_numbers_at(typingctx, table, places, first, lanes):
     def codegen(context, builder, sig, args):
         columns = [builder.extract_value(args[3], part) for part in range(2)]
@@ -193,23 +178,16 @@ def _add_rows_at(typingctx, table, places, first, columns):
     return types.void(table, places, types.intp, types.UniTuple(_DUALS, gathering.ROW)), codegen
 
 
-def _teach_reading(of_lanes_alone: Any, of_duals: Any) -> Any:
-    """A function of a table and two further arguments, by what the table holds."""
-
-    def read(table: Any, places: Any, first: int) -> Any:
-        raise NotImplementedError("for compiled code")
-
-    @overload(read)
-    def _read(table, places, first):
-        if _of_duals(table):
-            return lambda table, places, first: of_duals(table, places, first)
-        return lambda table, places, first: of_lanes_alone(table, places, first)
-
-    return read
+def rows_at(table: Any, places: Any, first: int) -> Any:
+    """See `gathering.rows_at`."""
+    raise NotImplementedError("for compiled code")
 
 
-rows_at = _teach_reading(gathering.rows_at, _rows_at)
-numbers_at = _teach_reading(gathering.numbers_at, _numbers_at)
+@overload(rows_at)
+def _rows_at_either(table, places, first):
+    if _of_duals(table):
+        return lambda table, places, first: _rows_at(table, places, first)
+    return lambda table, places, first: gathering.rows_at(table, places, first)
 
 
 def _teach_adding(of_lanes_alone: Any, of_duals: Any) -> Any:

@@ -169,20 +169,6 @@ def rows_of(typingctx, table, rows, stride, column):
     return types.UniTuple(lanes, ROW)(table, lanes, types.intp, types.intp), codegen
 
 
-@intrinsic
-def numbers_at(typingctx, table, places, first):
-    """Return lanes: the numbers of a table at ``places[first:first + 8]``, which holds int32."""
-
-    def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        made = ir.Constant(F64X8, ir.Undefined)
-        for k, place in enumerate(places_in(context, builder, sig.args[1], args[1], args[2])):
-            made = builder.insert_element(made, builder.load(builder.gep(data, [place])), I32(k))
-        return made
-
-    return lanes_type(table, places, types.intp), codegen
-
-
 def _as_rows(builder: ir.IRBuilder, columns: list[ir.Value]) -> list[ir.Value]:
     """Eight rows, which hold the lanes of each column."""
     if len(columns) != ROW:
@@ -236,17 +222,6 @@ def add_rows_at(typingctx, table, places, first, columns):
         return scattered(context, builder, sig, args, cgutils.unpack_tuple(builder, args[3]))
 
     return types.void(table, places, types.intp, _FOUR_LANES), codegen
-
-
-@intrinsic
-def place_at(typingctx, places, index):
-    """Return a number of an array of int32, at its place in memory."""
-
-    def codegen(context, builder, sig, args):
-        listed = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return builder.sext(builder.load(builder.gep(listed, [args[1]])), _WHOLE)
-
-    return types.int64(places, types.intp), codegen
 
 
 def _rounding(name: str) -> Any:
