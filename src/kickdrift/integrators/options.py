@@ -18,7 +18,7 @@ from kickdrift.model.checks.values import number
 from kickdrift.model.units.quantities import UnitSystem, has_unit, time_in
 from kickdrift.text import shown
 
-DOUBLE, MIXED = "double", "mixed"  # precision of pair forces
+DOUBLE, MIXED = "double", "mixed"  # precision of pair and many-body forces
 _WORDS = {float: "a number", int: "a whole number", str: "a name", bool: "true or false"}
 DIMENSIONS = {
     "": "", "time": "the system's unit of time", "rate": "one over the system's unit of time",
@@ -243,7 +243,7 @@ ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
 )
 SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
 PRECISION = Option(
-    "precision", str, "Numbers of pair forces: all float64, or float32 for pairs and float64 for the rest.", DOUBLE,
+    "precision", str, "Pair and many-body forces: all in float64, or pairs in float32 and the rest in float64.", DOUBLE,
     (DOUBLE, MIXED), written=False,
 )  # fmt: skip
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)

@@ -68,10 +68,10 @@ class Simulation(Present):
     events : what to watch for (`CloseApproach`, `Collision`, `Escape`, `Crossing`); default the system file's
     options : options of the integrator, such as ``rtol=1e-10`` or ``corrector=17``; `kickdrift list integrators NAME`
         explains them. A value with a unit may be text: ``temperature="300 K"``. Options given here override those of an
-        integrator's value, which override the system file's. Every integrator takes ``precision`` of the pair forces:
-        "double" (float64, default) or "mixed" (pairs in float32, everything else in float64). With "mixed", the error
-        of forces in a liquid is about 2e-7 of a typical force for each sigma of the box's edge (in open space, of the
-        extent). Reported energies are in float64
+        integrator's value, which override the system file's. Every integrator takes ``precision`` of pair and many-body
+        forces: "double" (float64, default) or "mixed" (pairs in float32, everything else in float64). With "mixed", the
+        error of forces in a liquid is about 2e-7 of a typical force for each sigma of the box's edge (in open space, of
+        the extent). Reported energies are in float64
 
     ``now()`` is the System at present, and ``sim["Callisto"]`` a body at present.
     ``system`` is the System at the start.

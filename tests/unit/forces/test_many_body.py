@@ -154,6 +154,36 @@ def test_energy_forces_and_virial_are_those_of_the_papers(name, shape, tmp_path)
     assert measured.virial == pytest.approx(-grown, rel=1e-11)
 
 
+MIXED = [(name, shape) for name in CASES for shape in ("open", "leaning")]
+
+
+@pytest.mark.parametrize("each", shortened(MIXED, [("tersoff, two", "leaning"), ("eam, two, fs", "open")]), ids=str)
+def test_mixed_precision_differs_by_the_rounding_of_float32(each, tmp_path):
+    name, shape = each
+    if name.startswith("eam"):
+        pytest.importorskip("ase")
+    force, species, _ = case(name, tmp_path)
+    system = particles(species, BOXES[shape], force)
+    double, mixed = (BoundForces(system, mixed=mixed).measure(0.0, system.state.phase) for mixed in (False, True))
+    scale = np.sqrt((double.accelerations**2).mean())
+    assert 1e-9 * scale < np.abs(mixed.accelerations - double.accelerations).max() < 1e-5 * scale
+    assert np.abs(mixed.accelerations.sum(axis=1)).max() < 1e-12 * scale * len(system)  # all masses are equal
+    assert mixed.pairs == double.pairs
+    assert mixed.potential == pytest.approx(double.potential, rel=1e-6)
+    assert mixed.virial == pytest.approx(double.virial, rel=1e-5, abs=1e-5 * abs(double.potential))
+
+
+@pytest.mark.parametrize("name", ["silicon-512", "copper-864"])
+def test_mixed_precision_gives_the_same_bits_on_threads_and_in_pieces(name):
+    if name.startswith("copper"):
+        pytest.importorskip("ase")
+    one, other = (kd.Simulation(kd.load(name), dt=0.001, threads=k, precision="mixed") for k in (1, 2))
+    one.run(30, every=30)
+    for _ in range(3):
+        other.run(10, every=5)
+    np.testing.assert_array_equal(one.state.positions, other.state.positions)
+
+
 SLOPES = [(name, shape) for name in CASES for shape in ("open", "leaning")]
 
 
@@ -289,10 +319,6 @@ def test_a_file_of_entries_gives_the_entries(tmp_path):
     assert force.file is None
     assert force.entries == {"Si-Si-Si": SILICON | {"cos_theta0": -0.3333, "A": 7.0, "B": 0.6}}
     assert loads(system.to_toml()).forces == system.forces
-    with pytest.raises(
-        InputError, match=r"precision: mixed is for pair forces, and 'stillinger-weber' is a many-body force"
-    ):
-        kd.Simulation(system, dt=0.001, precision="mixed")
 
 
 # --- bad input ---

@@ -15,7 +15,9 @@ from numba.core.errors import TypingError
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_max, lane_numbers, lane_sum, multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
-from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_store, store
+from kickdrift.jit.lanes.memory import aligned, flat, load, load_like, masked_load, masked_store, store
+from kickdrift.jit.lanes.packing import fill_places, pack_counted, pack_places, packed, transpose_places
+from kickdrift.jit.lanes.single import single_exp, single_log, single_sine_cosine, zeros_in
 from kickdrift.jit.lanes.vectors import WIDTH
 from tests.processes import python
 
@@ -320,3 +322,74 @@ def test_a_power_has_the_flags_of_its_own_function(first, whole):
         assert products
         marked[name] = {"contract" in line for line in products}
     assert marked == {"strict": {False}, "fast": {True}}
+
+
+# --- float32, and packing ---
+
+
+@jit
+def single_functions(a, out):
+    x = load_like(a, 0, zeros_in(a))
+    store(out[0], 0, single_exp(x))
+    store(out[1], 0, single_log(abs(x)))
+    sine, cosine = single_sine_cosine(1.5 * x / (1.0 + abs(x)))
+    store(out[2], 0, sine)
+    store(out[3], 0, cosine)
+
+
+def test_functions_of_float32_are_within_3_units_in_the_last_place():
+    rng = np.random.default_rng(5)
+    run = njit(lambda a, out: single_functions(a, out))
+    for scale in (1e-3, 1.0, 60.0):
+        a, out = (scale * rng.normal(size=8)).astype(np.float32), np.zeros((4, 8), np.float32)
+        run(a, out)
+        x = a.astype(float)
+        angle = (np.float32(1.5) * a / (np.float32(1.0) + np.abs(a))).astype(float)
+        for found, true in zip(out[:3], (np.exp(x), np.log(np.abs(x)), np.sin(angle)), strict=True):
+            assert np.all(np.abs(found - true) <= 3 * np.spacing(np.abs(true).astype(np.float32)))
+        assert np.all(np.abs(out[3] - np.cos(angle)) <= 2.0**-23)
+
+
+def test_the_exponential_of_float32_ends_as_that_of_float64():
+    a, out = np.array([-1e3, -88.0, 0.0, np.nan, 90.0, 1e3, np.inf, -np.inf], np.float32), np.zeros((4, 8), np.float32)
+    njit(lambda a, out: single_functions(a, out))(a, out)
+    assert out[0, [0, 1, 7]].tolist() == [0.0, 0.0, 0.0]
+    assert out[0, 2] == 1.0
+    assert np.isnan(out[0, 3])
+    assert np.allclose(out[0, 4:7], np.exp(87.0), rtol=1e-6)
+
+
+@jit
+def packing(a, places, out, rows):
+    x = load(a, 0)
+    made = pack_places(rows, 0, places, 0, x > 0.0)
+    store(out, 0, packed(x > 0.0, x))
+    other = pack_counted(rows, 8, 40, x > 0.0)
+    fill_places(rows, 16, 7)
+    transpose_places(places, 0, 8, rows, 24)
+    return made, other
+
+
+PACKING = """
+import numpy as np
+from numba import njit
+from tests.unit.jit.test_lanes import packing
+run, rng = njit(lambda a, places, out, rows: packing(a, places, out, rows)), np.random.default_rng(2)
+for _ in range(50):
+    a, places = rng.normal(size=8), rng.integers(0, 99, 64).astype(np.int32)
+    out, rows = np.zeros(8), np.zeros(88, np.int32)
+    found, chosen = run(a, places, out, rows), np.flatnonzero(a > 0)
+    n = len(chosen)
+    assert found == (n, n)
+    assert out[:n].tolist() == a[chosen].tolist()
+    assert rows[:n].tolist() == places[chosen].tolist()
+    assert rows[8 : 8 + n].tolist() == (40 + chosen).tolist()
+    assert rows[16:24].tolist() == [7] * 8
+    assert rows[24:].reshape(8, 8).T.tolist() == places.reshape(8, 8).tolist()
+"""
+
+
+@pytest.mark.parametrize("settings", [{}, {"NUMBA_ENABLE_AVX": "0"}], ids=["own", "without AVX"])
+def test_packing_is_that_of_numpy_whatever_the_processors_instructions(settings):
+    done = python(PACKING, **settings)
+    assert done.returncode == 0, done.stderr

@@ -25,9 +25,9 @@ from kickdrift.forces.lists.pair_rows import fill_table, tile_table
 from kickdrift.forces.lists.row_lanes import blocks
 from kickdrift.forces.lists.special_pairs import clear_special, is_special, mark_special, without_special
 from kickdrift.jit.compile import as_written, jit
-from kickdrift.jit.lanes.gathering import append_members
 from kickdrift.jit.lanes.masks import bytes_with_bits, count_ones, mask_bits
 from kickdrift.jit.lanes.memory import store
+from kickdrift.jit.lanes.packing import append_members
 from kickdrift.jit.lanes.single import joined, load_four_times, load_single
 from kickdrift.jit.lanes.vectors import WIDTH
 

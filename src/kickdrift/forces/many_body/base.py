@@ -72,12 +72,10 @@ class ManyBodyForce(ListedForce, Grouped):
             )
 
     def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
-        """Bind this force to a System, with its list of neighbours."""
+        """Bind this force to a System, with its list of neighbours. ``mixed`` is its precision."""
         from kickdrift.forces.many_body.binding import bind
 
-        if mixed:
-            raise InputError(f"precision: mixed is for pair forces, and {self.name!r} is a many-body force")
-        return bind(self, system, threads)
+        return bind(self, system, threads, mixed)
 
 
 class TabledForce(ManyBodyForce):

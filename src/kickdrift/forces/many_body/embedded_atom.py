@@ -94,7 +94,9 @@ class EmbeddedAtom(ManyBodyForce):
             by_density.shape[1] * found.drho,
             densities=np.zeros((0, 0)),
             at=np.zeros(0),
+            shifted=np.zeros((0, 0)),
             row=np.zeros((0, 0)),
+            close=np.zeros((0, 0), np.int64),
             kept=np.zeros(0),
             forces=np.zeros((0, 0)),
         )

@@ -1,41 +1,43 @@
 """Compiled sums of the embedded-atom method: densities at all particles, then forces.
 
-Each pair stands in the row of one of its particles. The first visit of a row reads the tables at each distance, adds
-the densities to both particles, and keeps the slopes. The second visit weighs the slopes by the slopes of both
-particles' embedding energies, and adds the forces. It computes the separations again, because large systems would wait
-for memory if the first visit kept these too.
+Each pair stands in the row of one of its particles. The first visit of a row brings the neighbours within the cutoff
+side by side, reads the tables at their distances, adds the densities to both particles, and keeps the slopes. The
+second visit weighs the slopes by the slopes of both particles' embedding energies, and adds the forces. It computes the
+separations again, because large systems would wait for memory if the first visit kept these too.
+
+In mixed precision the tables and what is kept of a pair are of float32. Positions, separations and sums are of float64.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.along import add_along, store_along, zeros_along
-from kickdrift.forces.lists.clusters import N_CLUSTERS, STRIDE, chunk_clusters
-from kickdrift.forces.lists.neighbours import ROW, block_of_neighbours, separations
-from kickdrift.forces.many_body.kernel import law_body
+from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFTS, TABLE_STRIDE, chunk_clusters
+from kickdrift.forces.lists.neighbours import ROW, close_neighbours, separations, shift_cluster
+from kickdrift.forces.many_body.kernel import add_others, clear_reached, law_body
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.duals.lanes import (
     add_numbers_at,
     add_rows_at,
+    in_double,
+    in_precision_of,
     inverse_sqrt,
     lane_sum,
     load,
+    rows_at,
     select,
     store,
     value_of,
 )
-from kickdrift.jit.lanes.functions import splat
+from kickdrift.jit.lanes.functions import lane_numbers, splat
 from kickdrift.jit.lanes.gathering import lane_floor, rows_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task, each_chunk
-
-KEPT = 3  # numbers that the first visit keeps of each pair for the second
-BLOCK = 3  # numbers of each neighbour in the row at hand
 
 
 class EmbeddedAtomLaw(NamedTuple):
@@ -44,7 +46,7 @@ class EmbeddedAtomLaw(NamedTuple):
     A row of ``by_distance`` holds the cubics of an interval of distances, four numbers each: density at the first
     particle, r times pair energy and, with several species, density at the second."""
 
-    by_distance: NDArray[np.float64]  # (species, species, intervals, 8 or 12)
+    by_distance: NDArray[Any]  # (species, species, intervals, 8 or 12), of float32 in mixed precision
     intervals: int
     per_length: float  # 1 over an interval of distances
     by_density: NDArray[np.float64]  # (species, intervals, 4) embedding energies
@@ -52,8 +54,10 @@ class EmbeddedAtomLaw(NamedTuple):
     highest: float  # density from which the embedding energy continues as a line
     densities: NDArray[np.float64]  # (chunks, slots) from the pairs of each chunk
     at: NDArray[np.float64]  # (4 slots,) x, y, z and slope of the embedding energy of each slot
-    row: NDArray[np.float64]  # (chunks, room * BLOCK)
-    kept: NDArray[np.float64]  # (slots * room * KEPT,)
+    shifted: NDArray[np.float64]  # (chunks, 32 * 27) see `shift_cluster`
+    row: NDArray[np.float64]  # (chunks, slots + 16) squared distances of the neighbours at hand
+    close: NDArray[np.int64]  # (chunks, slots) neighbours within the cutoff in a chunk's pairs
+    kept: NDArray[Any]  # two or three slopes for each number of ``rows.near``
     forces: NDArray[np.float64]  # (chunks, 4 slots) from the pairs of each chunk: x, y, z and 0 for each slot
 
     def with_room(self, slots: int, room: int, chunks: int) -> EmbeddedAtomLaw:
@@ -61,18 +65,20 @@ class EmbeddedAtomLaw(NamedTuple):
         return self._replace(
             densities=aligned((chunks, slots)),
             at=aligned((ROW * slots,)),
-            row=aligned((chunks, room * BLOCK)),
-            kept=aligned((slots * room * KEPT,), fill=None),
+            shifted=aligned((chunks, TABLE_STRIDE * SHIFTS)),
+            row=aligned((chunks, slots + 2 * WIDTH), fill=None),
+            close=np.zeros((chunks, slots), np.int64),
+            kept=aligned((slots * room * (2 if len(self.by_distance) == 1 else 3),), None, self.by_distance.dtype),
             forces=aligned((chunks, ROW * slots)),
         )
 
 
-@law_body(EmbeddedAtomLaw, pairs_once=True)
+@law_body(EmbeddedAtomLaw, ("by_distance",), pairs_once=True)
 def embedded_atom(law, force, chunks):
     each_chunk(force, chunks, "chunk_densities")
     each_chunk(force, chunks, "chunk_embedding")
     each_chunk(force, chunks, "chunk_embedded_forces")
-    each_chunk(force, chunks, "collect_embedded_forces")
+    each_chunk(force, chunks, "collect_forces")
 
 
 @as_written
@@ -81,76 +87,81 @@ def cubic(c3, c2, c1, c0, p):
     return ((c3 * p + c2) * p + c1) * p + c0, (3.0 * c3 * p + 2.0 * c2) * p + c1
 
 
+@as_written
+def first_place(force, c):
+    """Return where chunk c's neighbours begin in ``rows.near``. They stand there without gaps, in blocks of eight."""
+    slots, room = force.rows.near.shape
+    return c * (slots // force.chunks.number) * room
+
+
+@as_written
+def has_rows(force, c, cluster):
+    """Tell whether chunk c's pairs are neighbours of this cluster's particles."""
+    pairs = force.pairs
+    start, (begin, end) = pairs.row_start[c], chunk_clusters(pairs, c)
+    mine = begin <= cluster < end
+    return force.rows.reached[c, cluster] and (mine or start[WIDTH * cluster] != start[WIDTH * (cluster + 1)])
+
+
 @chunk_task
 def chunk_densities(force, c):
     """Sum the densities from chunk c's pairs, and their energies."""
     never_inline()
     rows, law, pairs = force.rows, force.law, force.pairs
-    table, kept, block, densities, cutoff2 = law.by_distance, law.kept, law.row[c], law.densities[c], force.cutoff**2
-    species, width, room = table.shape[0], table.shape[3], rows.near.shape[1]
+    table, kept, row, densities, close = law.by_distance, law.kept, law.row[c], law.densities[c], law.close[c]
+    species, width, near = table.shape[0], table.shape[3], rows.near
     last = float(law.intervals - 1)
+    clear_reached(force, densities, c, 1)
+    pair_energy, pair_count = splat(0.0), 0
+    at = first_place(force, c)
+    keep = at * (3 if species > 1 else 2)
     for cluster in range(pairs.counts[N_CLUSTERS]):
-        if rows.reached[c, cluster]:
-            store(densities, WIDTH * cluster, splat(0.0))
-    pair_energy, pair_count = splat(0.0), splat(0.0)
-    begin, end = chunk_clusters(pairs, c)
-    at = WIDTH * begin * room * KEPT  # where the next numbers are kept, without gaps
-    for cluster in range(begin, end):
+        if not has_rows(force, c, cluster):
+            continue
+        shift_cluster(pairs, c, cluster, law.shifted[c])
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
             own = value_of(rows.at[ROW * slot + 3])
-            density, begin_row, count = splat(0.0), slot * room, rows.lengths[slot]
-            # Two short loops are faster than one long loop, since the processor then works on several rounds at once.
+            count = close_neighbours(force, c, slot, law.shifted[c], at, row)
+            close[slot] = count
+            pair_count += count
+            density = splat(0.0)
             for first in range(0, count, WIDTH):
-                _, _, _, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
-                r2 = select(beyond, splat(cutoff2), r2)
+                here = lane_numbers() < float(count - first)
+                r2 = in_precision_of(table, load(row, first))
                 inverse = inverse_sqrt(r2)
-                store(block, BLOCK * first, select(beyond, splat(0.0), inverse))
-                store(block, BLOCK * first + WIDTH, r2 * inverse * law.per_length)
-                if species > 1:
-                    store(block, BLOCK * first + 2 * WIDTH, kind)
-            for first in range(0, count, WIDTH):
-                inverse, p = load(block, BLOCK * first), load(block, BLOCK * first + WIDTH)
-                beyond = inverse == 0.0
+                p = r2 * inverse * law.per_length
                 interval = lane_floor(value_of(p))
-                interval = select(interval < last, interval, splat(last))  # nan too: no index is out of range
+                interval = select(interval < last, interval, last)  # nan too: no index is out of range
                 p = p - interval
-                p = select(p > 1.0, splat(1.0), p)
-                row = interval
+                p = select(p > 1.0, 0.0 * p + 1.0, p)
+                line = interval
                 if species > 1:
-                    kind = value_of(load(block, BLOCK * first + 2 * WIDTH))
-                    row = row + (kind + own * species) * float(law.intervals)
-                a3, a2, a1, a0 = rows_of(table, row, width, 0)
-                here, slope_here = cubic(a3, a2, a1, a0, p)
-                b3, b2, b1, b0 = rows_of(table, row, width, 4)
+                    kind = in_precision_of(table, value_of(rows_at(rows.at, near, at)[3]))
+                    line = line + (kind + own * species) * float(law.intervals)
+                a3, a2, a1, a0 = rows_of(table, line, width, 0)
+                b3, b2, b1, b0 = rows_of(table, line, width, 4)
+                own_density, own_slope = cubic(a3, a2, a1, a0, p)
                 z, slope_z = cubic(b3, b2, b1, b0, p)
-                there, slope_there = here, slope_here
-                if species > 1:
-                    e3, e2, e1, e0 = rows_of(table, row, width, 8)
-                    there, slope_there = cubic(e3, e2, e1, e0, p)
                 energy = z * inverse
                 per_r = inverse * law.per_length
-                density = density + select(beyond, splat(0.0), here)
-                add_numbers_at(densities, rows.near, begin_row + first, select(beyond, splat(0.0), there))
-                pair_energy = pair_energy + energy
-                pair_count = pair_count + select(beyond, splat(0.0), splat(1.0))
-                store(kept, at, (slope_z * law.per_length - energy) * inverse * inverse)  # slope of the pair energy
-                store(kept, at + WIDTH, slope_here * per_r)
+                store(kept, keep, (slope_z * law.per_length - energy) * inverse * inverse)  # slope of the pair energy
+                store(kept, keep + WIDTH, own_slope * per_r)
+                own_density = select(here, in_double(own_density), 0.0)
+                density = density + own_density
+                keep += 2 * WIDTH
                 if species > 1:
-                    store(kept, at + 2 * WIDTH, slope_there * per_r)
-                at += (KEPT if species > 1 else KEPT - 1) * WIDTH
+                    e3, e2, e1, e0 = rows_of(table, line, width, 8)
+                    other_density, other_slope = cubic(e3, e2, e1, e0, p)
+                    store(kept, keep, other_slope * per_r)
+                    add_numbers_at(densities, near, at, select(here, in_double(other_density), 0.0))
+                    keep += WIDTH
+                else:
+                    add_numbers_at(densities, near, at, own_density)
+                pair_energy = pair_energy + select(here, in_double(energy), 0.0)
+                at += WIDTH
             densities[slot] += lane_sum(density)
     force.sums[c, 0] = lane_sum(pair_energy)
-    force.sums[c, 2] = lane_sum(pair_count)
-
-
-@as_written
-def over_chunks(force, numbers, c, cluster, at):
-    """Return the sum of a number of a cluster in chunk c: that from the chunk's own pairs, then those of the others."""
-    total = numbers[c, at]
-    for other in range(force.chunks.number):
-        if other != c and force.rows.reached[other, cluster]:
-            total += numbers[other, at]
-    return total
+    force.sums[c, 2] = pair_count
 
 
 @chunk_task
@@ -158,32 +169,40 @@ def chunk_embedding(force, c):
     """Sum the chunks' densities at chunk c's particles, and the embedding energies."""
     never_inline()
     rows, law, pairs = force.rows, force.law, force.pairs
-    embedded = 0.0
+    embedded = splat(0.0)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            density = over_chunks(force, law.densities, c, cluster, slot)
-            for k in range(3):
-                law.at[ROW * slot + k] = rows.at[ROW * slot + k]
-            embedded += embedding(law, slot, int(value_of(rows.at[ROW * slot + 3])), density)
-    force.sums[c, 0] += embedded
+        add_others(force, law.densities, c, cluster, 1)
+        for p in range(ROW * WIDTH * cluster, ROW * WIDTH * (cluster + 1), WIDTH):
+            store(law.at, p, load(rows.at, p))
+        embedded = embedded + embedding(law, c, cluster, pairs.filled[cluster])
+    force.sums[c, 0] += lane_sum(embedded)
 
 
 @as_written
-def embedding(law, slot, kind, density):
-    """Write the slope of a particle's embedding energy, and return the energy."""
-    table = law.by_density
+def embedding(law, c, cluster, filled):
+    """Write the slopes of a cluster's embedding energies over the species in ``law.at``, and return the energies."""
+    table, row, density = law.by_density, law.row[c], load(law.densities[c], WIDTH * cluster)
+    last = float(table.shape[1] - 1)
     p = density * law.per_density
-    most = table.shape[1] - 1
-    interval = max(0, int(value_of(p))) if p < float(most) else most  # nan too: no index is out of range
+    interval = lane_floor(value_of(p))
+    interval = select(interval < last, interval, last)  # nan too: no index is out of range
+    interval = select(interval > 0.0, interval, 0.0)
     p = p - interval
-    p = 1.0 if p > 1.0 else p
-    c3, c2 = table[kind, interval, 0], table[kind, interval, 1]
-    c1, c0 = table[kind, interval, 2], table[kind, interval, 3]
+    p = select(p > 1.0, 0.0 * p + 1.0, p)
+    kind = splat(0.0)
+    if table.shape[0] > 1:
+        for lane in range(WIDTH):
+            row[lane] = law.at[ROW * (WIDTH * cluster + lane) + 3]
+        kind = value_of(load(row, 0))
+    c3, c2, c1, c0 = rows_of(table, interval + kind * float(table.shape[1]), ROW, 0)
     value, slope = cubic(c3, c2, c1, c0, p)
-    slope *= law.per_density
-    law.at[ROW * slot + 3] = slope
-    return value + slope * (density - law.highest) if density > law.highest else value
+    slope = slope * law.per_density
+    store(row, 0, slope)
+    for lane in range(WIDTH):
+        law.at[ROW * (WIDTH * cluster + lane) + 3] = row[lane]
+    value = select(density > law.highest, value + slope * (density - law.highest), value)
+    return select(lane_numbers() < float(filled), value, 0.0)
 
 
 @chunk_task
@@ -191,46 +210,33 @@ def chunk_embedded_forces(force, c):
     """Sum the forces from chunk c's pairs."""
     never_inline()
     rows, law, pairs = force.rows, force.law, force.pairs
-    kept, room, forces = law.kept, rows.near.shape[1], law.forces[c]
+    kept, forces, near = law.kept, law.forces[c], rows.near
     several = law.by_distance.shape[0] > 1
+    clear_reached(force, forces, c, ROW)
+    virial, by_axis = splat(0.0), zeros_along(force.along, force.sums)
+    at = first_place(force, c)
+    keep = at * (3 if several else 2)
     for cluster in range(pairs.counts[N_CLUSTERS]):
-        if rows.reached[c, cluster]:
-            for k in range(ROW):
-                store(forces, WIDTH * (ROW * cluster + k), splat(0.0))
-    virial, along = splat(0.0), zeros_along(force.along, force.sums)
-    begin, end = chunk_clusters(pairs, c)
-    at = WIDTH * begin * room * KEPT
-    for cluster in range(begin, end):
+        if not has_rows(force, c, cluster):
+            continue
         for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            own = law.at[ROW * slot + 3]
-            fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-            for first in range(0, rows.lengths[slot], WIDTH):
-                dx, dy, dz, other = separations(rows, law.at, slot, first)
-                here, there = load(kept, at + WIDTH), load(kept, at + (2 if several else 1) * WIDTH)
-                g = load(kept, at) + own * here + other * there
-                at += (KEPT if several else KEPT - 1) * WIDTH
-                gx, gy, gz = g * dx, g * dy, g * dz
-                fx, fy, fz = fx - gx, fy - gy, fz - gz
-                add_rows_at(forces, rows.near, slot * room + first, (gx, gy, gz, 0.0 * gx))
-                virial = virial - (gx * dx + gy * dy + gz * dz)
-                along = add_along(along, -gx * dx, -gy * dy, -gz * dz)
             p = ROW * slot
+            x, y, z, own = law.at[p], law.at[p + 1], law.at[p + 2], law.at[p + 3]
+            fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+            for _ in range(0, law.close[c, slot], WIDTH):
+                dx, dy, dz, other = separations(rows, law.at, near, at, x, y, z)
+                by_own = in_double(load(kept, keep + WIDTH))
+                by_other = in_double(load(kept, keep + 2 * WIDTH)) if several else by_own
+                g = in_double(load(kept, keep)) + own * by_own + other * by_other
+                gx, gy, gz = g * dx, g * dy, g * dz  # zero beyond the last neighbour: its separation is zero
+                fx, fy, fz = fx - gx, fy - gy, fz - gz
+                add_rows_at(forces, near, at, (gx, gy, gz, 0.0 * gx))
+                at += WIDTH
+                keep += (3 if several else 2) * WIDTH
+                virial = virial - (gx * dx + gy * dy + gz * dz)
+                by_axis = add_along(by_axis, -gx * dx, -gy * dy, -gz * dz)
             forces[p] += lane_sum(fx)
             forces[p + 1] += lane_sum(fy)
             forces[p + 2] += lane_sum(fz)
     force.sums[c, 1] = lane_sum(virial)
-    store_along(along, force.along, c)
-
-
-@chunk_task
-def collect_embedded_forces(force, c):
-    """Sum the chunks' forces on chunk c's particles."""
-    never_inline()
-    law, pairs = force.law, force.pairs
-    total = pairs.force[0]
-    begin, end = chunk_clusters(pairs, c)
-    for cluster in range(begin, end):
-        for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            for k in range(3):
-                place = STRIDE * cluster + k * WIDTH + slot % WIDTH
-                total[place] = over_chunks(force, law.forces, c, cluster, ROW * slot + k)
+    store_along(by_axis, force.along, c)

@@ -9,13 +9,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.clusters import (
-    LANES,
-    N_CLUSTERS,
-    STRIDE,
-    ClusterList,
-    unsigned,
-)
+from kickdrift.forces.lists.clusters import N_CLUSTERS, STRIDE, ClusterList, chunk_clusters
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.neighbours import (
     ROOM_NEEDED,
@@ -26,20 +20,20 @@ from kickdrift.forces.lists.neighbours import (
     renew,
     with_room,
 )
+from kickdrift.forces.lists.sums import Gathering
 from kickdrift.forces.pairs.kernel import PairKernel, compute_for
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.jit.compile import as_written, jit
+from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.duals.lanes import load, store, value_of
-from kickdrift.jit.handle import Handle
+from kickdrift.jit.handle import Handle, handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import splat
-from kickdrift.jit.lanes.gathering import place_at, rows_of
-from kickdrift.jit.lanes.masks import lowest_bit
+from kickdrift.jit.lanes.gathering import ROW, rows_of
 from kickdrift.jit.lanes.memory import broadcast
+from kickdrift.jit.lanes.single import zeros_in
 from kickdrift.jit.lanes.vectors import WIDTH
-from kickdrift.jit.threads.chunks import Chunks
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk
 
-THREE_LANES = unsigned(STRIDE)
 LAWS: dict[type, Callable[..., Any]] = {}
 
 
@@ -79,16 +73,18 @@ class ManyBodyKernel(PairKernel):
         return compute_for(kind, add_forces, renew_rows)
 
 
-def law_body(cls: type, pairs_once: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Register the compiled body of a law, ``body(law, force, chunks)``, and whether its rows hold each pair once.
+def law_body(cls: type, tables: tuple[str, ...], pairs_once: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Register the compiled body of a law, ``body(law, force, chunks)``, and whether it visits each pair once.
 
-    The body writes the force on the particle in each slot to ``force.pairs.force`` (one array for each chunk, which are
-    summed afterwards), and energy, virial and number of pairs to ``force.sums``."""
+    ``tables`` names the arrays that are of float32 in mixed precision.
+
+    The body writes the force on the particle in each slot to ``force.pairs.force[0]``, see `collect_forces`. It writes
+    energy, virial and number of pairs of each chunk to ``force.sums``."""
 
     def register(body: Callable[..., Any]) -> Any:
         LAWS[cls] = body
         cls.kernel_sources = (body,)  # type: ignore[attr-defined]
-        cls.pairs_once = pairs_once  # type: ignore[attr-defined]
+        cls.pairs_once, cls.tables = pairs_once, tables  # type: ignore[attr-defined]
         return body
 
     return register
@@ -106,7 +102,7 @@ def _run_law(law, force, chunks):
 @jit
 def renew_rows(force):
     """Make the rows of neighbours of a new list; return a status."""
-    return renew(force.rows, force.pairs)
+    return renew(force)
 
 
 @jit
@@ -114,7 +110,7 @@ def refresh_rows(force, x):
     """Update the list and the rows of neighbours for positions x (3, n); return a status."""
     status = refresh(force.pairs, x, force.chunks)
     if status == OK:
-        status = renew(force.rows, force.pairs)
+        status = renew(force)
     if status == OK:
         follow_box(force.rows)
         copy_places(force.rows, force.pairs)
@@ -138,58 +134,50 @@ def add_forces(force, wanted, x, a, sums):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
             sums[2] += force.sums[c, 2]
-    place, total, inverse_masses = pairs.place, pairs.force[0], force.inverse_masses
-    for i in range(place.size):
-        p, w = unsigned(place[i]), inverse_masses[i]
-        a[0, i] += total[p] * w
-        a[1, i] += total[p + LANES] * w
-        a[2, i] += total[p + LANES + LANES] * w
+    each_chunk(handle(Gathering(pairs, chunks, force.inverse_masses, a, None)), chunks, "gather_chunk")
     return OK
 
 
-@jit
-def clear(pairs, c):
-    """Set chunk c's forces to zero."""
-    forces = pairs.force[c]
-    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
-        store(forces, p, splat(0.0))
-
-
-@jit
-def collect(pairs, chunks):
-    """Sum the chunks' forces in chunk 0, in one order."""
-    total = pairs.force[0]
-    for p in range(0, STRIDE * pairs.counts[N_CLUSTERS], WIDTH):
-        force = load(total, p)
-        for c in range(1, chunks.number):
-            force = force + load(pairs.force[c], p)
-        store(total, p, force)
+@as_written
+def clear_reached(force, numbers, c, each):
+    """Set to zero the numbers, ``each`` for a slot, of the clusters that chunk c's rows reach."""
+    for cluster in range(force.pairs.counts[N_CLUSTERS]):
+        if force.rows.reached[c, cluster]:
+            for k in range(each):
+                store(numbers, WIDTH * (each * cluster + k), splat(0.0))
 
 
 @as_written
-def row_numbers(table, species, rows, stride, column):
-    """Return four lanes: the parameters from ``column`` on in these rows of a table with ``stride`` numbers in a row.
-    For one species all lanes take the first row."""
-    if species > 1:
-        a, b, c, d = rows_of(table, value_of(rows), stride, column)
+def add_others(force, numbers, c, cluster, each):
+    """Add to chunk c's numbers of a cluster, ``each`` for a slot, those that the other chunks' rows give."""
+    for other in range(force.chunks.number):
+        if other != c and force.rows.reached[other, cluster]:
+            for p in range(each * WIDTH * cluster, each * WIDTH * (cluster + 1), WIDTH):
+                store(numbers[c], p, load(numbers[c], p) + load(numbers[other], p))
+
+
+@chunk_task
+def collect_forces(force, c):
+    """Sum the chunks' forces, ``law.forces``, on chunk c's particles."""
+    never_inline()
+    forces, pairs = force.law.forces, force.pairs
+    total = pairs.force[0]
+    begin, end = chunk_clusters(pairs, c)
+    for cluster in range(begin, end):
+        add_others(force, forces, c, cluster, ROW)
+        for lane in range(WIDTH):
+            p, q = STRIDE * cluster + lane, ROW * (WIDTH * cluster + lane)
+            total[p], total[p + WIDTH], total[p + 2 * WIDTH] = forces[c, q], forces[c, q + 1], forces[c, q + 2]
+
+
+@as_written
+def row_numbers(table, rows, column):
+    """Return four lanes: the numbers from ``column`` on of these rows of a table (rows, columns). All lanes take the
+    same row if there is only one."""
+    if table.shape[0] > 1:
+        a, b, c, d = rows_of(table, value_of(rows), table.shape[1], column)
     else:
-        zero = splat(0.0)
+        zero = zeros_in(table)
         a, b = broadcast(table, column, zero), broadcast(table, column + 1, zero)
         c, d = broadcast(table, column + 2, zero), broadcast(table, column + 3, zero)
     return a, b, c, d
-
-
-@as_written
-def react(forces, buffer, near, first, bits, gx, gy, gz):
-    """Subtract lanes from the forces on the neighbours from ``first`` on whose bit is set."""
-    store(buffer, 0, gx)
-    store(buffer, WIDTH, gy)
-    store(buffer, 2 * WIDTH, gz)
-    while bits:
-        k = lowest_bit(bits)
-        bits &= bits - 1
-        slot = unsigned(place_at(near, first + k))
-        p = slot // LANES * THREE_LANES + slot % LANES
-        forces[p] -= buffer[k]
-        forces[p + LANES] -= buffer[k + WIDTH]
-        forces[p + LANES + LANES] -= buffer[k + 2 * WIDTH]

@@ -68,7 +68,7 @@ def on_duals(work: ManyBodyWork) -> ManyBodyWork:
         law=fresh._replace(**room),
         sums=dual_numbers(work.sums.shape),
         rows=work.rows._replace(at=dual_numbers(work.rows.at.shape)),
-        pairs=work.pairs._replace(force=dual_numbers(work.pairs.force.shape)),
+        pairs=work.pairs._replace(x=dual_numbers(work.pairs.x.shape), force=dual_numbers(work.pairs.force.shape)),
     )
 
 
@@ -98,8 +98,11 @@ ManyBodySlopesKernel.add = add_slopes
 
 @jit
 def place_values(force):
-    """Write positions and species to the duals' slots; padding has no slopes."""
+    """Write positions and species to the duals' slots and clusters; padding has no slopes."""
     never_inline()
+    sorted_x, x = force.force.pairs.x, force.duals.pairs.x
+    for p in range(STRIDE * force.force.pairs.counts[N_CLUSTERS]):
+        x[p] = sorted_x[p]
     values, at = force.force.rows.at, force.duals.rows.at
     for p in range(ROW * WIDTH * force.force.pairs.counts[N_CLUSTERS]):
         at[p] = values[p]
@@ -107,14 +110,14 @@ def place_values(force):
 
 @jit
 def place_deviation(force, x, first, apart):
-    """Write a deviation as slopes to the slots of its particles. Its columns of x begin at ``first``."""
+    """Write a deviation as slopes of its particles. Its columns of x begin at ``first``."""
     never_inline()
-    place, values, at = force.force.pairs.place, force.force.rows.at, force.duals.rows.at
+    place, values, at, sorted_x = force.force.pairs.place, force.force.rows.at, force.duals.rows.at, force.duals.pairs.x
     for i in range(place.size):
         p, column = place[i], first + i * apart
         slot = ROW * (p // STRIDE * WIDTH + p % STRIDE)
         for k in range(3):
-            at[slot + k] = dual(values[slot + k], x[k, column])
+            at[slot + k] = sorted_x[p + k * WIDTH] = dual(values[slot + k], x[k, column])
 
 
 @jit

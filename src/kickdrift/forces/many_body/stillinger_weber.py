@@ -77,12 +77,11 @@ class StillingerWeber(TabledForce):
 
     def law(self, species: tuple[str, ...]) -> Any:
         """See ManyBodyForce."""
-        from kickdrift.forces.many_body.stillinger_weber_kernel import COLUMNS, StillingerWeberLaw
+        from kickdrift.forces.many_body.stillinger_weber_kernel import StillingerWeberLaw
         from kickdrift.jit.lanes.memory import aligned
 
         count = len(species)
-        by_pair = aligned((count, count, COLUMNS))
-        weight, cosine = np.zeros((2, count, count, count))
+        by_pair, by_triple = aligned((count, count, 8)), aligned((count, count, count, 4))
         for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
             n = self.entry(i, j, j)
             pair = [n[key] for key in ("epsilon", "sigma", "a", "A", "B", "p", "q")]
@@ -94,15 +93,16 @@ class StillingerWeber(TabledForce):
             )  # fmt: skip
             for c, k in enumerate(species):
                 m, other = self.entry(i, j, k), self.entry(i, k, j)
-                weight[a, b, c], cosine[a, b, c] = m["lambda_"] * m["epsilon"], m["cos_theta0"]
-                if (other["lambda_"] * other["epsilon"], other["cos_theta0"]) != (weight[a, b, c], cosine[a, b, c]):
+                weight, cosine = m["lambda_"] * m["epsilon"], m["cos_theta0"]
+                by_triple[a, b, c] = weight, weight * cosine, weight * cosine**2, weight * (1.0 - cosine) ** 2
+                if (other["lambda_"] * other["epsilon"], other["cos_theta0"]) != (weight, cosine):
                     raise InputError(f"{self.name}: entries {i}-{j}-{k} and {i}-{k}-{j} differ")
         return StillingerWeberLaw(
-            by_pair,
-            weight,
-            cosine,
+            by_pair.reshape(-1, 8),
+            by_triple.reshape(-1, 4),
+            count,
             bool((by_pair[..., 6] == 4.0).all() and (by_pair[..., 7] == 0.0).all()),
             kept=np.zeros((0, 0)),
-            moments=np.zeros((0, 0, 0)),
-            reactions=np.zeros((0, 0)),
+            moments=np.zeros((0, 0)),
+            forces=np.zeros((0, 0)),
         )

@@ -90,11 +90,11 @@ class Tersoff(TabledForce):
 
     def law(self, species: tuple[str, ...]) -> Any:
         """See ManyBodyForce."""
-        from kickdrift.forces.many_body.tersoff_kernel import PAIR, TRIPLE, TersoffLaw
+        from kickdrift.forces.many_body.tersoff_kernel import TersoffLaw
         from kickdrift.jit.lanes.memory import aligned
 
         count = len(species)
-        by_pair, by_triple = aligned((count, count, PAIR)), aligned((count, count, count, TRIPLE))
+        by_pair, by_triple = aligned((count, count, 12)), aligned((count, count, count, 8))
         for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
             n = self.entry(i, j, j)
             by_pair[a, b, :8] = [n[key] for key in PAIR_KEYS]
@@ -110,10 +110,11 @@ class Tersoff(TabledForce):
                     raise InputError(f"{where}: R and D must be those of {i}-{k}-{k}, {own['R']:g} and {own['D']:g}")
                 by_triple[a, b, c, :6] = m["gamma"], m["c"] ** 2, m["d"] ** 2, m["cos_theta0"], m["lambda3"], m["m"]
         return TersoffLaw(
-            by_pair,
-            by_triple,
+            by_pair.reshape(-1, 12),
+            by_triple.reshape(-1, 8),
+            count,
+            bool(by_triple[..., 4].any()),
             bonds=np.zeros((0, 0)),
             others=np.zeros((0, 0)),
-            bonded=np.zeros((0, 0), np.int32),
-            reactions=np.zeros((0, 0)),
+            forces=np.zeros((0, 0)),
         )

@@ -1,86 +1,73 @@
-"""Compiled sums of Tersoff's potential: for each particle, its bonds in lanes, and for each bond the other neighbours
-in lanes."""
+"""Compiled sums of Tersoff's potential: the particles of a cluster in lanes. Each step of a loop takes one bond of each
+particle, or one bond and one other neighbour."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.along import add_along, store_along, zeros_along
-from kickdrift.forces.lists.clusters import STRIDE, chunk_clusters
-from kickdrift.forces.lists.neighbours import ROW, block_of_neighbours
-from kickdrift.forces.many_body.kernel import clear, collect, law_body, react, row_numbers
+from kickdrift.forces.lists.clusters import chunk_clusters
+from kickdrift.forces.lists.neighbours import ROW, neighbours_of_eight, separations
+from kickdrift.forces.many_body.kernel import clear_reached, law_body, row_numbers
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.duals.lanes import (
+    add_rows_at,
+    in_double,
+    in_precision_of,
     inverse_sqrt,
     lane_exp,
     lane_log,
     lane_sine_cosine,
     lane_sum,
     load,
+    rows_at,
     select,
     store,
     value_of,
 )
-from kickdrift.jit.lanes.functions import lane_numbers, splat
-from kickdrift.jit.lanes.gathering import place_at
-from kickdrift.jit.lanes.masks import any_lane, lowest_bit, mask_bits
+from kickdrift.jit.lanes.functions import splat
+from kickdrift.jit.lanes.masks import any_lane
 from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.lanes.single import zeros_in
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task, each_chunk
 
-PAIR = 12  # columns of `by_pair`
-TRIPLE = 8  # columns of `by_triple`
-NX, NY, NZ, R, INVERSE, KIND, FC, SLOPE_FC, ATTRACTION, ALONG, ZETA, WEIGHT, GX, GY, GZ = range(15)  # rows of a bond
-BOND = 15
-COS, PLAIN, BY_ANGLE, BY_LENGTH, BY_BOND = range(5)  # rows of a bond's other neighbours
-OTHER = 5
+NX, NY, NZ, R, INVERSE, KIND, FC, SLOPE_FC, GX, GY, GZ = (WIDTH * k for k in range(11))  # what is kept of a bond
+BOND = 11 * WIDTH
+COS, PLAIN, BY_ANGLE, BY_LENGTH = (WIDTH * k for k in range(4))  # what is kept of another neighbour of a bond
+OTHER = 4 * WIDTH
 MOST_EXPONENT = 69.0776  # LAMMPS' limit: exp of this is 1e30
 
 
 class TersoffLaw(NamedTuple):
-    """Parameters of each pair and triple of species, and workspace."""
+    """Parameters of each pair and triple of species, of float32 in mixed precision, and workspace."""
 
-    by_pair: NDArray[
-        np.float64
-    ]  # (species, species, 12) A, lambda1, B, lambda2, beta, n, R, D, least beta zeta, 0, 0, 0
-    by_triple: NDArray[np.float64]  # (species, species, species, 8) gamma, c^2, d^2, cos_theta0, lambda3, m - 1, 0, 0
-    bonds: NDArray[np.float64]  # (chunks, room * 15)
-    others: NDArray[np.float64]  # (chunks, room * room * 5)
-    bonded: NDArray[np.int32]  # (chunks, room) slots
-    reactions: NDArray[np.float64]  # (chunks, 24)
+    by_pair: NDArray[Any]  # (species^2, 12) A, lambda1, B, lambda2, beta, n, R, D, least beta zeta, 0, 0, 0
+    by_triple: NDArray[Any]  # (species^3, 8) gamma, c^2, d^2, cos_theta0, lambda3, m, 0, 0
+    species: int
+    stretched: bool  # whether some lambda3 is not zero
+    bonds: NDArray[Any]  # (chunks, room * 11 * 8)
+    others: NDArray[Any]  # (chunks, room * 4 * 8)
+    forces: NDArray[np.float64]  # (chunks, 4 slots) from the terms of each chunk: x, y, z and 0 for each slot
 
     def with_room(self, slots: int, room: int, chunks: int) -> TersoffLaw:
         """Return the law with workspace for this room."""
+        kind = self.by_pair.dtype
         return self._replace(
-            bonds=aligned((chunks, (room + WIDTH) * BOND), fill=None),
-            others=aligned((chunks, room * (room + WIDTH) * OTHER), fill=None),
-            bonded=np.zeros((chunks, room), np.int32),
-            reactions=aligned((chunks, 3 * WIDTH)),
+            bonds=aligned((chunks, room * BOND), None, kind),
+            others=aligned((chunks, room * OTHER), None, kind),
+            forces=aligned((chunks, ROW * slots)),
         )
 
 
-@law_body(TersoffLaw)
+@law_body(TersoffLaw, ("by_pair", "by_triple"))
 def tersoff(law, force, chunks):
     each_chunk(force, chunks, "chunk_tersoff")
-    collect(force.pairs, chunks)
-
-
-@as_written
-def pair_numbers(law, own, kind, column):
-    """Return four parameters of pairs with neighbours of these species."""
-    species = law.by_pair.shape[0]
-    return row_numbers(law.by_pair, species, kind + own * species, PAIR, column)
-
-
-@as_written
-def triple_numbers(law, own, bonded, kind, column):
-    """Return four parameters of triples with a bond to one species and other neighbours of these species."""
-    species = law.by_pair.shape[0]
-    return row_numbers(law.by_triple, species, kind + (own * species + bonded) * species, TRIPLE, column)
+    each_chunk(force, chunks, "collect_forces")
 
 
 @chunk_task
@@ -88,204 +75,152 @@ def chunk_tersoff(force, c):
     """Sum the forces of the bonds that begin at chunk c's particles."""
     never_inline()
     rows, law, pairs = force.rows, force.law, force.pairs
-    clear(pairs, c)
-    forces, bonds, bonded = pairs.force[c], law.bonds[c], law.bonded[c]
-    energy, virial, pair_count = splat(0.0), splat(0.0), 0
+    forces, bonds, places = law.forces[c], law.bonds[c], rows.places[c]
+    clear_reached(force, forces, c, ROW)
+    energy, virial, pair_count = splat(0.0), splat(0.0), splat(0.0)
     by_axis = zeros_along(force.along, force.sums)
     begin, end = chunk_clusters(pairs, c)
     for cluster in range(begin, end):
-        for slot in range(WIDTH * cluster, WIDTH * cluster + pairs.filled[cluster]):
-            own = value_of(rows.at[ROW * slot + 3])
-            count = find_bonds(rows, slot, force.cutoff**2, bonds, bonded)
-            pair_count += count
-            weigh_pairs(law, own, bonds, count)
-            sum_others(law, own, bonds, law.others[c], count)
-            energy = energy + weigh_bonds(law, own, bonds, count)
-            share_forces(bonds, law.others[c], count)
-            fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
-            for first in range(0, count, WIDTH):
-                at = first * BOND
-                gx, gy, gz = load(bonds, at + GX * WIDTH), load(bonds, at + GY * WIDTH), load(bonds, at + GZ * WIDTH)
-                nx, ny, nz = load(bonds, at + NX * WIDTH), load(bonds, at + NY * WIDTH), load(bonds, at + NZ * WIDTH)
-                fx, fy, fz = fx + gx, fy + gy, fz + gz
-                virial = virial - load(bonds, at + R * WIDTH) * (gx * nx + gy * ny + gz * nz)
-                r = -load(bonds, at + R * WIDTH)
-                by_axis = add_along(by_axis, r * gx * nx, r * gy * ny, r * gz * nz)
-                here = mask_bits(lane_numbers() < float(count - first))
-                react(forces, law.reactions[c], bonded, first, here, gx, gy, gz)
-            p = STRIDE * cluster + slot % WIDTH
-            forces[p] += lane_sum(fx)
-            forces[p + WIDTH] += lane_sum(fy)
-            forces[p + 2 * WIDTH] += lane_sum(fz)
+        most = neighbours_of_eight(rows, c, cluster, force.cutoff**2)
+        count = load(rows.counts[c], 0)
+        pair_count = pair_count + count
+        own = find_bonds(force, bonds, places, count, most)
+        for j in range(most):
+            zeta = sum_others(law, own, bonds, law.others[c], j, most)
+            energy = energy + in_double(share_forces(law, own, bonds, law.others[c], j, most, zeta))
+        fx, fy, fz = splat(0.0), splat(0.0), splat(0.0)
+        for j in range(most):
+            at = j * BOND
+            gx, gy, gz = load(bonds, at + GX), load(bonds, at + GY), load(bonds, at + GZ)
+            nx, ny, nz = load(bonds, at + NX), load(bonds, at + NY), load(bonds, at + NZ)
+            virial = virial - in_double(load(bonds, at + R) * (gx * nx + gy * ny + gz * nz))
+            gx, gy, gz = in_double(gx), in_double(gy), in_double(gz)
+            r = -in_double(load(bonds, at + R))
+            by_axis = add_along(by_axis, r * gx * in_double(nx), r * gy * in_double(ny), r * gz * in_double(nz))
+            fx, fy, fz = fx + gx, fy + gy, fz + gz
+            add_rows_at(forces, places, WIDTH * (j + 1), (-gx, -gy, -gz, 0.0 * gx))
+        add_rows_at(forces, places, 0, (fx, fy, fz, 0.0 * fx))
     force.sums[c, 0] = lane_sum(energy)
     force.sums[c, 1] = lane_sum(virial)
     store_along(by_axis, force.along, c)
-    force.sums[c, 2] = 0.5 * pair_count
+    force.sums[c, 2] = 0.5 * lane_sum(pair_count)
 
 
 @as_written
-def find_bonds(rows, slot, cutoff2, bonds, bonded):
-    """Write the neighbours within the cutoff side by side, and return their number.
-
-    The lanes after the last hold a neighbour far beyond all cutoffs."""
-    made = 0
-    for first in range(0, rows.lengths[slot], WIDTH):
-        dx, dy, dz, r2, beyond, kind = block_of_neighbours(rows, slot, first, cutoff2)
-        bits = mask_bits(beyond) ^ 255
-        if bits == 0:
-            continue
-        inverse = inverse_sqrt(select(beyond, splat(cutoff2), r2))
+def find_bonds(force, bonds, places, count, most):
+    """Write each bond's direction, length and smooth cutoff, which is zero where there is no bond. Return the species
+    at the centres."""
+    rows, table = force.rows, force.law.by_pair
+    x, y, z, own = rows_at(rows.at, places, 0)
+    own = in_precision_of(table, value_of(own))
+    zero = zeros_in(table)
+    for j in range(most):
+        here = count > float(j)
+        dx, dy, dz, kind = separations(rows, rows.at, places, WIDTH * (j + 1), x, y, z)
+        kind = in_precision_of(table, value_of(kind))
+        r2 = in_precision_of(table, select(here, dx * dx + dy * dy + dz * dz, force.cutoff**2))
+        inverse = inverse_sqrt(r2)
         r = r2 * inverse
-        nx, ny, nz = -dx * inverse, -dy * inverse, -dz * inverse
-        at = rows.near.shape[1] * BOND  # beyond the last bond: room for the eight neighbours before the choice
-        store(bonds, at, nx)
-        store(bonds, at + WIDTH, ny)
-        store(bonds, at + 2 * WIDTH, nz)
-        store(bonds, at + 3 * WIDTH, r)
-        store(bonds, at + 4 * WIDTH, inverse)
-        store(bonds, at + 5 * WIDTH, kind)
-        while bits:
-            k = lowest_bit(bits)
-            bits &= bits - 1
-            to = made // WIDTH * (WIDTH * BOND) + made % WIDTH
-            for row in range(6):
-                bonds[to + row * WIDTH] = bonds[at + row * WIDTH + k]
-            bonded[made] = place_at(rows.near, slot * rows.near.shape[1] + first + k)
-            made += 1
-    for k in range(made, -(-made // WIDTH) * WIDTH):
-        to = k // WIDTH * (WIDTH * BOND) + k % WIDTH
-        for row in range(6):
-            bonds[to + row * WIDTH] = 0.0
-        bonds[to + R * WIDTH], bonds[to + INVERSE * WIDTH] = 1e3, 1e-3
-    return made
-
-
-@as_written
-def weigh_pairs(law, own, bonds, count):
-    """For each bond write the smooth cutoff with its slope, and the repulsion and the attraction with their slopes."""
-    for first in range(0, count, WIDTH):
-        at = first * BOND
-        r, kind = load(bonds, at + R * WIDTH), load(bonds, at + KIND * WIDTH)
-        big, lambda1, small, lambda2 = pair_numbers(law, own, kind, 0)
-        _, _, middle, half = pair_numbers(law, own, kind, 4)
-        fc, slope = splat(1.0), splat(0.0)
+        _, _, middle, half = row_numbers(table, kind + own * float(force.law.species), 4)
         away = (r - middle) / half
+        outer = ~here | (away >= 1.0)
         inner = away > -1.0
+        fc, slope = zero + 1.0, 0.0 * r
         if any_lane(inner):
-            outer = away >= 1.0
-            sine, cosine = lane_sine_cosine(0.5 * math.pi * select(inner, select(outer, splat(1.0), away), -1.0))
-            fc = select(outer, splat(0.0), 0.5 - 0.5 * sine)
-            fc = select(inner, fc, 1.0)
-            slope = select(outer, splat(0.0), -0.25 * math.pi / half * cosine)
-            slope = select(inner, slope, 0.0)
-        repulsion, attraction = big * lane_exp(-lambda1 * r), -small * lane_exp(-lambda2 * r)
-        store(bonds, at + FC * WIDTH, fc)
-        store(bonds, at + SLOPE_FC * WIDTH, slope)
-        store(bonds, at + ATTRACTION * WIDTH, attraction)
-        store(bonds, at + ALONG * WIDTH, repulsion)
-        store(bonds, at + GX * WIDTH, splat(0.0))
-        store(bonds, at + GY * WIDTH, splat(0.0))
-        store(bonds, at + GZ * WIDTH, splat(0.0))
+            sine, cosine = lane_sine_cosine(0.5 * math.pi * select(inner & ~outer, away, 1.0))
+            fc = select(inner, 0.5 - 0.5 * sine, 1.0)
+            slope = select(inner, -0.25 * math.pi / half * cosine, 0.0)
+        at = j * BOND
+        store(bonds, at + NX, in_precision_of(table, -dx) * inverse)
+        store(bonds, at + NY, in_precision_of(table, -dy) * inverse)
+        store(bonds, at + NZ, in_precision_of(table, -dz) * inverse)
+        store(bonds, at + R, r)
+        store(bonds, at + INVERSE, inverse)
+        store(bonds, at + KIND, kind)
+        store(bonds, at + FC, select(outer, 0.0 * fc, fc))
+        store(bonds, at + SLOPE_FC, select(outer, 0.0 * slope, slope))
+        store(bonds, at + GX, zero)
+        store(bonds, at + GY, zero)
+        store(bonds, at + GZ, zero)
+    return own
 
 
 @as_written
-def sum_others(law, own, bonds, others, count):
-    """For each bond, sum zeta over the other neighbours, and keep the terms with their slopes."""
-    blocks = -(-count // WIDTH)
-    for j in range(count):
-        to = j // WIDTH * (WIDTH * BOND) + j % WIDTH
-        nx, ny, nz = bonds[to + NX * WIDTH], bonds[to + NY * WIDTH], bonds[to + NZ * WIDTH]
-        r, bonded = bonds[to + R * WIDTH], bonds[to + KIND * WIDTH]
-        zeta = splat(0.0)
-        for block in range(blocks):
-            at = block * WIDTH * BOND
-            kx, ky, kz = load(bonds, at + NX * WIDTH), load(bonds, at + NY * WIDTH), load(bonds, at + NZ * WIDTH)
-            kind = load(bonds, at + KIND * WIDTH)
-            gamma, c2, d2, cos_theta0 = triple_numbers(law, own, bonded, kind, 0)
-            lambda3, power, _, _ = triple_numbers(law, own, bonded, kind, 4)
-            number = lane_numbers() + float(block * WIDTH)
-            mine = (number == float(j)) | (number >= float(count))
-            cosine = kx * nx + ky * ny + kz * nz
-            away = cos_theta0 - cosine
-            share = 1.0 / (d2 + away * away)
-            angle = gamma * (1.0 + c2 / d2 - c2 * share)
-            slope_angle = -2.0 * gamma * c2 * away * share * share
-            stretch = lambda3 * (r - load(bonds, at + R * WIDTH))
+def sum_others(law, own, bonds, others, j, most):
+    """Return zeta of the bond j, summed over the other neighbours, and keep the terms with their slopes."""
+    species, to = float(law.species), j * BOND
+    nx, ny, nz = load(bonds, to + NX), load(bonds, to + NY), load(bonds, to + NZ)
+    r, bonded = load(bonds, to + R), value_of(load(bonds, to + KIND))
+    zeta = zeros_in(law.by_pair)
+    for k in range(most):
+        if k == j:
+            continue
+        at, keep = k * BOND, k * OTHER
+        kx, ky, kz = load(bonds, at + NX), load(bonds, at + NY), load(bonds, at + NZ)
+        row = (own * species + bonded) * species + value_of(load(bonds, at + KIND))
+        gamma, c2, d2, cos_theta0 = row_numbers(law.by_triple, row, 0)
+        cosine = kx * nx + ky * ny + kz * nz
+        away = cos_theta0 - cosine
+        share = 1.0 / (d2 + away * away)
+        angle = gamma * (1.0 + c2 / d2 * away * away * share)  # without the difference of two large numbers
+        slope_angle = -2.0 * gamma * c2 * away * share * share
+        fc, slope_fc = load(bonds, at + FC), load(bonds, at + SLOPE_FC)
+        if law.stretched:
+            lambda3, power, _, _ = row_numbers(law.by_triple, row, 4)
+            stretch = lambda3 * (r - load(bonds, at + R))
             cubed = power > 1.0
             exponent = select(cubed, stretch * stretch * stretch, stretch)
-            slope_exponent = lambda3 * select(cubed, 3.0 * stretch * stretch, 1.0 + 0.0 * stretch)
-            exponent = select(exponent > MOST_EXPONENT, splat(MOST_EXPONENT), exponent)
-            growth = select(mine, splat(0.0), lane_exp(exponent))
-            fc, slope_fc = load(bonds, at + FC * WIDTH), load(bonds, at + SLOPE_FC * WIDTH)
-            term = fc * angle * growth
-            zeta = zeta + term
-            keep = (j * blocks + block) * WIDTH * OTHER
-            store(others, keep + COS * WIDTH, cosine)
-            store(others, keep + PLAIN * WIDTH, term * slope_exponent)
-            store(others, keep + BY_ANGLE * WIDTH, fc * slope_angle * growth)
-            store(others, keep + BY_LENGTH * WIDTH, slope_fc * angle * growth - term * slope_exponent)
-        bonds[to + ZETA * WIDTH] = lane_sum(zeta)
+            slope_exponent = lambda3 * select(cubed, 3.0 * stretch * stretch, 1.0)
+            growth = lane_exp(select(~(exponent > MOST_EXPONENT), exponent, MOST_EXPONENT))
+            angle, slope_angle = angle * growth, slope_angle * growth
+            plain = fc * angle * slope_exponent
+            store(others, keep + PLAIN, plain)
+            store(others, keep + BY_LENGTH, slope_fc * angle - plain)
+        else:
+            store(others, keep + PLAIN, zeros_in(others))
+            store(others, keep + BY_LENGTH, slope_fc * angle)
+        zeta = zeta + fc * angle
+        store(others, keep + COS, cosine)
+        store(others, keep + BY_ANGLE, fc * slope_angle)
+    return zeta
 
 
 @as_written
-def weigh_bonds(law, own, bonds, count):
-    """Write each bond's force along the bond at constant zeta, and the energy's slope in zeta. Return the energy."""
-    energy = splat(0.0)
-    for first in range(0, count, WIDTH):
-        at = first * BOND
-        kind = load(bonds, at + KIND * WIDTH)
-        here = lane_numbers() < float(count - first)
-        _, lambda1, _, lambda2 = pair_numbers(law, own, kind, 0)
-        beta, n, _, _ = pair_numbers(law, own, kind, 4)
-        least, _, _, _ = pair_numbers(law, own, kind, 8)
-        fc, slope_fc = load(bonds, at + FC * WIDTH), load(bonds, at + SLOPE_FC * WIDTH)
-        attraction, repulsion = load(bonds, at + ATTRACTION * WIDTH), load(bonds, at + ALONG * WIDTH)
-        zeta = select(here, load(bonds, at + ZETA * WIDTH), 0.0)
-        x = beta * zeta
-        free = x < least  # too little zeta to change the bond
-        zeta = select(free, splat(1.0), zeta)
-        grown = n * lane_log(select(free, splat(1.0), x))
-        power = lane_exp(select(grown > 300.0, splat(300.0), grown))
-        log_sum = select(grown > 40.0, grown, lane_log(1.0 + power))
-        order = select(free, splat(1.0), lane_exp(-0.5 / n * log_sum))
-        slope_order = select(free, splat(0.0), -0.5 * order * (power / (1.0 + power)) / zeta)
-        both = repulsion + order * attraction
-        energy = energy + select(here, 0.5 * fc * both, 0.0)
-        along = 0.5 * (slope_fc * both - fc * (lambda1 * repulsion + lambda2 * order * attraction))
-        store(bonds, at + ALONG * WIDTH, select(here, along, 0.0))
-        store(bonds, at + WEIGHT * WIDTH, select(here, 0.5 * fc * attraction * slope_order, 0.0))
-    return energy
-
-
-@as_written
-def share_forces(bonds, others, count):
-    """Sum the gradient of the energy in each bond's vector."""
-    blocks = -(-count // WIDTH)
-    for j in range(count):
-        to = j // WIDTH * (WIDTH * BOND) + j % WIDTH
-        nx, ny, nz = bonds[to + NX * WIDTH], bonds[to + NY * WIDTH], bonds[to + NZ * WIDTH]
-        inverse, w = bonds[to + INVERSE * WIDTH], bonds[to + WEIGHT * WIDTH]
-        if w == 0.0:
-            along = bonds[to + ALONG * WIDTH]
-            bonds[to + GX * WIDTH] += along * nx
-            bonds[to + GY * WIDTH] += along * ny
-            bonds[to + GZ * WIDTH] += along * nz
+def share_forces(law, own, bonds, others, j, most, zeta):
+    """Add the gradient of the bond j's energy in each bond's vector. Return the energy."""
+    to, row = j * BOND, own * float(law.species) + value_of(load(bonds, j * BOND + KIND))
+    big, lambda1, small, lambda2 = row_numbers(law.by_pair, row, 0)
+    beta, n, _, _ = row_numbers(law.by_pair, row, 4)
+    least, _, _, _ = row_numbers(law.by_pair, row, 8)
+    r, fc, slope_fc = load(bonds, to + R), load(bonds, to + FC), load(bonds, to + SLOPE_FC)
+    repulsion, attraction = big * lane_exp(-lambda1 * r), -small * lane_exp(-lambda2 * r)
+    x = beta * zeta
+    tied = ~(x < least)  # else zeta is too little to change the bond
+    grown = n * lane_log(select(tied, x, 1.0))
+    power = lane_exp(select(~(grown > 80.0), grown, 80.0))
+    log_sum = select(grown > 40.0, grown, lane_log(1.0 + power))
+    order = select(tied, lane_exp(-0.5 / n * log_sum), 1.0)
+    slope_order = select(tied, -0.5 * order * (power / (1.0 + power)) / select(tied, zeta, 1.0), 0.0)
+    both = repulsion + order * attraction
+    outward = 0.5 * (slope_fc * both - fc * (lambda1 * repulsion + lambda2 * order * attraction))
+    w = 0.5 * fc * attraction * slope_order
+    nx, ny, nz = load(bonds, to + NX), load(bonds, to + NY), load(bonds, to + NZ)
+    inverse = w * load(bonds, to + INVERSE)
+    ax, ay, az = zeros_in(others), zeros_in(others), zeros_in(others)
+    for k in range(most):
+        if k == j:
             continue
-        plain, turned = splat(0.0), splat(0.0)
-        ax, ay, az = splat(0.0), splat(0.0), splat(0.0)
-        for block in range(blocks):
-            at, keep = block * WIDTH * BOND, (j * blocks + block) * WIDTH * OTHER
-            kx, ky, kz = load(bonds, at + NX * WIDTH), load(bonds, at + NY * WIDTH), load(bonds, at + NZ * WIDTH)
-            cosine, by_angle = load(others, keep + COS * WIDTH), load(others, keep + BY_ANGLE * WIDTH)
-            plain = plain + load(others, keep + PLAIN * WIDTH)
-            turned = turned + by_angle * cosine
-            ax, ay, az = ax + by_angle * kx, ay + by_angle * ky, az + by_angle * kz
-            across = w * by_angle * load(bonds, at + INVERSE * WIDTH)
-            outward = w * load(others, keep + BY_LENGTH * WIDTH) - across * cosine
-            store(bonds, at + GX * WIDTH, load(bonds, at + GX * WIDTH) + (across * nx + outward * kx))
-            store(bonds, at + GY * WIDTH, load(bonds, at + GY * WIDTH) + (across * ny + outward * ky))
-            store(bonds, at + GZ * WIDTH, load(bonds, at + GZ * WIDTH) + (across * nz + outward * kz))
-        outward = bonds[to + ALONG * WIDTH] + w * (lane_sum(plain) - lane_sum(turned) * inverse)
-        bonds[to + GX * WIDTH] += outward * nx + w * inverse * lane_sum(ax)
-        bonds[to + GY * WIDTH] += outward * ny + w * inverse * lane_sum(ay)
-        bonds[to + GZ * WIDTH] += outward * nz + w * inverse * lane_sum(az)
+        at, keep = k * BOND, k * OTHER
+        kx, ky, kz = load(bonds, at + NX), load(bonds, at + NY), load(bonds, at + NZ)
+        cosine, by_angle = load(others, keep + COS), load(others, keep + BY_ANGLE)
+        outward = outward + w * load(others, keep + PLAIN) - inverse * by_angle * cosine
+        ax, ay, az = ax + by_angle * kx, ay + by_angle * ky, az + by_angle * kz
+        across = w * by_angle * load(bonds, at + INVERSE)
+        further = w * load(others, keep + BY_LENGTH) - across * cosine
+        store(bonds, at + GX, load(bonds, at + GX) + (across * nx + further * kx))
+        store(bonds, at + GY, load(bonds, at + GY) + (across * ny + further * ky))
+        store(bonds, at + GZ, load(bonds, at + GZ) + (across * nz + further * kz))
+    store(bonds, to + GX, load(bonds, to + GX) + (outward * nx + inverse * ax))
+    store(bonds, to + GY, load(bonds, to + GY) + (outward * ny + inverse * ay))
+    store(bonds, to + GZ, load(bonds, to + GZ) + (outward * nz + inverse * az))
+    return 0.5 * fc * both

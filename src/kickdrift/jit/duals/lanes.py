@@ -7,6 +7,7 @@ and `with_duals` shows them to compiled code.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ from kickdrift.jit.duals import operators as operators  # operators of the duals
 from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import functions as lanes
-from kickdrift.jit.lanes import gathering, masks, memory
-from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
+from kickdrift.jit.lanes import gathering, masks, memory, packing, single
+from kickdrift.jit.lanes.vectors import F64, I32, WIDTH, half_single_type, lanes_type
 from kickdrift.jit.numba_private import cgutils
 
 _DTYPE = np.dtype([("value", np.float64), ("slope", np.float64)])
@@ -92,17 +93,38 @@ def _store(typingctx, array, index, value):
 
 
 def load(array: Any, index: int) -> Any:
-    """See `memory.load`."""
+    """See `memory.load`. An array of float32 gives lanes of float32."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(load)
 def _load_either(array, index):
-    return (
-        (lambda array, index: _load(array, index))
-        if _of_duals(array)
-        else (lambda array, index: memory.load(array, index))
-    )
+    if _of_duals(array):
+        return lambda array, index: _load(array, index)
+    return lambda array, index: memory.load_like(array, index, single.zeros_in(array))
+
+
+# --- precision ---
+
+
+def in_precision_of(array: Any, x: Any) -> Any:
+    """Lanes in the precision of an array: of float32 for an array of float32; else as they are, duals too."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(in_precision_of)
+def _in_precision_of(array, x):
+    return (lambda array, x: single.narrowed(x)) if array.dtype == types.float32 else (lambda array, x: x)
+
+
+def in_double(x: Any) -> Any:
+    """Lanes of float32 as float64; other lanes and duals as they are."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(in_double)
+def _in_double(x):
+    return (lambda x: lanes.in_eight(x)) if x == half_single_type else (lambda x: x)
 
 
 def store(array: Any, index: int, value: Any) -> None:
@@ -138,21 +160,6 @@ def _rows_at(typingctx, table, places, first):
 
 
 @intrinsic
-def _numbers_at(typingctx, table, places, first):
-    def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        parts = [ir.Constant(F64X8, ir.Undefined)] * 2
-        for k, place in enumerate(gathering.places_in(context, builder, sig.args[1], args[1], args[2])):
-            number = builder.bitcast(builder.gep(data, [place]), F64.as_pointer())
-            for part in range(2):
-                each = builder.load(builder.gep(number, [I32(part)]))
-                parts[part] = builder.insert_element(parts[part], each, I32(k))
-        return made(builder, *parts)
-
-    return _DUALS(table, places, types.intp), codegen
-
-
-@intrinsic
 def _add_numbers_at(typingctx, table, places, first, lanes):
     def codegen(context, builder, sig, args):
         columns = [builder.extract_value(args[3], part) for part in range(2)]
@@ -171,23 +178,16 @@ def _add_rows_at(typingctx, table, places, first, columns):
     return types.void(table, places, types.intp, types.UniTuple(_DUALS, gathering.ROW)), codegen
 
 
-def _teach_reading(of_lanes_alone: Any, of_duals: Any) -> Any:
-    """A function of a table and two further arguments, by what the table holds."""
-
-    def read(table: Any, places: Any, first: int) -> Any:
-        raise NotImplementedError("for compiled code")
-
-    @overload(read)
-    def _read(table, places, first):
-        if _of_duals(table):
-            return lambda table, places, first: of_duals(table, places, first)
-        return lambda table, places, first: of_lanes_alone(table, places, first)
-
-    return read
+def rows_at(table: Any, places: Any, first: int) -> Any:
+    """See `gathering.rows_at`."""
+    raise NotImplementedError("for compiled code")
 
 
-rows_at = _teach_reading(gathering.rows_at, _rows_at)
-numbers_at = _teach_reading(gathering.numbers_at, _numbers_at)
+@overload(rows_at)
+def _rows_at_either(table, places, first):
+    if _of_duals(table):
+        return lambda table, places, first: _rows_at(table, places, first)
+    return lambda table, places, first: gathering.rows_at(table, places, first)
 
 
 def _teach_adding(of_lanes_alone: Any, of_duals: Any) -> Any:
@@ -230,6 +230,18 @@ def _select(mask, yes, no):
     return lambda mask, yes, no: dual(masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope))
 
 
+def packed(mask: Any, x: Any) -> Any:
+    """See `packing.packed`."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(packed)
+def _packed(mask, x):
+    if of_lanes(x):
+        return lambda mask, x: dual(packing.packed(mask, x.value), packing.packed(mask, x.slope))
+    return lambda mask, x: packing.packed(mask, x)
+
+
 def lane_sum(x: Any) -> Any:
     """See `lanes.lane_sum`."""
     raise NotImplementedError("for compiled code")
@@ -245,8 +257,8 @@ def _lane_sum(x):
 # --- functions ---
 
 
-def _teach(function: Any, slope: Any) -> Any:
-    """A function of lanes and of their duals; ``slope`` is its derivative, from the argument and the value."""
+def _teach(function: Any, of_single: Any, slope: Any) -> Any:
+    """A function of lanes of both precisions and of duals; ``slope`` is its derivative, by argument and value."""
     rule = as_written(slope)
 
     def either(x: Any) -> Any:
@@ -256,13 +268,18 @@ def _teach(function: Any, slope: Any) -> Any:
         value = function(x.value)
         return dual(value, rule(x.value, value) * x.slope)
 
-    overload(either)(lambda x: of_duals if of_lanes(x) else (lambda x: function(x)))
+    @overload(either)
+    def _either(x):
+        if of_lanes(x):
+            return of_duals
+        return (lambda x: of_single(x)) if x == half_single_type else (lambda x: function(x))
+
     return either
 
 
-inverse_sqrt = _teach(lanes.inverse_sqrt, lambda x, y: -0.5 * (y * y * y))
-lane_exp = _teach(lanes.lane_exp, lambda x, y: y)
-lane_log = _teach(lanes.lane_log, lambda x, y: 1.0 / x)
+inverse_sqrt = _teach(lanes.inverse_sqrt, as_written(lambda x: 1.0 / math.sqrt(x)), lambda x, y: -0.5 * (y * y * y))
+lane_exp = _teach(lanes.lane_exp, single.single_exp, lambda x, y: y)
+lane_log = _teach(lanes.lane_log, single.single_log, lambda x, y: 1.0 / x)
 
 
 def lane_sine_cosine(x: Any) -> Any:
@@ -276,4 +293,8 @@ def _lane_sine_cosine(x):
         sine, cosine = lanes.lane_sine_cosine(x.value)
         return dual(sine, cosine * x.slope), dual(cosine, -sine * x.slope)
 
-    return of_duals if of_lanes(x) else (lambda x: lanes.lane_sine_cosine(x))
+    if of_lanes(x):
+        return of_duals
+    if x == half_single_type:
+        return lambda x: single.single_sine_cosine(x)
+    return lambda x: lanes.lane_sine_cosine(x)

@@ -213,26 +213,28 @@ def lane_max(typingctx, value):
     return types.float64(lanes_type), codegen
 
 
-_WHOLE = ir.VectorType(ir.IntType(64), WIDTH)
 LOG2_E = 1.4426950408889634
 LN2_HIGH = 0.693147180369123816490  # with zeros at the end, so that whole multiples are exact
 LN2_LOW = 1.90821492927058770002e-10
 ROOT_HALF = 0.7071067811865476
 
 
-def _all(value: int) -> ir.Constant:
-    return ir.Constant(_WHOLE, [value] * WIDTH)
+def _form(vector: ir.VectorType) -> tuple[Any, ir.Constant, ir.Constant]:
+    """Of lanes of float64 or float32: whole numbers of their size, bits of the fraction, and zero of the exponent."""
+    size, fraction, bias = (64, 52, 1023) if vector.element == F64 else (32, 23, 127)
+    whole = ir.VectorType(ir.IntType(size), vector.count)
+    return whole, ir.Constant(whole, [fraction] * vector.count), ir.Constant(whole, [bias] * vector.count)
 
 
 @intrinsic
 def power_of_two(typingctx, exponent):
-    """Return 2^k for lanes of whole numbers k from -1022 to 1023."""
+    """Return 2^k for lanes of whole numbers k from -1022 to 1023, in float32 from -126 to 127."""
 
     def codegen(context, builder, sig, args):
-        whole = builder.fptosi(args[0], _WHOLE)
-        return builder.bitcast(builder.shl(builder.add(whole, _all(1023)), _all(52)), F64X8)
+        whole, fraction, bias = _form(args[0].type)
+        return builder.bitcast(builder.shl(builder.add(builder.fptosi(args[0], whole), bias), fraction), args[0].type)
 
-    return lanes_type(lanes_type), codegen
+    return exponent(exponent), codegen
 
 
 @intrinsic
@@ -240,32 +242,33 @@ def exponent_of(typingctx, value):
     """Return k for lanes m 2^k with m from 1 up to 2; the lanes are positive and normal."""
 
     def codegen(context, builder, sig, args):
-        bits = builder.lshr(builder.bitcast(args[0], _WHOLE), _all(52))
-        return builder.sitofp(builder.sub(bits, _all(1023)), F64X8)
+        whole, fraction, bias = _form(args[0].type)
+        bits = builder.lshr(builder.bitcast(args[0], whole), fraction)
+        return builder.sitofp(builder.sub(bits, bias), args[0].type)
 
-    return lanes_type(lanes_type), codegen
+    return value(value), codegen
 
 
-def _polynomial(coefficients: tuple[float, ...]) -> Any:
+def polynomial_of(coefficients: tuple[float, ...]) -> Any:
     """Return a function of lanes x: the polynomial with these coefficients, lowest power first."""
 
     @intrinsic
     def polynomial(typingctx, x):
         def codegen(context, builder, sig, args):
-            total = constant(coefficients[-1])
+            total = constant(coefficients[-1], args[0].type)
             for each in coefficients[-2::-1]:
-                total = fused(builder, total, args[0], constant(each))
+                total = fused(builder, total, args[0], constant(each, args[0].type))
             return total
 
-        return lanes_type(lanes_type), codegen
+        return x(x), codegen
 
     return polynomial
 
 
-exp_series = _polynomial(tuple(1.0 / math.factorial(k) for k in range(14)))
-log_series = _polynomial(tuple(2.0 / (2 * k + 1) for k in range(12)))
-sine_series = _polynomial(tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(11)))
-cosine_series = _polynomial(tuple((-1.0) ** k / math.factorial(2 * k) for k in range(12)))
+exp_series = polynomial_of(tuple(1.0 / math.factorial(k) for k in range(14)))
+log_series = polynomial_of(tuple(2.0 / (2 * k + 1) for k in range(12)))
+sine_series = polynomial_of(tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(11)))
+cosine_series = polynomial_of(tuple((-1.0) ** k / math.factorial(2 * k) for k in range(12)))
 
 
 @as_written

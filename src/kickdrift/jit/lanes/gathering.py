@@ -1,7 +1,7 @@
-"""Numbers between memory and eight lanes in other orders: rows gathered and transposed, and selected numbers packed.
+"""Numbers between memory and eight lanes in other orders: rows gathered and transposed.
 
-Rows of four numbers are loaded whole and transposed, faster than LLVM's gathers. Packing is a compress-store: it writes
-the numbers selected by a mask side by side, with the processor's own instructions.
+Rows of numbers are loaded whole and transposed, faster than LLVM's gathers. A table of float64 gives lanes of float64,
+a table of float32 lanes of float32.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.jit.compile import features
-from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, lanes_type
+from kickdrift.jit.lanes.vectors import F64, F64X8, I32, WIDTH, bytes_of, half_single_type, lanes_type, suffix
 from kickdrift.jit.numba_private import cgutils
 
 EIGHT = types.UniTuple(lanes_type, WIDTH)
@@ -28,7 +27,8 @@ def shuffle(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, order: list[int]) -
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, WIDTH), order))
 
 
-def _transposed(builder: ir.IRBuilder, rows: list[Any]) -> list[Any]:
+def transposed_rows(builder: ir.IRBuilder, rows: list[Any]) -> list[Any]:
+    """Emit eight vectors whose lane k has the numbers of row k."""
     shuffled = partial(shuffle, builder)
     pairs = [[shuffled(rows[k], rows[k + 1], order) for k in range(0, WIDTH, 2)] for order in (LOW, HIGH)]
     made: list[Any] = [None] * WIDTH
@@ -46,7 +46,7 @@ def transposed(typingctx, rows):
 
     def codegen(context, builder, sig, args):
         return context.make_tuple(
-            builder, sig.return_type, _transposed(builder, cgutils.unpack_tuple(builder, args[0]))
+            builder, sig.return_type, transposed_rows(builder, cgutils.unpack_tuple(builder, args[0]))
         )
 
     return (EIGHT(EIGHT), codegen) if rows == EIGHT else None
@@ -98,10 +98,14 @@ def _plain(array: types.Type) -> bool:
 
 
 ROW = 4  # numbers in a row
-_FOUR = ir.VectorType(F64, ROW)
 _WHOLE = ir.IntType(64)
 _INDICES = ir.VectorType(I32, ROW)
 _FOUR_LANES = types.UniTuple(lanes_type, ROW)
+
+
+def lanes_in(array: types.Type) -> types.Type:
+    """Type of eight lanes of an array's precision."""
+    return half_single_type if array.dtype == types.float32 else lanes_type
 
 
 def _rows_transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
@@ -115,11 +119,11 @@ def _rows_transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Val
 
 
 def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> list[ir.Value]:
-    """Emit four vectors of eight lanes: the four numbers from each of eight starts on. ``data`` points to float64."""
-    rows = []
+    """Emit four vectors of eight lanes: the four numbers from each of eight starts on."""
+    rows, kind = [], ir.VectorType(data.type.pointee, ROW)
     for start in starts:
-        row = builder.load(builder.bitcast(builder.gep(data, [start]), _FOUR.as_pointer()))
-        row.align = 8
+        row = builder.load(builder.bitcast(builder.gep(data, [start]), kind.as_pointer()))
+        row.align = bytes_of(kind.element)
         rows.append(row)
     return _rows_transposed(builder, rows)
 
@@ -161,21 +165,8 @@ def rows_of(typingctx, table, rows, stride, column):
         ]
         return _columns(context, builder, sig, args[0], starts)
 
-    return _FOUR_LANES(table, lanes_type, types.intp, types.intp), codegen
-
-
-@intrinsic
-def numbers_at(typingctx, table, places, first):
-    """Return lanes: the numbers of a table at ``places[first:first + 8]``, which holds int32."""
-
-    def codegen(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        made = ir.Constant(F64X8, ir.Undefined)
-        for k, place in enumerate(places_in(context, builder, sig.args[1], args[1], args[2])):
-            made = builder.insert_element(made, builder.load(builder.gep(data, [place])), I32(k))
-        return made
-
-    return lanes_type(table, places, types.intp), codegen
+    lanes = lanes_in(table)
+    return types.UniTuple(lanes, ROW)(table, lanes, types.intp, types.intp), codegen
 
 
 def _as_rows(builder: ir.IRBuilder, columns: list[ir.Value]) -> list[ir.Value]:
@@ -233,109 +224,19 @@ def add_rows_at(typingctx, table, places, first, columns):
     return types.void(table, places, types.intp, _FOUR_LANES), codegen
 
 
-@intrinsic
-def place_at(typingctx, places, index):
-    """Return a number of an array of int32, at its place in memory."""
-
-    def codegen(context, builder, sig, args):
-        listed = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return builder.sext(builder.load(builder.gep(listed, [args[1]])), _WHOLE)
-
-    return types.int64(places, types.intp), codegen
-
-
 def _rounding(name: str) -> Any:
     @intrinsic
     def rounded(typingctx, value):
         def codegen(context, builder, sig, args):
-            kind = ir.FunctionType(F64X8, [F64X8])
-            called = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v8f64")
+            vector = args[0].type
+            kind = ir.FunctionType(vector, [vector])
+            called = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.{suffix(vector)}")
             return builder.call(called, args)
 
-        return lanes_type(lanes_type), codegen
+        return value(value), codegen
 
     return rounded
 
 
 lane_floor = _rounding("floor")  # largest whole number not above each lane
 lane_round = _rounding("rint")  # nearest whole number to each lane, ties to even
-
-
-@intrinsic
-def append_members(typingctx, rows, at, listed, members, start, count, bit, plus):
-    """Append selected numbers to a matrix and return their count.
-
-    Selects from the eight whole numbers ``listed[start:start + 8]``, at most ``count``, those whose ``members`` has
-    ``bit`` set. Adds ``plus`` to each and writes it to the matrix ``rows`` of two int32, from row ``at`` on. May
-    overwrite up to eight rows after the last.
-    """
-    whole = ir.IntType(64)
-    eight = ir.VectorType(whole, WIDTH)
-
-    def codegen(context, builder, sig, args):
-        target, source, chosen = (context.make_array(sig.args[k])(context, builder, args[k]).data for k in (0, 2, 3))
-
-        def spread(value):
-            one = builder.insert_element(ir.Constant(eight, ir.Undefined), value, I32(0))
-            zeros = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
-            return builder.shuffle_vector(one, ir.Constant(eight, ir.Undefined), zeros)
-
-        def loaded(data):
-            value = builder.load(builder.bitcast(builder.gep(data, [args[4]]), eight.as_pointer()))
-            value.align = 8
-            return value
-
-        given = builder.icmp_signed("<", ir.Constant(eight, list(range(WIDTH))), spread(args[5]))
-        both = builder.and_(loaded(chosen), spread(args[6]))
-        mask = builder.and_(given, builder.icmp_unsigned("!=", both, ir.Constant(eight, [0] * WIDTH)))
-        pointer = builder.gep(builder.bitcast(target, whole.as_pointer()), [args[1]])
-        numbers = builder.add(loaded(source), spread(args[7]))
-        pack = _with_avx512 if "avx512f" in features() else _with_avx2 if "avx2" in features() else _one_by_one
-        return pack(builder, numbers, mask, pointer)
-
-    return types.int64(rows, types.intp, listed, members, types.intp, types.int64, types.int64, types.int64), codegen
-
-
-def _with_avx512(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """Write selected numbers side by side from the pointer on, and return their count. AVX-512's instruction moves them
-    in a register, and all eight are written: the same instruction to memory takes a hundred cycles on some processors.
-    """
-    kind = ir.FunctionType(numbers.type, [numbers.type, numbers.type, mask.type])
-    move = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.mask.compress.v8i64")
-    packed = builder.call(move, [numbers, numbers, mask])
-    written = builder.store(packed, builder.bitcast(pointer, packed.type.as_pointer()))
-    written.align = 8
-    return builder.ctpop(builder.zext(builder.bitcast(mask, ir.IntType(8)), ir.IntType(64)))
-
-
-def _with_avx2(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """The same, four at a time, with a table of permutations."""
-    whole, pairs = ir.IntType(64), ir.VectorType(I32, WIDTH)
-    kind = ir.FunctionType(pairs, [pairs, pairs])
-    permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx2.permd")
-    orders = [([k for k in range(4) if bits >> k & 1] + 4 * [0])[:4] for bits in range(16)]
-    table = ir.Constant(
-        ir.ArrayType(pairs, 16),
-        [ir.Constant(pairs, [2 * k + part for k in order for part in (0, 1)]) for order in orders],
-    )
-    place = cgutils.global_constant(builder, "first_of_four", table)
-    bits = builder.zext(builder.bitcast(mask, ir.IntType(8)), whole)
-    low = builder.and_(bits, whole(15))
-    for half, (which, made) in enumerate(((low, whole(0)), (builder.lshr(bits, whole(4)), builder.ctpop(low)))):
-        lanes = ir.Constant(ir.VectorType(I32, 4), [4 * half + k for k in range(4)])
-        four = builder.bitcast(builder.shuffle_vector(numbers, numbers, lanes), pairs)
-        packed = builder.call(permute, [four, builder.load(builder.gep(place, [whole(0), which]))])
-        written = builder.store(packed, builder.bitcast(builder.gep(pointer, [made]), pairs.as_pointer()))
-        written.align = 8
-    return builder.ctpop(bits)
-
-
-def _one_by_one(builder: ir.IRBuilder, numbers: ir.Value, mask: ir.Value, pointer: ir.Value) -> ir.Value:
-    """The same, one after the other: each number is written, and the place advances if it is selected. LLVM's own way
-    has eight unpredictable branches."""
-    ones, made = builder.zext(mask, numbers.type), ir.IntType(64)(0)
-    for k in range(WIDTH):
-        written = builder.store(builder.extract_element(numbers, I32(k)), builder.gep(pointer, [made]))
-        written.align = 8
-        made = builder.add(made, builder.extract_element(ones, I32(k)))
-    return made

@@ -1,4 +1,4 @@
-"""Masks of lanes: and, or, selection, and bits as a whole number."""
+"""Masks of lanes: and, or, not, selection, and bits as a whole number."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from kickdrift.jit.numba_private import signature
 
 register(operator.and_, [signature(mask, mask, mask) for mask in MASKS])
 register(operator.or_, [signature(mask, mask, mask) for mask in MASKS])
+register(operator.invert, [signature(mask, mask) for mask in MASKS])
 
 
 @lower_builtin(operator.and_, Mask, Mask)
@@ -23,6 +24,11 @@ def _and(context, builder, sig, args):
 @lower_builtin(operator.or_, Mask, Mask)
 def _or(context, builder, sig, args):
     return builder.or_(*args)
+
+
+@lower_builtin(operator.invert, Mask)
+def _invert(context, builder, sig, args):
+    return builder.not_(args[0])
 
 
 @intrinsic

@@ -1,11 +1,18 @@
-"""Mixed precision beside the arithmetic of `lanes`: 16 lanes of float32 from eight float64, and back."""
+"""Mixed precision beside the arithmetic of `lanes`: 16 or eight lanes of float32 from eight float64, and back; and the
+functions of eight lanes of float32, within 3 units in the last place (the cosine: of the number one)."""
 
 from __future__ import annotations
+
+import math
 
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.lanes.functions import LOG2_E, ROOT_HALF, exponent_of, lanes_like, polynomial_of, power_of_two
+from kickdrift.jit.lanes.gathering import lane_round, lanes_in
+from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import loading
 from kickdrift.jit.lanes.vectors import (
     F32,
@@ -17,6 +24,8 @@ from kickdrift.jit.lanes.vectors import (
     WIDTH,
     Lanes,
     as_lanes,
+    constant,
+    half_single_type,
     lanes_type,
     pointer_to,
     single_type,
@@ -182,3 +191,59 @@ def named_lanes_single(typingctx, like, table, rows, index):
         return context.make_tuple(builder, sig.return_type, fields)
 
     return result(like, table, types.UniTuple(types.int64, 4), types.intp), codegen
+
+
+@intrinsic
+def zeros_in(typingctx, array):
+    """Zero in eight lanes of an array's precision."""
+
+    def codegen(context, builder, sig, args):
+        return constant(0.0, sig.return_type.vector)
+
+    return lanes_in(array)(array), codegen
+
+
+@intrinsic
+def narrowed(typingctx, value):
+    """Eight lanes of float64 as float32."""
+
+    def codegen(context, builder, sig, args):
+        return builder.fptrunc(args[0], F32X8)
+
+    return half_single_type(lanes_type), codegen
+
+
+LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440054690583e-4  # the first has nine bits, so that whole multiples are exact
+_exp_series = polynomial_of(tuple(1.0 / math.factorial(k) for k in range(8)))
+_log_series = polynomial_of(tuple(2.0 / (2 * k + 1) for k in range(6)))
+_sine_series = polynomial_of(tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7)))
+_cosine_series = polynomial_of(tuple((-1.0) ** k / math.factorial(2 * k) for k in range(8)))
+
+
+@as_written
+def single_exp(x):
+    """Return exp(x) of lanes, 0 below -87 and exp(87) above 87; nan stays nan."""
+    low = x < -87.0
+    x = select(low, lanes_like(-87.0, x), x)
+    x = select(x > 87.0, lanes_like(87.0, x), x)
+    k = lane_round(x * LOG2_E)
+    r = (x - k * LN2_HIGH) - k * LN2_LOW
+    return select(low, lanes_like(0.0, x), _exp_series(r) * power_of_two(k))
+
+
+@as_written
+def single_log(x):
+    """Return log(x) of lanes that are positive and normal."""
+    k = exponent_of(x)
+    m = x * power_of_two(0.0 - k)
+    high = m > 2.0 * ROOT_HALF
+    m, k = select(high, 0.5 * m, m), select(high, k + 1.0, k)
+    s = (m - 1.0) / (m + 1.0)
+    return k * LN2_HIGH + (s * _log_series(s * s) + k * LN2_LOW)
+
+
+@as_written
+def single_sine_cosine(x):
+    """Return sin(x) and cos(x) of lanes from -pi/2 to pi/2."""
+    square = x * x
+    return x * _sine_series(square), _cosine_series(square)
