@@ -333,8 +333,7 @@ class Springs(Field):
         laws, which = np.unique(values, axis=0, return_inverse=True)
         return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
 
-    @property
-    def reach(self) -> float:
+    def half_height(self) -> float:
         """See Grouped: the largest length at rest."""
         return float(np.max(self.length))
 

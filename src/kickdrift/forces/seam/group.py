@@ -35,8 +35,7 @@ class Grouped:
 
     stands_for: ClassVar[str] = ""
 
-    @property
-    def reach(self) -> float:
+    def half_height(self) -> float:
         """Half the least height that the box must keep for this force."""
         return 0.0
 
@@ -121,8 +120,7 @@ class ListedForce:
     name: ClassVar[str]
     thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
 
-    @property
-    def reach(self) -> float:
+    def half_height(self) -> float:
         """See Grouped: the cutoff."""
         cutoff: float | None = self.cutoff  # type: ignore[attr-defined]
         return float(cutoff or 0.0)
@@ -134,4 +132,4 @@ class ListedForce:
 
 def reach_of(forces: Iterable[Any]) -> float:
     """Half the least height of the box that these forces allow."""
-    return max((float(getattr(force, "reach", 0.0)) for force in forces), default=0.0)
+    return max((float(force.half_height()) for force in forces if hasattr(force, "half_height")), default=0.0)
