@@ -158,7 +158,7 @@ class Coulomb(Grouped):
             return None
         return next((force for force in system.forces if isinstance(force, PairForce)), None)
 
-    def reach(self, system: Subject) -> float:
+    def half_height(self, system: Subject) -> float:
         """See Grouped: the cutoff of the near part."""
         return 0.0 if self.method == DIRECT else self.split(system).cutoff
 

@@ -333,7 +333,7 @@ class Springs(Field):
         laws, which = np.unique(values, axis=0, return_inverse=True)
         return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
 
-    def reach(self, system: Subject) -> float:
+    def half_height(self, system: Subject) -> float:
         """See Grouped: the largest length at rest."""
         return float(np.max(self.length))
 

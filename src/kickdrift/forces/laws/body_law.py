@@ -128,6 +128,10 @@ class BodyForce(LawForce):
         if not type(self).__module__.startswith("kickdrift."):
             try_bodies(self, p, system)
 
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: a law of all bodies gets no box."""
+        return "its law does not know the box"
+
     def bound_law(self, system: Subject) -> Any:
         """What the law gets as ``p`` for this system."""
         values = {key: _spread(value, self.kinds[key].over, len(system)) for key, value in self.values(system).items()}

@@ -35,7 +35,7 @@ class Grouped:
 
     stands_for: ClassVar[str] = ""
 
-    def reach(self, system: Subject) -> float:
+    def half_height(self, system: Subject) -> float:
         """Half the least height that the box must keep for this force."""
         return 0.0
 
@@ -120,7 +120,7 @@ class ListedForce:
     name: ClassVar[str]
     thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
 
-    def reach(self, system: Subject) -> float:
+    def half_height(self, system: Subject) -> float:
         """See Grouped: the cutoff."""
         cutoff: float | None = self.cutoff  # type: ignore[attr-defined]
         return float(cutoff or 0.0)
@@ -132,4 +132,6 @@ class ListedForce:
 
 def reach_of(system: Any) -> float:
     """Half the least height of the box that the System's forces allow."""
-    return max((float(force.reach(system)) for force in system.forces if hasattr(force, "reach")), default=0.0)
+    return max(
+        (float(force.half_height(system)) for force in system.forces if hasattr(force, "half_height")), default=0.0
+    )

@@ -195,7 +195,7 @@ class Barostat:
                 if self._coupling in APART
                 else "take more particles or another pressure"
             )
-            height = 2.0 * reach * value / self.piston.shortest[axis]
+            height = 2.0 * reach * value / self.piston.shortest[axis] if reach else value
             edge = f"the box height across {'abc'[axis]}" if self._live.box.tilts else f"box edge {'xyz'[axis]}"
             return (
                 f"the barostat would make {edge} {height:.6g}, shorter than twice the cutoff, "
