@@ -1,0 +1,52 @@
+"""Kicks and drifts on the device, and the particles in the order of the caller."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import cuda
+
+from kickdrift.engines.cuda.law_code import Code
+from kickdrift.engines.cuda.places import Places
+
+FAR, NOT_FINITE, TOO_LARGE = 0, 1, 2  # marks: largest square of a displacement; flags of positions and of forces
+MARKS = 3
+
+
+def move_of(places: Places) -> Code:
+    """Kernel of two kicks and a drift; the first ``kick`` ends a step, and the second begins the next.
+
+    Arguments: x, v, a and the positions ``at`` of the last list (3, n), the places to write, the marks, and the times
+    of the two kicks and of the drift."""
+    write = places.write
+
+    @cuda.jit
+    def move(x, v, a, at, written, marks, last_kick, kick, drift):
+        i = cuda.grid(1)
+        if i < x.shape[1]:
+            square = 0.0
+            for k in range(3):
+                speed = v[k, i] + last_kick * a[k, i]
+                speed = speed + kick * a[k, i]
+                v[k, i] = speed
+                place = x[k, i] + drift * speed
+                x[k, i] = place
+                way = place - at[k, i]
+                square += way * way
+            write(written, i, x[0, i], x[1, i], x[2, i])
+            if not square <= marks[FAR]:
+                if square < 1e300:
+                    cuda.atomic.max(marks, FAR, square)
+                else:
+                    marks[NOT_FINITE] = 1.0
+
+    return move  # type: ignore[no-any-return]
+
+
+@cuda.jit
+def put_in_order(ids: Any, rows: Any, ordered: Any) -> None:
+    """Write rows (m, n) of particles ``ids`` to their columns."""
+    i = cuda.grid(1)
+    if i < ids.size:
+        for k in range(rows.shape[0]):
+            ordered[k, ids[i]] = rows[k, i]
