@@ -27,11 +27,12 @@ else:
     inverse_root, inverse_root_single = libdevice.rsqrt, libdevice.rsqrtf
 
 TILE = 16 if config.ENABLE_CUDASIM else 128
+EACH = 4  # bodies of one thread
 
 
 def parts_of(n: int, processors: int) -> int:
     """Number of blocks that share the pairs of the same bodies, so that all processors have work."""
-    blocks, tiles = -(-n // TILE), -(-n // TILE)
+    blocks, tiles = -(-n // (TILE * EACH)), -(-n // TILE)
     return max(1, min(tiles, 16 * processors // blocks))
 
 
@@ -41,79 +42,99 @@ def forces_of(softening: float) -> Code:
 
     @cuda.jit
     def forces(x, gm, partial):
-        i, t = cuda.grid(1), cuda.threadIdx.x
-        n, parts, part = gm.size, partial.shape[0], cuda.blockIdx.y
+        t, n = np.uint32(cuda.threadIdx.x), np.uint32(gm.size)
+        base = np.uint32(cuda.blockIdx.x * TILE * EACH + t)
+        parts, part = partial.shape[0], cuda.blockIdx.y
         tiles = (n + TILE - 1) // TILE
         tile = cuda.shared.array((4, TILE), np.float64)
-        xi, yi, zi = 0.0, 0.0, 0.0
-        if i < n:
-            xi, yi, zi = x[0, i], x[1, i], x[2, i]
-        ax, ay, az = 0.0, 0.0, 0.0
+        own = cuda.local.array((3, EACH), np.float64)
+        a = cuda.local.array((3, EACH), np.float64)
+        for e in range(EACH):
+            i = min(np.uint32(base + e * TILE), np.uint32(n - 1))
+            for k in range(3):
+                own[k, e], a[k, e] = x[k, i], 0.0
         for step in range(tiles * part // parts, tiles * (part + 1) // parts):
-            first = step * TILE
-            j = first + t
+            first = np.uint32(step * TILE)
+            j = np.uint32(first + t)
             if j < n:
                 tile[0, t], tile[1, t], tile[2, t], tile[3, t] = x[0, j], x[1, j], x[2, j], gm[j]
             cuda.syncthreads()
-            for k in range(min(TILE, n - first)):
-                dx, dy, dz = tile[0, k] - xi, tile[1, k] - yi, tile[2, k] - zi
-                r2 = dx * dx + dy * dy + dz * dz + softening2
-                if first + k != i:
-                    inverse = inverse_root(r2)
-                    g = tile[3, k] * (inverse * inverse * inverse)
-                    ax += g * dx
-                    ay += g * dy
-                    az += g * dz
+            k, end = np.uint32(0), np.uint32(min(TILE, n - first))
+            while k < end:
+                for e in range(EACH):
+                    dx, dy, dz = tile[0, k] - own[0, e], tile[1, k] - own[1, e], tile[2, k] - own[2, e]
+                    r2 = dx * dx + dy * dy + dz * dz + softening2
+                    if softening2 > 0.0 or np.uint32(first + k) != np.uint32(base + e * TILE):
+                        inverse = inverse_root(r2)
+                        g = tile[3, k] * (inverse * inverse * inverse)
+                        a[0, e] += g * dx
+                        a[1, e] += g * dy
+                        a[2, e] += g * dz
+                k = np.uint32(k + 1)
             cuda.syncthreads()
-        if i < n:
-            partial[part, 0, i], partial[part, 1, i], partial[part, 2, i] = ax, ay, az
+        for e in range(EACH):
+            i = np.uint32(base + e * TILE)
+            if i < n:
+                for k in range(3):
+                    partial[part, k, i] = a[k, e]
 
     return forces  # type: ignore[no-any-return]
 
 
 def mixed_forces_of(softening: float) -> Code:
     """Kernel that writes partial accelerations (parts, 3, n) in mixed precision."""
-    softening2 = np.float32(softening**2)
+    softening2, none = np.float32(softening**2), np.float32(0.0)
 
     @cuda.jit(fastmath={"contract", "arcp", "nsz"})
     def forces(x, gm, partial):
-        i, t = cuda.grid(1), cuda.threadIdx.x
-        n, parts, part = gm.size, partial.shape[0], cuda.blockIdx.y
+        t, n = np.uint32(cuda.threadIdx.x), np.uint32(gm.size)
+        base = np.uint32(cuda.blockIdx.x * TILE * EACH + t)
+        parts, part = partial.shape[0], cuda.blockIdx.y
         tiles = (n + TILE - 1) // TILE
         tile = cuda.shared.array((7, TILE), np.float32)
-        none = np.float32(0.0)
-        xi, yi, zi, xl, yl, zl = none, none, none, none, none, none
-        if i < n:
-            xi, yi, zi = np.float32(x[0, i]), np.float32(x[1, i]), np.float32(x[2, i])
-            xl, yl, zl = np.float32(x[0, i] - xi), np.float32(x[1, i] - yi), np.float32(x[2, i] - zi)
-        ax, ay, az = 0.0, 0.0, 0.0
+        high = cuda.local.array((3, EACH), np.float32)
+        low = cuda.local.array((3, EACH), np.float32)
+        sums = cuda.local.array((3, EACH), np.float32)
+        a = cuda.local.array((3, EACH), np.float64)
+        for e in range(EACH):
+            i = min(np.uint32(base + e * TILE), np.uint32(n - 1))
+            for k in range(3):
+                high[k, e], a[k, e] = np.float32(x[k, i]), 0.0
+                low[k, e] = np.float32(x[k, i] - high[k, e])
         for step in range(tiles * part // parts, tiles * (part + 1) // parts):
-            first = step * TILE
-            j = first + t
+            first = np.uint32(step * TILE)
+            j = np.uint32(first + t)
             if j < n:
                 for k in range(3):
-                    high = np.float32(x[k, j])
-                    tile[k, t], tile[3 + k, t] = high, np.float32(x[k, j] - high)
+                    top = np.float32(x[k, j])
+                    tile[k, t], tile[3 + k, t] = top, np.float32(x[k, j] - top)
                 tile[6, t] = np.float32(gm[j])
             cuda.syncthreads()
-            sx, sy, sz = none, none, none
-            for k in range(min(TILE, n - first)):
-                dx = (tile[0, k] - xi) + (tile[3, k] - xl)
-                dy = (tile[1, k] - yi) + (tile[4, k] - yl)
-                dz = (tile[2, k] - zi) + (tile[5, k] - zl)
-                r2 = dx * dx + dy * dy + dz * dz + softening2
-                if first + k != i:
-                    inverse = inverse_root_single(r2)
-                    g = tile[6, k] * (inverse * inverse * inverse)
-                    sx += g * dx
-                    sy += g * dy
-                    sz += g * dz
-            ax += sx
-            ay += sy
-            az += sz
+            for e in range(EACH):
+                sums[0, e], sums[1, e], sums[2, e] = none, none, none
+            k, end = np.uint32(0), np.uint32(min(TILE, n - first))
+            while k < end:
+                for e in range(EACH):
+                    dx = (tile[0, k] - high[0, e]) + (tile[3, k] - low[0, e])
+                    dy = (tile[1, k] - high[1, e]) + (tile[4, k] - low[1, e])
+                    dz = (tile[2, k] - high[2, e]) + (tile[5, k] - low[2, e])
+                    r2 = dx * dx + dy * dy + dz * dz + softening2
+                    if softening2 > none or np.uint32(first + k) != np.uint32(base + e * TILE):
+                        inverse = inverse_root_single(r2)
+                        g = tile[6, k] * (inverse * inverse * inverse)
+                        sums[0, e] += g * dx
+                        sums[1, e] += g * dy
+                        sums[2, e] += g * dz
+                k = np.uint32(k + 1)
+            for e in range(EACH):
+                for k in range(3):
+                    a[k, e] += sums[k, e]
             cuda.syncthreads()
-        if i < n:
-            partial[part, 0, i], partial[part, 1, i], partial[part, 2, i] = ax, ay, az
+        for e in range(EACH):
+            i = np.uint32(base + e * TILE)
+            if i < n:
+                for k in range(3):
+                    partial[part, k, i] = a[k, e]
 
     return forces  # type: ignore[no-any-return]
 

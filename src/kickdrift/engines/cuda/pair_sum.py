@@ -53,14 +53,16 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
 
     @cuda.jit(fastmath=ROUNDED if places.single else False)
     def forces(placed, near, counts, inverse_masses, a, marks):
-        t = cuda.grid(1)
-        i, lane = t // lanes, t % lanes
+        t = np.uint32(cuda.grid(1))
+        i, lane = np.uint32(t // lanes), np.uint32(t % lanes)
         inside = i < counts.size
-        i = i if inside else 0
+        i = i if inside else np.uint32(0)
         own = read(placed, i)
         fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), none
-        for k in range(lane, counts[i] if inside else 0, lanes):
-            dx, dy, dz = apart(own, read(placed, near[i, k]))
+        row, k, end = near[i], lane, np.uint32(counts[i] if inside else 0)
+        while k < end:
+            dx, dy, dz = apart(own, read(placed, row[k]))
+            k = np.uint32(k + lanes)
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < cutoff2:
                 g = terms(r2)[1] * grain

@@ -126,6 +126,16 @@ class PairForces:
             self._near = cuda.device_array((p.n, 8 * -(-int(1.1 * needed) // 8)), np.uint32)
         p.marks.copy_to_device(np.zeros(MARKS))
 
+    def stages(self, particles: Particles) -> list[tuple[str, Any]]:
+        """Names and launches of the parts of a list, for timings."""
+        p, shape, most = particles, blocks(particles.n), zeros(1, np.int32)
+        sizes = zeros(self._grid.size, np.int32)
+        return [
+            ("count", lambda: self._count[shape](p.x, self._cells, self._numbers, sizes)),
+            ("scan", lambda: self._scan[1, SCAN](zeros(self._grid.size, np.int32), cuda.device_array(self._grid.size + 1, np.int32))),
+            ("search", lambda: self._search[shape](p.placed, self._homes, self._starts, self._near, self._found, most)),
+        ]
+
     def evaluate(self, particles: Particles) -> None:
         p = particles
         self._forces[blocks(p.n * self._lanes)](p.placed, self._near, self._found, p.weights, p.a, p.marks)
@@ -166,7 +176,7 @@ class GravityForces:
         self._summed(self._forces, particles, particles.a)
 
     def _summed(self, forces: Any, particles: Particles, a: Any) -> None:
-        columns, threads = blocks(particles.n, gravity.TILE)
+        columns, threads = blocks(particles.n, gravity.TILE * gravity.EACH)[0], gravity.TILE
         forces[(columns, self._partial.shape[0]), threads](particles.x, particles.weights, self._partial)
         gravity.add_parts[blocks(particles.n)](self._partial, a)
 

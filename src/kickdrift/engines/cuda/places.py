@@ -72,12 +72,12 @@ def _wrapped(a: float, b: float, c: float) -> Places:
         return np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF
 
     def write(places, i, x, y, z):
-        places[i, 0] = part_of(x * inverse_a) | (part_of(y * inverse_b) << 32)
-        places[i, 1] = part_of(z * inverse_c)
+        places[2 * i] = part_of(x * inverse_a) | (part_of(y * inverse_b) << 32)
+        places[2 * i + 1] = part_of(z * inverse_c)
 
     def read(places, i):
-        xy = places[i, 0]
-        return np.int32(xy), np.int32(xy >> 32), np.int32(places[i, 1])
+        xy = places[np.uint32(2 * i)]
+        return np.int32(xy), np.int32(xy >> 32), np.int32(places[np.uint32(2 * i + 1)])
 
     def apart(p, q):
         return (
@@ -92,4 +92,4 @@ def _wrapped(a: float, b: float, c: float) -> Places:
 
 def room_for(places: Places, n: int) -> Any:
     """Type and shape of the array of n positions."""
-    return ((n, 2), np.int64) if places.single else ((3, n), np.float64)
+    return (2 * n, np.int64) if places.single else ((3, n), np.float64)

@@ -45,6 +45,7 @@ class CudaSession(Session):
         self._particles = self._forces.upload(phase)
         self._kept = [cuda.device_array((3, self._particles.n), np.float64) for _ in range(3)]
         self._stale, self._life, self._age = True, float(FIRST_BLOCK), 0
+        self.lists = 1  # made since the start
 
     def advance(self, steps: int, until: float) -> int:
         done = 0
@@ -60,9 +61,13 @@ class CudaSession(Session):
         """Number of steps that the list likely lasts; make a new list if none."""
         left = int(SURE * self._life) - self._age
         if left < 1:
-            self._forces.prepare(self._particles)
+            self._anew()
             self._age, left = 0, max(1, int(SURE * self._life))
         return min(left, LONGEST_BLOCK)
+
+    def _anew(self) -> None:
+        self._forces.prepare(self._particles)
+        self.lists += 1
 
     def _keep(self) -> None:
         p = self._particles
@@ -101,7 +106,7 @@ class CudaSession(Session):
             self._stale, self._life = self._kept_stale, max(1.0, 0.7 * min(self._life, self._age + count))
             if self._age == 0 and count == 1:
                 raise Trouble("a particle moved further than the skin of the list in one step")
-            self._forces.prepare(p)
+            self._anew()
             self._age = 0
             return False
         if marks[TOO_LARGE]:
