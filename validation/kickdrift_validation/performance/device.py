@@ -17,6 +17,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,9 +25,8 @@ import numpy as np
 from numba import cuda
 
 import kickdrift as kd
-from kickdrift.engines.cuda import particles
-from kickdrift.engines.cuda.device import check_device
-from kickdrift.engines.cuda.particles import PairForces
+from kickdrift.engines.cuda.device import check_device, processors
+from kickdrift.engines.cuda.forces import PairForces
 from kickdrift.engines.cuda.steps import CudaSession
 from kickdrift.engines.job import Job
 from kickdrift.integrators import INTEGRATORS
@@ -37,7 +37,18 @@ from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 DENSITY, TEMPERATURE, CUTOFF, DT = 0.8442, 1.44, 2.5, 0.005
 PARTICLES = (10_648, 97_336, 1_000_000, 10_077_696)
 BODIES = (10_000, 100_000, 1_000_000)
-LANES, SKINS = (2, 4, 8, 16), (0.08, 0.12, 0.16, 0.24)
+TUNED = (
+    (0.16, 4),
+    (0.16, 8),
+    (0.24, 4),
+    (0.24, 8),
+    (0.3, 2),
+    (0.3, 4),
+    (0.3, 8),
+    (0.3, 16),
+    (0.4, 4),
+    (0.4, 8),
+)
 MELTING = 200  # steps before a timing
 SECONDS = 1.5  # of a timing, about
 SOFTENING = 0.01
@@ -75,10 +86,13 @@ def cluster(n: int) -> kd.System:
     return kd.System(x, 0.5 * v, masses, forces=[kd.Gravity(G=1.0, softening=SOFTENING)], units="nbody")
 
 
-def session(system: kd.System, precision: str, dt: float, method: str = "velocity-verlet") -> CudaSession:
-    options = settled(INTEGRATORS[method], {"dt": dt, "precision": precision}, RunDefaults())
-    made = CudaSession(Job(system, INTEGRATORS[method], method, options))
-    made.reset(system.state.phase, 0.0)
+def session(system: kd.System, precision: str, dt: float, begun: bool = True) -> CudaSession:
+    """Velocity Verlet on the device, at the state of the system if ``begun``."""
+    method = INTEGRATORS["velocity-verlet"]
+    options = settled(method, {"dt": dt, "precision": precision}, RunDefaults())
+    made = CudaSession(Job(system, method, method.name, options))
+    if begun:
+        made.reset(system.state.phase, 0.0)
     return made
 
 
@@ -126,36 +140,51 @@ def error(found: np.ndarray, expected: np.ndarray) -> dict[str, float]:
 
 def step_forces(made: CudaSession) -> np.ndarray:
     """Accelerations that steps use."""
-    made._forces.evaluate(made._particles)
-    return made._particles.in_order(made._particles.a)
+    made.forces.evaluate(made.particles)
+    return made.particles.in_order(made.particles.a)
 
 
-def timed(call: Callable[[], Any], least: int = 5) -> float:
-    """Median seconds between events around a call."""
-    call()
-    found = []
-    for _ in range(least):
+def timed(made: CudaSession, work: Callable[[], Any], repeats: int = 10, rounds: int = 5) -> float:
+    """Median seconds of work of the device, in graphs of several repeats."""
+    key, stream, found = object(), made.launches.stream, []
+    many = partial(_repeated, work, repeats)
+    for _ in range(3):
+        made.launches.repeat(key, many)
+    for _ in range(rounds):
         begin, end = cuda.event(), cuda.event()
-        begin.record()
-        call()
-        end.record()
+        begin.record(stream)
+        made.launches.repeat(key, many)
+        end.record(stream)
         end.synchronize()
-        found.append(begin.elapsed_time(end) / 1e3)
+        found.append(begin.elapsed_time(end) / 1e3 / repeats)
     return float(np.median(found))
 
 
+def _repeated(work: Callable[[], Any], repeats: int) -> None:
+    for _ in range(repeats):
+        work()
+
+
 def steps_a_second(made: CudaSession, warm: int | None = None) -> dict[str, float]:
-    """Steps a second of the wall; the number of lists and of steps in it."""
+    """Steps a second of the wall; the numbers of steps, of lists and of blocks that were taken back."""
     made.advance(warm or MELTING, np.inf)
     begin = time.perf_counter()
-    made.advance(20, np.inf)
-    each = (time.perf_counter() - begin) / 20
-    count = max(20, min(50_000, int(SECONDS / each)))
-    lists = made.lists
+    made.advance(100 if warm is None else 5, np.inf)
+    each = (time.perf_counter() - begin) / (100 if warm is None else 5)
+    count, lists, returns = max(10, min(50_000, int(SECONDS / each))), made.lists, made.returns
     begin = time.perf_counter()
     made.advance(count, np.inf)
     taken = time.perf_counter() - begin
-    return {"steps_per_s": count / taken, "steps": count, "steps_per_list": count / max(1, made.lists - lists)}
+    lists, returns = made.lists - lists, made.returns - returns
+    return {"steps_per_s": count / taken, "steps": count, "lists": lists, "returns": returns}
+
+
+def other_list(system: kd.System, precision: str, skin: float, lanes: int) -> CudaSession:
+    """A session with a list of another skin, and other threads for each particle."""
+    made = session(system, precision, DT, begun=False)
+    made.forces = PairForces(system, made.launches, precision == "mixed", skin, lanes)
+    made.reset(system.state.phase, 0.0)
+    return made
 
 
 # --- sections ---
@@ -169,7 +198,7 @@ def environment() -> dict[str, Any]:
     free, total = cuda.current_context().get_memory_info()
     found = {
         "device": str(device.name), "compute_capability": list(device.compute_capability), "free": free, "total": total,
-        "multiprocessors": particles.processors(), "python": sys.version,
+        "multiprocessors": processors(), "python": sys.version,
         **{name: version(name) for name in ("numba", "numba-cuda", "numpy", "cuda-bindings")},
     }  # fmt: skip
     try:
@@ -178,7 +207,14 @@ def environment() -> dict[str, Any]:
     except OSError:
         pass
     here, there = (cuda.device_array(2**28, np.float64) for _ in range(2))
-    found["copy_bytes_per_s"] = 2 * here.nbytes / timed(lambda: there.copy_to_device(here))
+    begin, end = cuda.event(), cuda.event()
+    there.copy_to_device(here)
+    begin.record()
+    for _ in range(10):
+        there.copy_to_device(here)
+    end.record()
+    end.synchronize()
+    found["copy_bytes_per_s"] = 20 * here.nbytes / (begin.elapsed_time(end) / 1e3)
     return found
 
 
@@ -223,18 +259,13 @@ def same_bits() -> dict[str, Any]:
     found = {}
     for precision in ("mixed", "double"):
         system, ends = liquid(97_336), []
-        for lanes, skin, cuts in ((8, 0.16, (300,)), (8, 0.16, (300,)), (4, 0.1, (100, 7, 193)), (16, 0.3, (300,))):
-            made = session(system, precision, DT)
-            made._forces = PairForces(system, precision == "mixed", skin, lanes)
-            made.reset(system.state.phase, 0.0)
+        for skin, lanes, cuts in ((0.3, 8, (300,)), (0.3, 8, (300,)), (0.12, 4, (100, 7, 193))):
+            made = other_list(system, precision, skin, lanes)
             for cut in cuts:
                 made.advance(cut, np.inf)
                 made.measure(0.0)
             ends.append(made.phase().tobytes())
-        found[precision] = {
-            "same run twice": ends[0] == ends[1], "cut and other list": ends[0] == ends[2],
-            "other lanes and skin": ends[0] == ends[3],
-        }  # fmt: skip
+        found[precision] = {"twice": ends[0] == ends[1], "cut, other skin and lanes": ends[0] == ends[2]}
     return found
 
 
@@ -244,43 +275,33 @@ def pair_times() -> dict[str, Any]:
         system = liquid(n)
         for precision in ("mixed", "double"):
             made = session(system, precision, DT)
-            own: dict[str, Any] = {"default": steps_a_second(made)}
-            p, forces = made._particles, made._forces
-            own["forces_s"] = timed(lambda: forces.evaluate(p))
-            own["move_s"] = timed(lambda: made._moved(0.0, 0.0, 0.0))
-            own["keep_s"] = timed(made._keep)
-            own["list_s"] = timed(lambda: forces.prepare(p))
-            own["neighbours"] = float(forces._found.copy_to_host().mean())
-            for name, kernel in forces.stages(p):
-                own[f"{name}_s"] = timed(kernel)
+            own: dict[str, Any] = steps_a_second(made)
+            p, forces = made.particles, made.forces
+            assert isinstance(forces, PairForces)
+            own["forces_s"] = timed(made, partial(forces.evaluate, p))
+            own["move_s"] = timed(made, partial(made.moved, 0.0, 0.0, 0.0))
+            own["keep_s"] = timed(made, p.keep)
+            own["list_s"] = timed(made, partial(forces.listed, p), 3)
+            own["search_s"] = timed(made, partial(forces.search, p), 3)
+            forces.prepare(p)
+            own["neighbours"] = float(forces.found.copy_to_host().mean())
             found[f"{precision} {len(system)}"] = own
     return found
 
 
-def lane_times() -> dict[str, Any]:
+def tuning() -> dict[str, Any]:
+    """Steps a second and seconds of the forces, for other skins and numbers of threads for each particle."""
     found: dict[str, Any] = {}
     for n in PARTICLES[:3]:
         system = liquid(n)
-        for precision in ("mixed", "double"):
-            made = session(system, precision, DT)
-            made.advance(MELTING, np.inf)
-            phase = made.phase()
-            for lanes in LANES:
-                forces = PairForces(system, precision == "mixed", particles.SKIN, lanes)
-                p = forces.upload(phase)
-                found[f"{precision} {len(system)} lanes {lanes}"] = timed(lambda: forces.evaluate(p), 7)  # noqa: B023
-    return found
-
-
-def skin_times() -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for n in PARTICLES[:3]:
-        system = liquid(n)
-        for skin in SKINS:
-            made = session(system, "mixed", DT)
-            made._forces = PairForces(system, True, skin, particles.LANES)
-            made.reset(system.state.phase, 0.0)
-            found[f"mixed {len(system)} skin {skin}"] = steps_a_second(made)
+        made = session(system, "mixed", DT)
+        made.advance(MELTING, np.inf)
+        system = system.at(made.phase(), 0.0)
+        for skin, lanes in TUNED:
+            made = other_list(system, "mixed", skin, lanes)
+            own = steps_a_second(made, 50)
+            own["forces_s"] = timed(made, partial(made.forces.evaluate, made.particles))
+            found[f"mixed {len(system)} skin {skin} lanes {lanes}"] = own
     return found
 
 
@@ -296,9 +317,10 @@ def gravity_times() -> dict[str, Any]:
         system = cluster(n)
         for precision in ("mixed", "double"):
             made = session(system, precision, 1e-3)
-            seconds = timed(lambda: made._forces.evaluate(made._particles), 3 if n > 1e5 else 7)  # noqa: B023
+            many = (1, 2) if n > 2e5 else (3, 3)
+            seconds = timed(made, partial(made.forces.evaluate, made.particles), *many)
             found[f"{precision} {n}"] = {"forces_s": seconds, "pairs_per_s": n * (n - 1.0) / seconds}
-            if n < 1e6:
+            if n < 2e5:
                 found[f"{precision} {n}"] |= steps_a_second(made, 10)
     return found
 
@@ -327,8 +349,7 @@ def user() -> dict[str, Any]:
 
 
 SECTIONS: tuple[Callable[[], dict[str, Any]], ...] = (
-    environment, pair_forces, gravity_forces, same_bits, pair_times, lane_times, skin_times, gravity_times,
-    conservation, user, largest,
+    environment, pair_forces, gravity_forces, same_bits, pair_times, gravity_times, conservation, user, tuning, largest,
 )  # fmt: skip
 
 

@@ -8,16 +8,18 @@ in any order. No result depends on this order, because forces are sums of whole 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import cuda
+from numba import config, cuda
 
 from kickdrift.engines.cuda.law_code import Code, on_device
 from kickdrift.engines.cuda.places import Places
 from kickdrift.model.state import Floats
 
 MOST_CELLS = 1 << 24
+SEARCHING = 1 if config.ENABLE_CUDASIM else 32  # threads that search the neighbours of one particle: a warp
 
 
 class Grid(NamedTuple):
@@ -46,6 +48,7 @@ def grid_of(edges: Floats, positions: Floats, reach: float) -> Grid:
     return Grid(*(tuple(each.tolist()) for each in (counts, corner, inverse, edges > 0)))  # type: ignore[arg-type]
 
 
+@lru_cache(maxsize=8)
 def counting_of(grid: Grid) -> Code:
     """Kernel that counts the particles of each cell, and notes each particle's cell and number in the cell."""
     (na, nb, nc), (ca, cb, cc), (ia, ib, ic), (pa, pb, pc) = grid
@@ -73,11 +76,13 @@ def counting_of(grid: Grid) -> Code:
     return count  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=1)
 def scan_of(threads: int) -> Code:
-    """Kernel of one block that writes the sums ``starts`` (m + 1,) of the counts (m,) before each, and clears these."""
+    """Kernel of one block that writes the sums ``starts`` (m + 1,) of the counts (m,) before each, and
+    sets these, the marks and the largest number of neighbours to zero."""
 
     @cuda.jit
-    def scan(counts, starts):
+    def scan(counts, starts, marks, most):
         t = cuda.threadIdx.x
         sums = cuda.shared.array(threads, np.int32)
         size = (counts.size + threads - 1) // threads
@@ -88,6 +93,9 @@ def scan_of(threads: int) -> Code:
         sums[t] = total
         cuda.syncthreads()
         if t == 0:
+            most[0] = 0
+            for k in range(marks.size):
+                marks[k] = 0.0
             before = 0
             for k in range(threads):
                 own = sums[k]
@@ -105,42 +113,57 @@ def scan_of(threads: int) -> Code:
     return scan  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=8)
 def moving_of(places: Places) -> Code:
-    """Kernel that moves the particles to the order of their cells, with the positions ``at`` of this list."""
+    """Kernel that moves the particles to the order of their cells, with their places, and notes their cells."""
     write = places.write
 
     @cuda.jit
-    def move(cells, numbers, starts, x, v, a, ids, weights, x_new, v_new, a_new, ids_new, weights_new, at, written, homes):
+    def move(cells, numbers, starts, x, v, a, ids, weights, x2, v2, a2, ids2, weights2, homes, at, placed):
         i = cuda.grid(1)
         if i < cells.size:
             to = starts[cells[i]] + numbers[i]
             for k in range(3):
-                x_new[k, to] = x[k, i]
+                x2[k, to], v2[k, to], a2[k, to] = x[k, i], v[k, i], a[k, i]
                 at[k, to] = x[k, i]
-                v_new[k, to] = v[k, i]
-                a_new[k, to] = a[k, i]
-            ids_new[to] = ids[i]
-            homes[to] = cells[i]
-            weights_new[to] = weights[i]
-            write(written, to, x[0, i], x[1, i], x[2, i])
+            ids2[to], weights2[to], homes[to] = ids[i], weights[i], cells[i]
+            write(placed, to, x[0, i], x[1, i], x[2, i])
 
     return move  # type: ignore[no-any-return]
 
 
+def votes_of() -> Code:
+    """Device function that returns the threads of a warp that have a hit, as bits."""
+    if config.ENABLE_CUDASIM:
+        return lambda hit: 1 if hit else 0
+    return on_device(lambda hit: np.uint32(cuda.ballot_sync(0xFFFFFFFF, hit)))
+
+
+@lru_cache(maxsize=8)
 def search_of(grid: Grid, places: Places, reach: float) -> Code:
-    """Kernel that writes the neighbours of each particle within ``reach`` to rows, their numbers, and the largest."""
+    """Kernel that writes the neighbours of each particle within ``reach`` to rows, their numbers, and the largest.
+
+    A warp searches for one particle: each of its threads looks at another candidate. Cells along the last axis are one
+    run of particles, or two where they go around the box."""
     (na, nb, nc), _, _, (pa, pb, pc) = grid
     read, apart = places.read, places.apart
+    votes = votes_of()
     square = np.float32(reach**2 * 1.00001) if places.single else np.float64(reach**2)
+    around = pc and nc > 3
 
     @cuda.jit
     def search(placed, homes, starts, near, counts, most):
-        i = cuda.grid(1)
+        t = cuda.grid(1)
+        i, lane = t // SEARCHING, np.uint32(t % SEARCHING)
         if i < counts.size:
-            own = read(placed, i)
-            cell = homes[i]
-            a, b, c = cell // (nb * nc), cell // nc % nb, cell % nc
-            found = 0
+            own, cell = read(placed, i), homes[i]
+            earlier = np.uint32((1 << lane) - 1)
+            row, c = cell // nc, cell % nc
+            a, b = row // nb, row % nb
+            first, last = max(c - 1, 0), min(c + 1, nc - 1)
+            if pc and nc < 4:
+                first, last = 0, nc - 1
+            found, room = np.int32(0), np.int32(near.shape[1])
             for da in range(min(na, 3)):
                 ka = a + da - 1 if na > 2 else da
                 if pa:
@@ -153,21 +176,30 @@ def search_of(grid: Grid, places: Places, reach: float) -> Code:
                         kb = (kb + nb) % nb
                     if kb < 0 or kb >= nb:
                         continue
-                    for dc in range(min(nc, 3)):
-                        kc = c + dc - 1 if nc > 2 else dc
-                        if pc:
-                            kc = (kc + nc) % nc
-                        if kc < 0 or kc >= nc:
-                            continue
-                        row = (ka * nb + kb) * nc + kc
-                        for j in range(starts[row], starts[row + 1]):
-                            dx, dy, dz = apart(own, read(placed, j))
-                            if dx * dx + dy * dy + dz * dz < square and j != i:
-                                if found < near.shape[1]:
-                                    near[i, found] = j
-                                found += 1
-            counts[i] = min(found, near.shape[1])
-            if found > most[0]:
-                cuda.atomic.max(most, 0, found)
+                    base = (ka * nb + kb) * nc
+                    for run in range(2):
+                        low, high = first, last
+                        if run == 1:
+                            if not around or (c > 0 and c < nc - 1):
+                                continue
+                            low = nc - 1 if c == 0 else 0
+                            high = low
+                        j, end = np.uint32(starts[base + low]), np.uint32(starts[base + high + 1])
+                        while j < end:
+                            own_j = np.uint32(j + lane)
+                            hit = False
+                            if own_j < end and own_j != i:
+                                dx, dy, dz = apart(own, read(placed, own_j))
+                                hit = dx * dx + dy * dy + dz * dz < square
+                            hits = votes(hit)
+                            place = np.int32(found + cuda.popc(np.uint32(hits & earlier)))
+                            if hit and place < room:
+                                near[i, np.uint32(place)] = own_j
+                            found = np.int32(found + cuda.popc(hits))
+                            j = np.uint32(j + SEARCHING)
+            if lane == 0:
+                counts[i] = min(found, room)
+                if found > most[0]:
+                    cuda.atomic.max(most, 0, found)
 
     return search  # type: ignore[no-any-return]

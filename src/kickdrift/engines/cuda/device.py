@@ -1,21 +1,13 @@
-"""The device: whether there is one, its memory, and launches."""
+"""The device: whether there is one, and its memory."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from numba import config, cuda
 
 from kickdrift.errors import InputError
 
-THREADS = 32 if config.ENABLE_CUDASIM else 128  # of a block
 ABSENT = "engine 'cuda': no graphics processor answers"
-GO_ON = "leave out --engine to run on this machine's processor"
-
-
-def blocks(count: int, threads: int = THREADS) -> tuple[int, int]:
-    """Blocks and threads of a launch with one thread for each of ``count``."""
-    return max(1, -(-count // threads)), threads
+GO_ON = "without --engine cuda the run is on this machine's processor"
 
 
 def check_device() -> None:
@@ -31,7 +23,7 @@ def check_device() -> None:
     raise InputError(f"{ABSENT}: {reason}; {GO_ON}")
 
 
-def check_room(n: int, bytes_each: int) -> None:
+def check_room(n: int, bytes_each: float) -> None:
     """Refuse more particles than fit into the free memory of the device."""
     if config.ENABLE_CUDASIM:
         return
@@ -46,10 +38,3 @@ def check_room(n: int, bytes_each: int) -> None:
 def processors() -> int:
     """Number of the device's multiprocessors."""
     return 1 if config.ENABLE_CUDASIM else int(cuda.get_current_device().MULTIPROCESSOR_COUNT)
-
-
-def zeros(shape: Any, kind: Any) -> Any:
-    """Array of zeros on the device."""
-    import numpy as np
-
-    return cuda.to_device(np.zeros(shape, kind))

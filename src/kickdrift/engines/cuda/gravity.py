@@ -8,12 +8,14 @@ float32. The sums over a tile are float32, and those over tiles are float64.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda.law_code import Code
+
 
 def _root(value):
     return 1.0 / math.sqrt(value)
@@ -36,6 +38,7 @@ def parts_of(n: int, processors: int) -> int:
     return max(1, min(tiles, 16 * processors // blocks))
 
 
+@lru_cache(maxsize=8)
 def forces_of(softening: float) -> Code:
     """Kernel that writes partial accelerations (parts, 3, n) in float64."""
     softening2 = softening**2
@@ -81,6 +84,7 @@ def forces_of(softening: float) -> Code:
     return forces  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=8)
 def mixed_forces_of(softening: float) -> Code:
     """Kernel that writes partial accelerations (parts, 3, n) in mixed precision."""
     softening2, none = np.float32(softening**2), np.float32(0.0)
@@ -139,6 +143,7 @@ def mixed_forces_of(softening: float) -> Code:
     return forces  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=8)
 def potential_of(softening: float) -> Code:
     """Kernel that writes rows (2, n): each body's potential, and its virial over its mass."""
     softening2 = softening**2

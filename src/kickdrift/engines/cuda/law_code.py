@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import CellType, FunctionType
 from typing import Any
 
@@ -69,10 +70,16 @@ def truncated_law(force: Any, kind: str, single: bool) -> Code:
     """Device function that returns energy and force over r of a pair law at r2, below its cutoff."""
     given = force.pair_law(kind, kind)
     at_cutoff = AtCutoff(*(float(value) for value in given.law(float(force.cutoff) ** 2)))
-    parameters, at_end, by = (
-        numbers_of(each, single) for each in (given, at_cutoff, truncation_of(force))
-    )  # fmt: skip
-    law, apply = in_precision(type(given).law, single), in_precision(type(by).apply, single)
+    by = truncation_of(force)
+    return _terms(type(given), type(by), given, at_cutoff, by, single)
+
+
+@lru_cache(maxsize=16)
+def _terms(law_class: Any, truncation: Any, *values: Any) -> Code:
+    """The device function for a class of laws, a class of truncations, and the numbers of both."""
+    *given, single = values
+    parameters, at_end, by = (numbers_of(each, single) for each in given)
+    law, apply = in_precision(law_class.law, single), in_precision(truncation.apply, single)
 
     def terms(r2):
         energy, force_over_r = law(parameters, r2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 from numba import cuda
@@ -13,6 +14,7 @@ FAR, NOT_FINITE, TOO_LARGE = 0, 1, 2  # marks: largest square of a displacement;
 MARKS = 3
 
 
+@lru_cache(maxsize=8)
 def move_of(places: Places) -> Code:
     """Kernel of two kicks and a drift; the first ``kick`` ends a step, and the second begins the next.
 
@@ -50,3 +52,13 @@ def put_in_order(ids: Any, rows: Any, ordered: Any) -> None:
     if i < ids.size:
         for k in range(rows.shape[0]):
             ordered[k, ids[i]] = rows[k, i]
+
+
+@cuda.jit
+def copy(x: Any, v: Any, a: Any, ids: Any, weights: Any, x2: Any, v2: Any, a2: Any, ids2: Any, weights2: Any) -> None:
+    """Copy a state to another."""
+    i = cuda.grid(1)
+    if i < ids.size:
+        for k in range(3):
+            x2[k, i], v2[k, i], a2[k, i] = x[k, i], v[k, i], a[k, i]
+        ids2[i], weights2[i] = ids[i], weights[i]

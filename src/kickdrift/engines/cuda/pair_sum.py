@@ -6,6 +6,7 @@ not depend on the order of neighbours, and the sum of all forces is zero.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +45,7 @@ def across_of(lanes: int) -> Code:
     return on_device(across)
 
 
+@lru_cache(maxsize=8)
 def forces_of(law: Law, places: Places, lanes: int) -> Code:
     """Kernel that writes the accelerations (3, n) of all particles."""
     read, apart, terms, across = places.read, places.apart, law.terms, across_of(lanes)
@@ -80,6 +82,7 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
     return forces  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=8)
 def measure_of(law: Law, places: Places) -> Code:
     """Kernel that writes rows (5, n) in the order of ``ids``: accelerations, and each particle's energy and virial."""
     read, apart, terms = places.read, places.apart, law.terms

@@ -7,6 +7,7 @@ have the relative error of float32. Neither form depends on the order of the par
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ def places_of(edges: Floats, single: bool) -> Places:
     return _wrapped(*(float(edge) for edge in edges)) if single else _plain(*(float(edge) for edge in edges))
 
 
+@lru_cache(maxsize=8)
 def _plain(a: float, b: float, c: float) -> Places:
     inverse_a, inverse_b, inverse_c = (1.0 / edge if edge else 0.0 for edge in (a, b, c))
 
@@ -64,6 +66,7 @@ def nearest(value: float) -> float:
     return (value + 6755399441055744.0) - 6755399441055744.0
 
 
+@lru_cache(maxsize=8)
 def _wrapped(a: float, b: float, c: float) -> Places:
     inverse_a, inverse_b, inverse_c = 1.0 / a, 1.0 / b, 1.0 / c
     part_a, part_b, part_c = (np.float32(edge / PARTS) for edge in (a, b, c))

@@ -1,19 +1,19 @@
 """Runs on the device: words of kicks and drifts, in blocks of steps between two looks at the list of neighbours.
 
 A block takes as many steps as the list likely lasts. If a particle then has gone further than half the skin, the block
-is taken back and run again with a new list. The bits are the same, because no sum depends on the list.
+is taken back and runs again with a new list. The bits are the same, because no sum depends on the list.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
-from numba import cuda
 
-from kickdrift.engines.cuda.device import blocks, check_device
+from kickdrift.engines.cuda.device import check_device
+from kickdrift.engines.cuda.forces import DeviceForces, GravityForces, PairForces
+from kickdrift.engines.cuda.launches import Launches
 from kickdrift.engines.cuda.motion import FAR, NOT_FINITE, TOO_LARGE, move_of
-from kickdrift.engines.cuda.particles import DeviceForces, GravityForces, PairForces
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.forces import Gravity
@@ -24,34 +24,46 @@ from kickdrift.model.state import Floats
 
 FIRST_BLOCK = 4  # steps, before the life of a list is known
 LONGEST_BLOCK = 1000
-SURE = 0.9  # of the expected life of a list
+GRAPHS = (64, 16, 4, 1)  # steps of one graph
+SURE = 0.92  # of the expected life of a list
 
 
 class CudaSession(Session):
-    """Particles on the device."""
+    """Particles on the device.
+
+    Attributes
+    ----------
+    lists, returns : numbers of lists made and of blocks taken back
+    """
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         check_device()
         assert isinstance(job.method, Splitting)
-        system, single = job.system, job.options.precision == MIXED
-        gravity = isinstance(system.forces[0], Gravity)
-        self._forces: DeviceForces = GravityForces(system, single) if gravity else PairForces(system, single)
-        self._move = move_of(self._forces.places)
+        system, single, self.launches = job.system, job.options.precision == MIXED, Launches()
+        kind = GravityForces if isinstance(system.forces[0], Gravity) else PairForces
+        self.forces: DeviceForces = kind(system, self.launches, single)
+        self._move = move_of(self.forces.places)
         dt = job.options.dt or 0.0
         self._stages = [(kick * dt, drift * dt) for kick, drift in job.method.stages[:2].T.tolist()]
+        self._fresh = job.method.ends_fresh
+        last_kick, last_drift = self._stages[-1]
+        self._ending = 0.0 if last_drift else last_kick  # the kick that ends a step, and joins the next step's first
 
     def reset(self, phase: Floats, time: float) -> None:
-        self._particles = self._forces.upload(phase)
-        self._kept = [cuda.device_array((3, self._particles.n), np.float64) for _ in range(3)]
-        self._stale, self._life, self._age = True, float(FIRST_BLOCK), 0
-        self.lists = 1  # made since the start
+        self.launches.forget()
+        self.particles = self.forces.upload(phase)
+        self._life, self._age, self.lists, self.returns = float(FIRST_BLOCK), 0, 1, 0
+        if self._fresh:
+            self.forces.evaluate(self.particles)
+            self.particles.keep()
 
     def advance(self, steps: int, until: float) -> int:
         done = 0
         while done < steps:
             count = min(steps - done, self._lasting())
-            self._keep()
+            if self._age:
+                self.launches.repeat("keep", self.particles.keep)
             self._take(count)
             if self._checked(count):
                 done += count
@@ -59,55 +71,54 @@ class CudaSession(Session):
 
     def _lasting(self) -> int:
         """Number of steps that the list likely lasts; make a new list if none."""
-        left = int(SURE * self._life) - self._age
-        if left < 1:
+        if int(SURE * self._life) <= self._age:
             self._anew()
-            self._age, left = 0, max(1, int(SURE * self._life))
-        return min(left, LONGEST_BLOCK)
+        return min(max(1, int(SURE * self._life)) - self._age, LONGEST_BLOCK)
 
     def _anew(self) -> None:
-        self._forces.prepare(self._particles)
-        self.lists += 1
-
-    def _keep(self) -> None:
-        p = self._particles
-        for kept, mine in zip(self._kept, (p.x, p.v, p.a), strict=True):
-            kept.copy_to_device(mine)
-        self._kept_stale = self._stale
+        self.forces.prepare(self.particles)
+        self._age, self.lists = 0, self.lists + 1
 
     def _take(self, count: int) -> None:
-        """Take steps: each move has the kick that ends one stage and the kick and the drift of the next."""
-        ending = 0.0
+        repeat, left = self.launches.repeat, count - 1
+        repeat("first", partial(self._walk, 1, 0.0))
+        for size in GRAPHS:
+            for _ in range(left // size):
+                repeat(("next", size), partial(self._walk, size, self._ending))
+            left %= size
+        if self._ending:
+            repeat("last", partial(self.moved, self._ending, 0.0, 0.0))
+
+    def _walk(self, count: int, ending: float) -> None:
+        """Take steps, after the kick that ends the step before; leave out the last kick of the last one."""
         for _ in range(count):
+            fresh = self._fresh
             for kick, drift in self._stages:
-                if kick and self._stale:
-                    self._forces.evaluate(self._particles)
-                    self._stale = False
+                if kick and not fresh:
+                    self.forces.evaluate(self.particles)
+                    fresh = True
                 if drift:
-                    self._moved(ending, kick, drift)
-                    ending, self._stale = 0.0, True
+                    self.moved(ending, kick, drift)
+                    ending, fresh = 0.0, False
                 else:
                     ending = kick
-        if ending:
-            self._moved(ending, 0.0, 0.0)
 
-    def _moved(self, ending: float, kick: float, drift: float) -> None:
-        p = self._particles
-        self._move[blocks(p.n)](p.x, p.v, p.a, p.at, p.placed, p.marks, ending, kick, drift)
+    def moved(self, ending: float, kick: float, drift: float) -> None:
+        """Move the particles, see `move_of`."""
+        p = self.particles
+        self.launches.over(p.n, self._move, p.x, p.v, p.a, p.at, p.placed, p.marks, ending, kick, drift)
 
     def _checked(self, count: int) -> bool:
         """Tell whether the list lasted; if not, go back to the begin of the block."""
-        marks = self._particles.marks.copy_to_host()
-        way = float(np.sqrt(marks[FAR])) / self._forces.half_skin
+        marks = self.launches.read(self.particles.marks)
+        way = float(np.sqrt(marks[FAR])) / self.forces.half_skin
         if way > 1.0 and not marks[NOT_FINITE]:
-            p = self._particles
-            for kept, mine in zip(self._kept, (p.x, p.v, p.a), strict=True):
-                mine.copy_to_device(kept)
-            self._stale, self._life = self._kept_stale, max(1.0, 0.7 * min(self._life, self._age + count))
+            self.particles.settle()
             if self._age == 0 and count == 1:
-                raise Trouble("a particle moved further than the skin of the list in one step")
+                raise Trouble("a particle moves further than the skin of its list in one step")
+            self._life = max(1.0, 0.8 * (self._age + count))
+            self.returns += 1
             self._anew()
-            self._age = 0
             return False
         if marks[TOO_LARGE]:
             raise Trouble("the forces are too large for their sums; particles are too near to each other")
@@ -118,13 +129,13 @@ class CudaSession(Session):
         return True
 
     def phase(self) -> Floats:
-        return self._particles.phase()
+        return self.particles.phase()
 
     def finite(self) -> bool:
         return True  # `advance` raises Trouble
 
     def measure(self, time: float) -> Measured | None:
-        accelerations, potential, virial = self._forces.measure(self._particles)
+        accelerations, potential, virial = self.forces.measure(self.particles)
         if not (np.isfinite(accelerations).all() and np.isfinite(potential)):
             return None
         return Measured(accelerations, potential, virial, None)
