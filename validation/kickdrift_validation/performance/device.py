@@ -37,18 +37,7 @@ from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 DENSITY, TEMPERATURE, CUTOFF, DT = 0.8442, 1.44, 2.5, 0.005
 PARTICLES = (10_648, 97_336, 1_000_000, 10_077_696)
 BODIES = (10_000, 100_000, 1_000_000)
-TUNED = (
-    (0.16, 4),
-    (0.16, 8),
-    (0.24, 4),
-    (0.24, 8),
-    (0.3, 2),
-    (0.3, 4),
-    (0.3, 8),
-    (0.3, 16),
-    (0.4, 4),
-    (0.4, 8),
-)
+TUNED = ((0.2, 4), (0.24, 4), (0.3, 4), (0.3, 8), (0.3, 16), (0.36, 4))
 MELTING = 200  # steps before a timing
 SECONDS = 1.5  # of a timing, about
 SOFTENING = 0.01

@@ -73,7 +73,7 @@ def counting_of(grid: Grid) -> Code:
             cells[i] = cell
             numbers[i] = cuda.atomic.add(counts, cell, 1)
 
-    return count  # type: ignore[no-any-return]
+    return count
 
 
 @lru_cache(maxsize=1)
@@ -110,13 +110,12 @@ def scan_of(threads: int) -> Code:
             counts[k] = 0
             before += own
 
-    return scan  # type: ignore[no-any-return]
+    return scan
 
 
 @lru_cache(maxsize=8)
-def moving_of(places: Places) -> Code:
+def moving_of(write: Code) -> Code:
     """Kernel that moves the particles to the order of their cells, with their places, and notes their cells."""
-    write = places.write
 
     @cuda.jit
     def move(cells, numbers, starts, x, v, a, ids, weights, x2, v2, a2, ids2, weights2, homes, at, placed):
@@ -129,7 +128,7 @@ def moving_of(places: Places) -> Code:
             ids2[to], weights2[to], homes[to] = ids[i], weights[i], cells[i]
             write(placed, to, x[0, i], x[1, i], x[2, i])
 
-    return move  # type: ignore[no-any-return]
+    return move
 
 
 def votes_of() -> Code:
@@ -146,60 +145,68 @@ def search_of(grid: Grid, places: Places, reach: float) -> Code:
     A warp searches for one particle: each of its threads looks at another candidate. Cells along the last axis are one
     run of particles, or two where they go around the box."""
     (na, nb, nc), _, _, (pa, pb, pc) = grid
-    read, apart = places.read, places.apart
-    votes = votes_of()
+    read, apart, votes = places.read, places.apart, votes_of()
     square = np.float32(reach**2 * 1.00001) if places.single else np.float64(reach**2)
+    plane, line, warp = np.uint32(nb * nc), np.uint32(nc), np.uint32(SEARCHING)
+    whole = pc and nc < 4
     around = pc and nc > 3
+
+    def beside_of(count, periodic):
+        def beside(c, d):
+            k = np.int32(np.int32(c) + d - 1) if count > 2 else np.int32(d)
+            if periodic and k < 0:
+                k = np.int32(count - 1)
+            if periodic and k >= count:
+                k = np.int32(0)
+            return k
+
+        return on_device(beside)
+
+    beside_a, beside_b = beside_of(na, pa), beside_of(nb, pb)
 
     @cuda.jit
     def search(placed, homes, starts, near, counts, most):
-        t = cuda.grid(1)
-        i, lane = t // SEARCHING, np.uint32(t % SEARCHING)
+        t = np.uint32(cuda.grid(1))
+        i, lane = np.uint32(t // warp), np.uint32(t % warp)
         if i < counts.size:
-            own, cell = read(placed, i), homes[i]
-            earlier = np.uint32((1 << lane) - 1)
-            row, c = cell // nc, cell % nc
-            a, b = row // nb, row % nb
-            first, last = max(c - 1, 0), min(c + 1, nc - 1)
-            if pc and nc < 4:
-                first, last = 0, nc - 1
-            found, room = np.int32(0), np.int32(near.shape[1])
+            own, cell = read(placed, i), np.uint32(homes[i])
+            a = np.uint32(cell // plane)
+            rest = np.uint32(cell - a * plane)
+            b = np.uint32(rest // line)
+            c = np.int32(rest - b * line)
+            first, last = np.int32(max(c - 1, 0)), np.int32(min(c + 1, nc - 1))
+            if whole:
+                first, last = np.int32(0), np.int32(nc - 1)
+            runs = 2 if around and (c == 0 or c == nc - 1) else 1
+            other = np.int32(nc - 1 - c)
+            earlier, found, room = np.uint32((1 << lane) - 1), np.int32(0), np.int32(near.shape[1])
+            row = near[i]
             for da in range(min(na, 3)):
-                ka = a + da - 1 if na > 2 else da
-                if pa:
-                    ka = (ka + na) % na
+                ka = beside_a(a, da)
                 if ka < 0 or ka >= na:
                     continue
                 for db in range(min(nb, 3)):
-                    kb = b + db - 1 if nb > 2 else db
-                    if pb:
-                        kb = (kb + nb) % nb
+                    kb = beside_b(b, db)
                     if kb < 0 or kb >= nb:
                         continue
-                    base = (ka * nb + kb) * nc
-                    for run in range(2):
-                        low, high = first, last
-                        if run == 1:
-                            if not around or (c > 0 and c < nc - 1):
-                                continue
-                            low = nc - 1 if c == 0 else 0
-                            high = low
-                        j, end = np.uint32(starts[base + low]), np.uint32(starts[base + high + 1])
+                    base = np.int32(np.int32(ka * nb + kb) * nc)
+                    for run in range(runs):
+                        low, high = (other, other) if run == 1 else (first, last)
+                        j, end = np.uint32(starts[np.uint32(base + low)]), np.uint32(starts[np.uint32(base + high + 1)])
                         while j < end:
-                            own_j = np.uint32(j + lane)
-                            hit = False
-                            if own_j < end and own_j != i:
-                                dx, dy, dz = apart(own, read(placed, own_j))
+                            candidate, hit = np.uint32(j + lane), False
+                            if candidate < end and candidate != i:
+                                dx, dy, dz = apart(own, read(placed, candidate))
                                 hit = dx * dx + dy * dy + dz * dz < square
                             hits = votes(hit)
                             place = np.int32(found + cuda.popc(np.uint32(hits & earlier)))
                             if hit and place < room:
-                                near[i, np.uint32(place)] = own_j
+                                row[np.uint32(place)] = candidate
                             found = np.int32(found + cuda.popc(hits))
-                            j = np.uint32(j + SEARCHING)
+                            j = np.uint32(j + warp)
             if lane == 0:
                 counts[i] = min(found, room)
                 if found > most[0]:
                     cuda.atomic.max(most, 0, found)
 
-    return search  # type: ignore[no-any-return]
+    return search

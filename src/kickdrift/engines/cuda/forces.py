@@ -12,24 +12,31 @@ from kickdrift.engines.cuda import gravity, pair_sum
 from kickdrift.engines.cuda.cells import SEARCHING, counting_of, grid_of, moving_of, scan_of, search_of
 from kickdrift.engines.cuda.device import check_room, processors
 from kickdrift.engines.cuda.launches import Launches, zeros
-from kickdrift.engines.cuda.law_code import grains, truncated_law
+from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
+from kickdrift.engines.cuda.motion import placing_of
 from kickdrift.engines.cuda.particles import Particles
-from kickdrift.engines.cuda.places import Places, places_of, room_for
+from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 SKIN = 0.3  # of the cutoff
-LANES = 1 if config.ENABLE_CUDASIM else 8  # threads of one particle
 SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
 LEAST_ROOM = 32  # neighbours
 STATE_BYTES = 260  # of a particle, without neighbours
 
 
+def lanes_for(n: int) -> int:
+    """Threads of one particle: few particles need many threads to keep the device busy."""
+    if config.ENABLE_CUDASIM:
+        return 1
+    return 16 if n < 50_000 else 8 if n < 300_000 else 4
+
+
 class DeviceForces(Protocol):
     """What moves particles on the device."""
 
-    places: Places
+    write: Code  # writes a place, see `Places`
     half_skin: float  # the way that a particle may go before `prepare`; infinite without a list
 
     def upload(self, phase: Floats) -> Particles:
@@ -48,31 +55,31 @@ class DeviceForces(Protocol):
 class PairForces:
     """One pair law over lists of neighbours."""
 
-    def __init__(
-        self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = LANES
-    ) -> None:
+    def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
         force: Any = system.forces[0]
         kind, cutoff = system.species[0], float(force.cutoff)
-        self._launches, self._lanes, self._reach = launches, lanes, (1.0 + skin) * cutoff
+        self._launches, self._reach = launches, (1.0 + skin) * cutoff
+        self._lanes = lanes or lanes_for(len(system))
         self.half_skin = 0.499 * skin * cutoff
         self._edges = np.where(system.box.periodic_axes, np.diag(system.box.matrix), 0.0)
         self._inverse_masses = 1.0 / system.coherent_masses
         self._tail = force.tail_corrections(system)
-        self.places, exact = places_of(self._edges, single), places_of(self._edges, False)
+        self._places, self._exact = places_of(self._edges, single), places_of(self._edges, False)
+        self.write = self._places.write
         law = pair_sum.Law(truncated_law(force, kind, single), cutoff, *grains(force, kind))
-        self._forces = pair_sum.forces_of(law, self.places, lanes)
+        self._forces = pair_sum.forces_of(law, self._places, self._lanes)
         law = law._replace(terms=truncated_law(force, kind, False))
-        self._measure = pair_sum.measure_of(law, exact)
-        self._scan, self._moving = scan_of(SCAN), moving_of(self.places)
+        self._measure = pair_sum.measure_of(law, self._exact)
+        self._scan, self._moving = scan_of(SCAN), moving_of(self.write)
 
     def upload(self, phase: Floats) -> Particles:
         n = phase.shape[2]
         room = self._room(phase[0])
         check_room(n, STATE_BYTES + 4 * room)
         particles = Particles(self._launches, phase, self._inverse_masses)
-        particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self.places, n))
+        particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
         self._grid = grid_of(self._edges, phase[0], self._reach)
-        self._count, self._search = counting_of(self._grid), search_of(self._grid, self.places, self._reach)
+        self._count, self._search = counting_of(self._grid), search_of(self._grid, self._places, self._reach)
         self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
         self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
         self._near, self._most = cuda.device_array((n, room), np.uint32), zeros(1, np.int32)
@@ -114,8 +121,11 @@ class PairForces:
         )  # fmt: skip
 
     def measure(self, particles: Particles) -> tuple[Floats, float, float]:
-        p, rows = particles, cuda.device_array((5, particles.n), np.float64)
-        self._launches.over(p.n, self._measure, p.x, self._near, self.found, p.weights, p.ids, rows, p.marks)
+        p, rows, placed = particles, cuda.device_array((5, particles.n), np.float64), particles.placed
+        if self._places.single:
+            placed = cuda.device_array(*room_for(self._exact, p.n))
+            self._launches.over(p.n, placing_of(self._exact.write), p.x, placed)
+        self._launches.over(p.n, self._measure, placed, self._near, self.found, p.weights, p.ids, rows, p.marks)
         found = self._launches.read(rows)
         return found[:3], float(found[3].sum()) + self._tail[0], float(found[4].sum()) + self._tail[1]
 
@@ -127,7 +137,7 @@ class GravityForces:
 
     def __init__(self, system: System, launches: Launches, single: bool) -> None:
         force: Any = system.forces[0]
-        self._launches, self.places = launches, places_of(np.zeros(3), False)
+        self._launches, self.write = launches, WRITE_NOTHING
         self._masses = system.coherent_masses
         self._gm = gravitational_constant(force.name, force.G, system) * system.state.masses
         self._exact = gravity.forces_of(force.softening)

@@ -81,7 +81,7 @@ def forces_of(softening: float) -> Code:
                 for k in range(3):
                     partial[part, k, i] = a[k, e]
 
-    return forces  # type: ignore[no-any-return]
+    return forces
 
 
 @lru_cache(maxsize=8)
@@ -140,7 +140,7 @@ def mixed_forces_of(softening: float) -> Code:
                 for k in range(3):
                     partial[part, k, i] = a[k, e]
 
-    return forces  # type: ignore[no-any-return]
+    return forces
 
 
 @lru_cache(maxsize=8)
@@ -162,7 +162,7 @@ def potential_of(softening: float) -> Code:
                     virial -= gm[j] * inverse * inverse * inverse * square
             rows[0, i], rows[1, i] = energy, virial
 
-    return potential  # type: ignore[no-any-return]
+    return potential
 
 
 @cuda.jit

@@ -71,15 +71,16 @@ def truncated_law(force: Any, kind: str, single: bool) -> Code:
     given = force.pair_law(kind, kind)
     at_cutoff = AtCutoff(*(float(value) for value in given.law(float(force.cutoff) ** 2)))
     by = truncation_of(force)
-    return _terms(type(given), type(by), given, at_cutoff, by, single)
+    classes: tuple[Any, Any] = type(given), type(by)
+    return _terms(classes, given, at_cutoff, by, single)
 
 
 @lru_cache(maxsize=16)
-def _terms(law_class: Any, truncation: Any, *values: Any) -> Code:
+def _terms(classes: tuple[Any, Any], *values: Any) -> Code:
     """The device function for a class of laws, a class of truncations, and the numbers of both."""
     *given, single = values
     parameters, at_end, by = (numbers_of(each, single) for each in given)
-    law, apply = in_precision(law_class.law, single), in_precision(truncation.apply, single)
+    law, apply = in_precision(classes[0].law, single), in_precision(classes[1].apply, single)
 
     def terms(r2):
         energy, force_over_r = law(parameters, r2)

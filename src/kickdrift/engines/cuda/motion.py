@@ -8,19 +8,17 @@ from typing import Any
 from numba import cuda
 
 from kickdrift.engines.cuda.law_code import Code
-from kickdrift.engines.cuda.places import Places
 
 FAR, NOT_FINITE, TOO_LARGE = 0, 1, 2  # marks: largest square of a displacement; flags of positions and of forces
 MARKS = 3
 
 
 @lru_cache(maxsize=8)
-def move_of(places: Places) -> Code:
+def move_of(write: Code) -> Code:
     """Kernel of two kicks and a drift; the first ``kick`` ends a step, and the second begins the next.
 
     Arguments: x, v, a and the positions ``at`` of the last list (3, n), the places to write, the marks, and the times
-    of the two kicks and of the drift."""
-    write = places.write
+    of the two kicks and of the drift. ``write`` writes a place, see `Places`."""
 
     @cuda.jit
     def move(x, v, a, at, written, marks, last_kick, kick, drift):
@@ -42,7 +40,20 @@ def move_of(places: Places) -> Code:
                 else:
                     marks[NOT_FINITE] = 1.0
 
-    return move  # type: ignore[no-any-return]
+    return move
+
+
+@lru_cache(maxsize=8)
+def placing_of(write: Code) -> Code:
+    """Kernel that writes positions (3, n) to their places."""
+
+    @cuda.jit
+    def place(x, written):
+        i = cuda.grid(1)
+        if i < x.shape[1]:
+            write(written, i, x[0, i], x[1, i], x[2, i])
+
+    return place
 
 
 @cuda.jit

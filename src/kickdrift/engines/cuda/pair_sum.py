@@ -1,6 +1,6 @@
 """Sums of a pair law over lists of neighbours: each pair twice, and no two threads write to one place.
 
-``LANES`` threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits, so their bits do
+Several threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits, so their bits do
 not depend on the order of neighbours, and the sum of all forces is zero.
 """
 
@@ -79,7 +79,7 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
             unit = inverse_grain * inverse_masses[i]
             a[0, i], a[1, i], a[2, i] = fx * unit, fy * unit, fz * unit
 
-    return forces  # type: ignore[no-any-return]
+    return forces
 
 
 @lru_cache(maxsize=8)
@@ -114,4 +114,4 @@ def measure_of(law: Law, places: Places) -> Code:
             rows[0, to], rows[1, to], rows[2, to] = fx * unit, fy * unit, fz * unit
             rows[3, to], rows[4, to] = 0.5 * energies / energy_grain, 0.5 * virials / energy_grain
 
-    return measure  # type: ignore[no-any-return]
+    return measure

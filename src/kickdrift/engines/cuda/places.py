@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.engines.cuda.law_code import Code, on_device
+from kickdrift.engines.cuda.words import two_at
 from kickdrift.model.state import Floats
 
 PARTS = 2.0**32
@@ -45,10 +46,12 @@ def _plain(a: float, b: float, c: float) -> Places:
     inverse_a, inverse_b, inverse_c = (1.0 / edge if edge else 0.0 for edge in (a, b, c))
 
     def write(places, i, x, y, z):
-        places[0, i], places[1, i], places[2, i] = x, y, z
+        places[4 * i], places[4 * i + 1], places[4 * i + 2] = x, y, z
 
     def read(places, i):
-        return places[0, i], places[1, i], places[2, i]
+        x, y = two_at(places, np.uint32(4 * i))
+        z, _ = two_at(places, np.uint32(4 * i + 2))
+        return x, y, z
 
     def apart(p, q):
         dx, dy, dz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
@@ -59,6 +62,13 @@ def _plain(a: float, b: float, c: float) -> Places:
 
     round_ = on_device(nearest)
     return Places(False, on_device(write), on_device(read), on_device(apart))
+
+
+def unplaced(places, i, x, y, z):
+    """Write nothing, for forces that read the positions themselves."""
+
+
+WRITE_NOTHING = on_device(unplaced)
 
 
 def nearest(value: float) -> float:
@@ -79,8 +89,8 @@ def _wrapped(a: float, b: float, c: float) -> Places:
         places[2 * i + 1] = part_of(z * inverse_c)
 
     def read(places, i):
-        xy = places[np.uint32(2 * i)]
-        return np.int32(xy), np.int32(xy >> 32), np.int32(places[np.uint32(2 * i + 1)])
+        xy, z = two_at(places, np.uint32(2 * i))
+        return np.int32(xy), np.int32(xy >> 32), np.int32(z)
 
     def apart(p, q):
         return (
@@ -95,4 +105,4 @@ def _wrapped(a: float, b: float, c: float) -> Places:
 
 def room_for(places: Places, n: int) -> Any:
     """Type and shape of the array of n positions."""
-    return (2 * n, np.int64) if places.single else ((3, n), np.float64)
+    return (2 * n, np.int64) if places.single else (4 * n, np.float64)

@@ -43,7 +43,7 @@ class CudaSession(Session):
         system, single, self.launches = job.system, job.options.precision == MIXED, Launches()
         kind = GravityForces if isinstance(system.forces[0], Gravity) else PairForces
         self.forces: DeviceForces = kind(system, self.launches, single)
-        self._move = move_of(self.forces.places)
+        self._move = move_of(self.forces.write)
         dt = job.options.dt or 0.0
         self._stages = [(kick * dt, drift * dt) for kick, drift in job.method.stages[:2].T.tolist()]
         self._fresh = job.method.ends_fresh
