@@ -11,6 +11,7 @@ from typing import Any
 from kickdrift.engines.job import Job
 from kickdrift.forces import Gravity
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.integrators.options import MIXED
 
 TAKES = "the device takes one pair law or gravity, alone"
 
@@ -28,6 +29,8 @@ def refusal(job: Job) -> str | None:
         return "box: it leans, and the device has boxes with perpendicular edges"
     if isinstance(system.forces[0], PairForce) and len(system.species) > 1:
         return "species: the device has one species"
+    if job.options.precision == MIXED and isinstance(system.forces[0], PairForce) and not all(system.box.periodic_axes):
+        return "precision: on the device, mixed needs a box that is periodic along each axis"
     return None
 
 

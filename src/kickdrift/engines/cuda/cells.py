@@ -45,7 +45,7 @@ def grid_of(edges: Floats, positions: Floats, reach: float) -> Grid:
     while np.prod(counts.astype(float)) > MOST_CELLS:
         counts = np.maximum(1, counts // 2)
     inverse = np.where(length > 0, counts / np.where(length > 0, length, 1.0), 0.0)
-    return Grid(*(tuple(each.tolist()) for each in (counts, corner, inverse, edges > 0)))  # type: ignore[arg-type]
+    return Grid(*(tuple(each.tolist()) for each in (counts, corner, inverse, edges > 0)))
 
 
 @lru_cache(maxsize=8)

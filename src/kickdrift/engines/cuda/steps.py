@@ -10,14 +10,16 @@ from functools import partial
 
 import numpy as np
 
-from kickdrift.engines.cuda.device import check_device
+from kickdrift.engines.cuda.device import GO_ON, check_device
 from kickdrift.engines.cuda.forces import DeviceForces, GravityForces, PairForces
 from kickdrift.engines.cuda.launches import Launches
 from kickdrift.engines.cuda.motion import FAR, NOT_FINITE, TOO_LARGE, move_of
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.laws.law import not_compiled
 from kickdrift.integrators.options import MIXED
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
@@ -54,9 +56,19 @@ class CudaSession(Session):
         self.launches.forget()
         self.particles = self.forces.upload(phase)
         self._life, self._age, self.lists, self.returns = float(FIRST_BLOCK), 0, 1, 0
-        if self._fresh:
+        self._compile()
+        self.particles.keep()
+
+    def _compile(self) -> None:
+        """Evaluate the forces. Raises InputError for a law that numba cannot compile for the device."""
+        try:
             self.forces.evaluate(self.particles)
-            self.particles.keep()
+        except Exception as error:
+            law = getattr(self.job.system.forces[0], "law", None)
+            if law is None or not type(error).__module__.startswith("numba"):
+                raise
+            text = str(not_compiled(type(law), error)).replace(" for SIMD lanes", " for the device")
+            raise InputError(f"engine 'cuda': {text}; {GO_ON}") from None
 
     def advance(self, steps: int, until: float) -> int:
         done = 0
