@@ -18,7 +18,7 @@ from kickdrift.engines.cuda.law_code import Code
 
 
 def _root(value):
-    return 1.0 / math.sqrt(value)
+    return 1.0 / math.sqrt(value) if value else 0.0  # threads without a body have the last body's place
 
 
 if config.ENABLE_CUDASIM:
