@@ -31,6 +31,8 @@ def refusal(job: Job) -> str | None:
         return "species: the device has one species"
     if job.options.precision == MIXED and isinstance(system.forces[0], PairForce) and not all(system.box.periodic_axes):
         return "precision: on the device, mixed needs a box that is periodic along each axis"
+    if job.options.precision == MIXED and system.units.name == "si":
+        return "units 'si': float32 has no sixth powers of metres so small; use metal, with angstroms"
     return None
 
 

@@ -16,6 +16,7 @@ from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
 from kickdrift.engines.cuda.motion import placing_of
 from kickdrift.engines.cuda.particles import Particles
 from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
+from kickdrift.errors import InputError
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -24,6 +25,7 @@ SKIN = 0.3  # of the cutoff
 SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
 LEAST_ROOM = 32  # neighbours
 STATE_BYTES = 260  # of a particle, without neighbours
+MOST = 2**27 - 1  # particles: kernels count threads in 32 bits, and a search has 32 for each particle
 
 
 def lanes_for(n: int) -> int:
@@ -53,7 +55,7 @@ class DeviceForces(Protocol):
 
 
 class PairForces:
-    """One pair law over lists of neighbours."""
+    """One pair law over lists of neighbours. ``lanes`` threads share a particle, 0: by the number of particles."""
 
     def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
         force: Any = system.forces[0]
@@ -75,6 +77,8 @@ class PairForces:
     def upload(self, phase: Floats) -> Particles:
         n = phase.shape[2]
         room = self._room(phase[0])
+        if n > MOST:
+            raise InputError(f"engine 'cuda': at most {MOST:,} particles, got {n:,}")
         check_room(n, STATE_BYTES + 4 * room)
         particles = Particles(self._launches, phase, self._inverse_masses)
         particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))

@@ -7,7 +7,7 @@ has float32 literals. Parameters are constants of the compiled code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from types import CellType, FunctionType
 from typing import Any
@@ -34,19 +34,18 @@ def positive(u: Any) -> Any:
 HELPERS = {"positive": positive}  # device forms of what truncations call
 
 
-def in_precision(function: Code, single: bool, seen: Mapping[int, Code] | None = None) -> Code:
+def in_precision(function: Code, single: bool) -> Code:
     """A device function of a Python function and of all Python functions that it calls; with ``single``, floats in
     their code and among their globals are float32."""
     function = getattr(function, "py_func", function)
     number = np.float32 if single else np.float64
-    known = dict(seen or {})
 
     def turned(name: str, value: Any) -> Any:
         if type(value) is float:
             return number(value)
         inner = getattr(value, "py_func", value)
         if isinstance(inner, FunctionType) and inner is not function:
-            return known.setdefault(id(inner), in_precision(HELPERS.get(name, inner), single, known))
+            return in_precision(HELPERS.get(name, inner), single)
         return value
 
     code = function.__code__
@@ -97,13 +96,13 @@ def grains(force: Any, kind: str) -> tuple[float, float]:
     """Numbers of steps in one unit of force and of energy, powers of two, for sums in whole numbers of 64 bits."""
     law, cutoff = force.pair_law(kind, kind), float(force.cutoff)
     near = min(NEAR * force.shortest() or 0.3 * cutoff, 0.9 * cutoff)
-    largest = [1e-300, 1e-300]
-    for r in np.linspace(near, cutoff, 50):
+    largest = [0.0, 0.0]
+    for r in np.linspace(near, cutoff, 50).tolist():
         try:
             energy, force_over_r = law.law(r * r)
-        except ArithmeticError:
+        except (ArithmeticError, ValueError):  # a law need not hold at every distance
             continue
         for k, value in enumerate((abs(force_over_r) * r, max(abs(energy), abs(force_over_r) * r * r))):
             if math.isfinite(value):
                 largest[k] = max(largest[k], float(value))
-    return tuple(2.0 ** (62 - HEADROOM - math.ceil(math.log2(value))) for value in largest)  # type: ignore[return-value]
+    return tuple(2.0 ** (62 - HEADROOM - math.ceil(math.log2(value or 1.0))) for value in largest)  # type: ignore[return-value]

@@ -124,7 +124,7 @@ class CudaSession(Session):
         """Tell whether the list lasted; if not, go back to the begin of the block."""
         marks = self.launches.read(self.particles.marks)
         way = float(np.sqrt(marks[FAR])) / self.forces.half_skin
-        if way > 1.0 and not marks[NOT_FINITE]:
+        if way > 1.0:
             self.particles.settle()
             if self._age == 0 and count == 1:
                 raise Trouble("a particle moves further than the skin of its list in one step")
