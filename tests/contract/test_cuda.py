@@ -6,6 +6,7 @@ test_engines.py, in a process of its own.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import subprocess
@@ -146,6 +147,18 @@ def test_bits_do_not_depend_on_cuts_looks_lists_or_restarts(precision, tmp_path)
     assert session.returns > 0
     for phase in (cut.state.phase, session.phase()):
         assert phase.tobytes() == whole.state.phase.tobytes()
+
+
+@WITHOUT_DEVICE
+def test_the_script_for_a_device_writes_its_sections_and_their_errors(monkeypatch, tmp_path):
+    from kickdrift_validation.performance import device
+
+    monkeypatch.setattr(device, "BODIES", (30,))
+    device.main(str(tmp_path / "found.json"), "gravity_forces", "environment")
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert found["gravity_forces"]["double"]["rms_over_rms"] < 1e-14
+    assert found["gravity_forces"]["mixed"]["rms_over_rms"] < 1e-6
+    assert "error" in found["environment"]  # the simulator has no name
 
 
 @WITHOUT_DEVICE

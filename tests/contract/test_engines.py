@@ -444,6 +444,8 @@ def test_refusals(k):
 
 def test_units_of_metres_are_refused():
     system = liquid(scale=3.4e-10, masses=6.6e-26, units="si", forces=[kd.LennardJones(1.7e-21, 3.4e-10)])
+    with pytest.raises(kd.InputError, match=r"units .si.: float32 has no .*; only native can$"):
+        kd.Simulation(system, engine="cuda", dt=1e-15, precision="mixed")
     for engine in ("ase", "lammps", "openmm"):
         with pytest.raises(kd.InputError, match=f"engine '{engine}': units 'si': .*; native and cuda can$"):
             kd.Simulation(system, engine=engine, dt=1e-15)
