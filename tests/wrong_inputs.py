@@ -185,7 +185,7 @@ COMMANDS = [
     ),
     (
         "run lj-1000 --engine gromacs",
-        "kickdrift: engine 'gromacs' is not one of native, ase, rebound, lammps, openmm; gromacs is no engine; kickdrift export writes frames for gromacs",
+        "kickdrift: engine 'gromacs' is not one of native, ase, rebound, lammps, openmm, cuda; gromacs is no engine; kickdrift export writes frames for gromacs",
     ),
     (
         "run lj-1000 --steps 1 --output x.dcd",

@@ -22,9 +22,11 @@ from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.read.info import info
 from kickdrift_validation.example_forces import crystal, example
+from tests.simulated import marked
 
 registry = sys.modules["kickdrift.engines"]  # kd.engines is a function, so take the module here
-FOREIGN = [name for name in ENGINES if name != "native"]
+ALL = [name for name in ENGINES if name != "native"]
+FOREIGN = [marked(name) for name in ALL]
 ROUND_OFF = 1e-12
 SPECIES = {"A": {"sigma": 1.0}, "B": {"sigma": 0.9, "epsilon": 1.5}, "C": {"sigma": 0.8}}
 
@@ -100,6 +102,14 @@ def silicon() -> kd.System:
     return crystal(kd.StillingerWeber())
 
 
+def droplet(periodic=True, **law) -> kd.System:
+    """27 particles near a lattice, few enough for a simulated device."""
+    positions, edges = lattice("sc", 27, 0.8442)
+    positions += np.random.default_rng(1).uniform(-0.05, 0.05, positions.shape) + np.array(edges) * [1, -2, 0]
+    box, forces = kd.Box(edges, periodic=periodic), [kd.LennardJones(**{"cutoff": 1.4} | law)]
+    return kd.System(positions, maxwell_boltzmann(np.ones(27), 1.0, 1.0, 1), box=box, forces=forces)
+
+
 def silicon_of_tersoff() -> kd.System:
     return crystal(kd.Tersoff(), few=True)
 
@@ -152,6 +162,11 @@ CASES = [
     ("openmm", mixture, MD),
     ("openmm", cut, MD),
     ("openmm", planets, {"integrator": "velocity-verlet", "dt": 0.01}),
+    ("cuda", droplet, MD),
+    ("cuda", lambda: droplet(truncation="switch"), MD | {"integrator": "yoshida4"}),
+    ("cuda", lambda: droplet(truncation="cut", tail=True), MD),
+    ("cuda", lambda: droplet(periodic=TUBE), MD | {"integrator": "leapfrog-dkd"}),
+    ("cuda", planets, {"integrator": "velocity-verlet", "dt": 0.01}),
 ]
 FIRST = {engine: (make, options) for engine, make, options in reversed(CASES)}
 
@@ -161,11 +176,11 @@ def relative(found, expected) -> float:
 
 
 def test_every_engine_has_a_case_and_nothing_else():
-    assert list(dict.fromkeys(engine for engine, *_ in CASES)) == FOREIGN
-    assert kd.engines() == ["native", *FOREIGN]
+    assert list(dict.fromkeys(engine for engine, *_ in CASES)) == ALL
+    assert kd.engines() == ["native", *ALL]
 
 
-@pytest.mark.parametrize("k", range(len(CASES)), ids=lambda k: f"{CASES[k][0]}-{k}")
+@pytest.mark.parametrize("k", [marked(CASES[k][0], k, f"{CASES[k][0]}-{k}") for k in range(len(CASES))])
 def test_same_energies_forces_pressure_and_steps(k):
     engine, make, options = CASES[k]
     system = make()
@@ -389,29 +404,34 @@ def joined() -> kd.System:
 
 ALONE = "; only native can"
 REFUSED = [
-    ("ase", planets, MD, "force 'gravity': ASE takes one force alone: .* or tersoff; native and openmm can"),
+    ("ase", planets, MD, "force 'gravity': ASE takes one force alone: .* or tersoff; native, openmm and cuda can"),
     ("ase", joined, {}, "forces 'stillinger-weber' and 'harmonic-bond': ASE takes one .*; native and lammps can"),
-    ("ase", cut, {}, "truncation 'cut': possible are 'shift'; native, lammps and openmm can"),
+    ("ase", cut, {}, "truncation 'cut': possible are 'shift'; native, lammps, openmm and cuda can"),
     ("ase", mixture, {}, "species: ASE's LennardJones has one .*, and A, B, C differ; native, lammps and openmm can"),
     ("ase", liquid, {"integrator": "rk4"}, f"integrator 'rk4': ase has velocity-verlet .*{ALONE}"),
     ("ase", liquid, {"threads": 2}, f"threads: ase runs on one thread here, not on 2{ALONE}"),
     ("ase", liquid, {"processes": 2}, "processes: ase runs in one process, not in 2; only lammps can"),
     ("ase", liquid, {"compensated": True}, f"compensated: .*{ALONE}"),
-    ("rebound", liquid, {"integrator": "leapfrog-dkd"}, f"force 'lennard-jones': rebound runs only gravity{ALONE}"),
-    ("rebound", planets, {"integrator": "leapfrog"}, "has leapfrog-dkd \\(leapfrog\\).*; native and openmm can"),
+    ("rebound", liquid, {"integrator": "leapfrog-dkd"}, "force 'len.*: rebound runs only gravity; native and cuda can"),
+    ("rebound", planets, {"integrator": "leapfrog"}, "has leapfrog-dkd \\(leapfrog\\).*; native, openmm and cuda can"),
     ("rebound", planets, {"integrator": "saba", "order": "10,2"}, f"order '10,2': rebound's saba has 4,2.*{ALONE}"),
     ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, f"truncation 'switch'.*{ALONE}"),
+    ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, ".*; native and cuda can"),
     ("lammps", lambda: liquid(forces=[]), {}, f"has no force: LAMMPS takes one force of .*{ALONE}"),
     ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones(2)]), {}, f"forces 'l.*s' and 'l.*{ALONE}"),
-    ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 types .*; native, ase and openmm can"),
+    ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 .*; native, ase, openmm and cuda can"),
     ("openmm", leaning, {}, "box: OpenMM: cannot use a leaning box, .*; native, ase and lammps can"),
-    ("openmm", tube, {}, "box: OpenMM: needs .* only along z; native, ase and lammps can"),
-    ("openmm", lambda: cut(tail=True), {}, "tail: .*; native and lammps can"),
-    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "velocity-verlet"}, f"masses: .*less.*{ALONE}"),
+    ("openmm", tube, {}, "box: OpenMM: needs .* only along z; native, ase, lammps and cuda can"),
+    ("openmm", lambda: cut(tail=True), {}, "tail: .*; native, lammps and cuda can"),
+    ("openmm", lambda: kd.load("test-particles-1000"), {"integrator": "leapfrog"}, "masses: .*; native and cuda can"),
     ("openmm", lambda: kd.Problem(lambda t, y: -y, [1.0]), {}, f"is an ODE; openmm moves particles{ALONE}"),
     ("rebound", planets, {"integrator": "ias15", "processes": 2}, "processes: rebound runs in one process, not in 2"),
+    ("cuda", leaning, {}, "box: it leans, .*; native, ase and lammps can"),
+    ("cuda", mixture, {}, "species: the device has one species; native, lammps and openmm can"),
+    ("cuda", silicon, {}, "force 'stillinger-weber': the device takes one .*; native and lammps can"),
+    ("cuda", tube, {"precision": "mixed"}, f"precision: on the device, mixed needs .*{ALONE}"),
+    ("cuda", liquid, {"integrator": "baoab", "temperature": 1.0, "friction": 1.0}, "'baoab': cuda has .* can"),
 ]  # fmt: skip
 
 
@@ -424,8 +444,10 @@ def test_refusals(k):
 
 def test_units_of_metres_are_refused():
     system = liquid(scale=3.4e-10, masses=6.6e-26, units="si", forces=[kd.LennardJones(1.7e-21, 3.4e-10)])
+    with pytest.raises(kd.InputError, match=r"units .si.: float32 has no .*; only native can$"):
+        kd.Simulation(system, engine="cuda", dt=1e-15, precision="mixed")
     for engine in ("ase", "lammps", "openmm"):
-        with pytest.raises(kd.InputError, match=f"engine '{engine}': units 'si': .*; only native can$"):
+        with pytest.raises(kd.InputError, match=f"engine '{engine}': units 'si': .*; native and cuda can$"):
             kd.Simulation(system, engine=engine, dt=1e-15)
 
 
@@ -509,7 +531,7 @@ def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, capsys,
         (["lj-1000", "--engine", "rebound", "--steps", "2"], 2, "engine 'rebound'"),
         (["outer-solar-system", "--engine", "rebound", "--integrator", "whfast", "--steps", "2"], 0, "rebound 5"),
         (["lj-1000", "--engine", "lammps", "--dt", "0.5", "--steps", "9"], 1, "LAMMPS: Lost atoms: original 1000"),
-        (["lj-1000-switch", "--engine", "openmm", "--steps", "2"], 2, "only native can"),
+        (["lj-1000-switch", "--engine", "openmm", "--steps", "2"], 2, "native and cuda can"),
     ],
 )
 def test_command_line(arguments, status, said, monkeypatch, capsys):

@@ -8,8 +8,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.engines import ENGINES
 from kickdrift.model.starts.builders import plane_lattice
+from tests.simulated import marked
 
-FOREIGN = [name for name in ENGINES if name != "native"]
+FOREIGN = [marked(name) for name in ENGINES if name != "native"]
 ROUND_OFF = 1e-12
 STEPS, DT = 10, 0.002
 BOXES = {
@@ -54,6 +55,7 @@ REFUSALS = {
     "ase": {"cut": CUT, "tail": CUT},
     "lammps": {"tail": "tail: LAMMPS has no tail correction in two dimensions"},
     "openmm": dict.fromkeys(["rectangle", "leaning", "strip", "above", "cut", "tail"], PERIODIC),
+    "cuda": dict.fromkeys(["leaning", "above"], "box: it leans"),
 }
 
 

@@ -17,6 +17,7 @@ from kickdrift.engines.job import ASE_BATHS, LAMMPS_BATHS, OPENMM_BATHS, EngineB
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.options import MIXED, PRESSURE
+from kickdrift.integrators.splitting.method import ROWS
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.text import shown, suggestion
 
@@ -41,6 +42,7 @@ class Engine:
     baths : kickdrift's names of methods with a heat bath, and the program's own
     processes : whether the engine can use several processes
     source : the article that the program asks its users to cite
+    mixed : whether the engine offers mixed precision
     """
 
     name: str
@@ -51,6 +53,7 @@ class Engine:
     baths: Mapping[str, EngineBath] = field(default_factory=dict)
     processes: bool = False
     source: str = ""
+    mixed: bool = False
 
     @property
     def methods(self) -> dict[str, str]:
@@ -109,7 +112,7 @@ class Engine:
             return f"pressure: only a native run changes the box; {self.name} keeps it here"
         if job.options.compensated:
             return f"compensated: {self.name} has no compensated sums of positions and velocities"
-        if job.options.precision == MIXED:
+        if job.options.precision == MIXED and not self.mixed:
             return f"precision: {self.name} does not offer {MIXED!r}"
         for option, only in ALONE.items():
             if job.options.get(option) not in (None, only):
@@ -173,6 +176,11 @@ ENGINES: dict[str, Engine] = {
             "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
             ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, OPENMM_BATHS,
             source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
+        ),
+        Engine(
+            "cuda", "one pair law, or gravity, on a graphics processor (ran on an NVIDIA H200 in November 2026)",
+            ("numba-cuda",), ("0",), {row.name: row.name for row in ROWS}, mixed=True,
+            source="Lam, Pitrou & Seibert 2015, LLVM '15, 7, doi:10.1145/2833157.2833162 (numba)",
         ),
     )
 }  # fmt: skip

@@ -26,7 +26,8 @@ MOLECULES = "force fields of molecules are not there yet; charges and the terms 
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
-PROCESSORS = "kickdrift runs on processors only, with SIMD and threads"
+DEVICE = "the engine cuda runs on a graphics processor of NVIDIA"
+PROCESSORS = f"{{word}} is no engine; {DEVICE}"
 
 ROWS: dict[str, tuple[tuple[str, str], ...]] = {
     "integrator": (
@@ -190,7 +191,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("gromacs gmx namd amber charmm desmond", "{word} is no engine; kickdrift export writes frames for {word}"),
         ("hoomd hoomd-blue espresso espressomd dl-poly tinker jax-md", LIQUIDS),
         ("gadget gadget-2 gadget-4 nbody6 mercury mercury6 phantom swift swiftest amuse", STARS),
-        ("gpu cuda opencl hip jax torch pytorch", PROCESSORS),
+        ("gpu nvidia", DEVICE),
+        ("opencl hip jax torch pytorch", PROCESSORS),
     ),
     "body": (
         ("m", "{word} is 'mass' here"),
@@ -243,7 +245,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("nstpcouple barostat-frequency", "{word} is 'pressure_every' here"),
         ("random-seed rng-seed", "{word} is 'seed' here: kd.load(name, seed), --seed, or seed in [velocities]"),
         ("nthreads n-threads num-threads ncores cores cpus nproc n-jobs njobs omp", "{word} is 'threads' here"),
-        ("device platform gpu gpus cuda", PROCESSORS),
+        ("device platform gpu gpus cuda", DEVICE),
         ("outfile out filename trajectory traj dumpfile", "{word} is 'output' here"),
         ("live imd imd-wait", "{word} follows one run: kickdrift run and kickdrift resume take it"),
         (

@@ -1,0 +1,175 @@
+"""The forces of a System on the device: one pair law over lists of neighbours, or gravity of all pairs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numba import config, cuda
+
+from kickdrift.engines.cuda import gravity, pair_sum
+from kickdrift.engines.cuda.cells import SEARCHING, counting_of, grid_of, moving_of, scan_of, search_of
+from kickdrift.engines.cuda.device import check_room, processors
+from kickdrift.engines.cuda.launches import Launches, zeros
+from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
+from kickdrift.engines.cuda.motion import placing_of
+from kickdrift.engines.cuda.particles import Particles
+from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
+from kickdrift.errors import InputError
+from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+
+SKIN = 0.3  # of the cutoff
+SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
+LEAST_ROOM = 32  # neighbours
+STATE_BYTES = 260  # of a particle, without neighbours
+MOST = 2**27 - 1  # particles: kernels count threads in 32 bits, and a search has 32 for each particle
+
+
+def lanes_for(n: int) -> int:
+    """Threads of one particle: few particles need many threads to keep the device busy."""
+    if config.ENABLE_CUDASIM:
+        return 1
+    return 16 if n < 50_000 else 8 if n < 300_000 else 4
+
+
+class DeviceForces(Protocol):
+    """What moves particles on the device."""
+
+    write: Code  # writes a place, see `Places`
+    half_skin: float  # the way that a particle may go before `prepare`; infinite without a list
+
+    def upload(self, phase: Floats) -> Particles:
+        """Particles of a phase (2, 3, n), prepared."""
+
+    def prepare(self, particles: Particles) -> None:
+        """Make the list of neighbours anew, and set all marks to zero. The spare copy then is the state."""
+
+    def evaluate(self, particles: Particles) -> None:
+        """Write the accelerations."""
+
+    def measure(self, particles: Particles) -> tuple[Floats, float, float]:
+        """Accelerations (3, n) in the caller's order, energy and virial, in float64."""
+
+
+class PairForces:
+    """One pair law over lists of neighbours. ``lanes`` threads share a particle, 0: by the number of particles."""
+
+    def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
+        force: Any = system.forces[0]
+        kind, cutoff = system.species[0], float(force.cutoff)
+        self._launches, self._reach = launches, (1.0 + skin) * cutoff
+        self._lanes = lanes or lanes_for(len(system))
+        self.half_skin = 0.499 * skin * cutoff
+        self._edges = np.where(system.box.periodic_axes, np.diag(system.box.matrix), 0.0)
+        self._inverse_masses = 1.0 / system.coherent_masses
+        self._tail = force.tail_corrections(system)
+        self._places, self._exact = places_of(self._edges, single), places_of(self._edges, False)
+        self.write = self._places.write
+        law = pair_sum.Law(truncated_law(force, kind, single), cutoff, *grains(force, kind))
+        self._forces = pair_sum.forces_of(law, self._places, self._lanes)
+        law = law._replace(terms=truncated_law(force, kind, False))
+        self._measure = pair_sum.measure_of(law, self._exact)
+        self._scan, self._moving = scan_of(SCAN), moving_of(self.write)
+
+    def upload(self, phase: Floats) -> Particles:
+        n = phase.shape[2]
+        room = self._room(phase[0])
+        if n > MOST:
+            raise InputError(f"engine 'cuda': at most {MOST:,} particles, got {n:,}")
+        check_room(n, STATE_BYTES + 4 * room)
+        particles = Particles(self._launches, phase, self._inverse_masses)
+        particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
+        self._grid = grid_of(self._edges, phase[0], self._reach)
+        self._count, self._search = counting_of(self._grid), search_of(self._grid, self._places, self._reach)
+        self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
+        self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
+        self._near, self._most = cuda.device_array((n, room), np.uint32), zeros(1, np.int32)
+        self.prepare(particles)
+        return particles
+
+    def _room(self, x: Floats) -> int:
+        """Neighbours of a particle at even density, and a third more."""
+        lengths = np.where(self._edges > 0, self._edges, np.maximum(np.ptp(x, axis=1), self._reach))
+        even = x.shape[1] / lengths.prod() * 4.0 / 3.0 * math.pi * self._reach**3
+        return 8 * math.ceil(min(max(LEAST_ROOM, 1.33 * even), x.shape[1]) / 8)
+
+    def prepare(self, particles: Particles) -> None:
+        self._launches.repeat("list", lambda: self.listed(particles))
+        while (most := int(self._launches.read(self._most)[0])) > self._near.shape[1]:
+            self._launches.forget()
+            self._near = cuda.device_array((particles.n, 8 * math.ceil(1.1 * most / 8)), np.uint32)
+            self.listed(particles)
+
+    def listed(self, particles: Particles) -> None:
+        """Sort the particles, and search their neighbours."""
+        p, over = particles, self._launches.over
+        over(p.n, self._count, p.x, self._cells, self._numbers, self._sizes)
+        self._launches.grid(1, SCAN, self._scan, self._sizes, self._starts, p.marks, self._most)
+        found = self._homes, p.at, p.placed
+        over(p.n, self._moving, self._cells, self._numbers, self._starts, *p.arrays, *p.spare.arrays, *found)
+        p.settle()
+        self.search(p)
+
+    def search(self, particles: Particles) -> None:
+        """Write the neighbours of particles in the order of the cells."""
+        n, lists = particles.n, (self._homes, self._starts, self._near, self.found, self._most)
+        self._launches.over(n * SEARCHING, self._search, particles.placed, *lists)
+
+    def evaluate(self, particles: Particles) -> None:
+        p = particles
+        self._launches.over(
+            p.n * self._lanes, self._forces, p.placed, self._near, self.found, p.weights, p.a, p.marks
+        )  # fmt: skip
+
+    def measure(self, particles: Particles) -> tuple[Floats, float, float]:
+        p, rows, placed = particles, cuda.device_array((5, particles.n), np.float64), particles.placed
+        if self._places.single:
+            placed = cuda.device_array(*room_for(self._exact, p.n))
+            self._launches.over(p.n, placing_of(self._exact.write), p.x, placed)
+        self._launches.over(p.n, self._measure, placed, self._near, self.found, p.weights, p.ids, rows, p.marks)
+        found = self._launches.read(rows)
+        return found[:3], float(found[3].sum()) + self._tail[0], float(found[4].sum()) + self._tail[1]
+
+
+class GravityForces:
+    """Gravity of all pairs."""
+
+    half_skin = math.inf
+
+    def __init__(self, system: System, launches: Launches, single: bool) -> None:
+        force: Any = system.forces[0]
+        self._launches, self.write = launches, WRITE_NOTHING
+        self._masses = system.coherent_masses
+        self._gm = gravitational_constant(force.name, force.G, system) * system.state.masses
+        self._exact = gravity.forces_of(force.softening)
+        self._forces = gravity.mixed_forces_of(force.softening) if single else self._exact
+        self._potential = gravity.potential_of(force.softening)
+
+    def upload(self, phase: Floats) -> Particles:
+        n = phase.shape[2]
+        parts = gravity.parts_of(n, processors())
+        check_room(n, STATE_BYTES + 24 * parts)
+        self._partial = zeros((parts, 3, n), float)
+        return Particles(self._launches, phase, self._gm)
+
+    def prepare(self, particles: Particles) -> None:
+        particles.keep()
+
+    def evaluate(self, particles: Particles) -> None:
+        self._summed(self._forces, particles, particles.a)
+
+    def _summed(self, forces: Any, particles: Particles, a: Any) -> None:
+        p, columns = particles, -(-particles.n // (gravity.TILE * gravity.EACH))
+        self._launches.grid((columns, self._partial.shape[0]), gravity.TILE, forces, p.x, p.weights, self._partial)
+        self._launches.over(p.n, gravity.add_parts, self._partial, a)
+
+    def measure(self, particles: Particles) -> tuple[Floats, float, float]:
+        n = particles.n
+        a, rows = cuda.device_array((3, n), np.float64), cuda.device_array((2, n), np.float64)
+        self._summed(self._exact, particles, a)
+        self._launches.over(n, self._potential, particles.x, particles.weights, rows)
+        energies, virials = self._launches.read(rows) @ self._masses
+        return self._launches.read(a), 0.5 * float(energies), 0.5 * float(virials)

@@ -1,0 +1,117 @@
+"""Sums of a pair law over lists of neighbours: each pair twice, and no two threads write to one place.
+
+Several threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits, so their bits do
+not depend on the order of neighbours, and the sum of all forces is zero.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import cuda
+
+from kickdrift.engines.cuda.law_code import Code, on_device
+from kickdrift.engines.cuda.motion import TOO_LARGE
+from kickdrift.engines.cuda.places import Places
+
+LARGEST = 2.0**62
+ALL_LANES = 0xFFFFFFFF
+ROUNDED = {"contract", "arcp", "nsz"}  # what float32 arithmetic may do; nan stays nan
+
+
+class Law(NamedTuple):
+    """A pair law for kernels: ``terms`` returns energy and force over r at r2, see `law_code`."""
+
+    terms: Code
+    cutoff: float
+    force_grain: float
+    energy_grain: float
+
+
+def across_of(lanes: int) -> Code:
+    """Device function that adds a whole number over the threads of one particle."""
+    if lanes == 1:
+        return on_device(lambda number: number)
+
+    def across(number):
+        step = lanes // 2
+        while step > 0:
+            number += cuda.shfl_xor_sync(ALL_LANES, number, step)
+            step //= 2
+        return number
+
+    return on_device(across)
+
+
+@lru_cache(maxsize=8)
+def forces_of(law: Law, places: Places, lanes: int) -> Code:
+    """Kernel that writes the accelerations (3, n) of all particles."""
+    read, apart, terms, across = places.read, places.apart, law.terms, across_of(lanes)
+    number: Any = np.float32 if places.single else np.float64
+    cutoff2, grain, none = number(law.cutoff**2), number(law.force_grain), number(0.0)
+    inverse_grain, largest = 1.0 / law.force_grain, LARGEST / law.cutoff
+
+    @cuda.jit(fastmath=ROUNDED if places.single else False)
+    def forces(placed, near, counts, inverse_masses, a, marks):
+        t = np.uint32(cuda.grid(1))
+        i, lane = np.uint32(t // lanes), np.uint32(t % lanes)
+        inside = i < counts.size
+        i = i if inside else np.uint32(0)
+        own = read(placed, i)
+        fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), none
+        row, k, end = near[i], lane, np.uint32(counts[i] if inside else 0)
+        while k < end:
+            dx, dy, dz = apart(own, read(placed, row[k]))
+            k = np.uint32(k + lanes)
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < cutoff2:
+                g = terms(r2)[1] * grain
+                total += abs(g)
+                fx += np.int64(g * dx)
+                fy += np.int64(g * dy)
+                fz += np.int64(g * dz)
+        if not total < largest:
+            marks[TOO_LARGE] = 1.0
+        fx, fy, fz = across(fx), across(fy), across(fz)
+        if inside and lane == 0:
+            unit = inverse_grain * inverse_masses[i]
+            a[0, i], a[1, i], a[2, i] = fx * unit, fy * unit, fz * unit
+
+    return forces
+
+
+@lru_cache(maxsize=8)
+def measure_of(law: Law, places: Places) -> Code:
+    """Kernel that writes rows (5, n) in the order of ``ids``: accelerations, and each particle's energy and virial."""
+    read, apart, terms = places.read, places.apart, law.terms
+    cutoff2, largest = law.cutoff**2, LARGEST / law.cutoff
+    grain, energy_grain = law.force_grain, law.energy_grain
+
+    @cuda.jit
+    def measure(placed, near, counts, inverse_masses, ids, rows, marks):
+        i = cuda.grid(1)
+        if i < counts.size:
+            own = read(placed, i)
+            fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), 0.0
+            energies, virials = np.int64(0), np.int64(0)
+            for k in range(counts[i]):
+                dx, dy, dz = apart(own, read(placed, near[i, k]))
+                r2 = dx * dx + dy * dy + dz * dz
+                if r2 < cutoff2:
+                    energy, force_over_r = terms(r2)
+                    g = force_over_r * grain
+                    total += abs(g)
+                    fx += np.int64(g * dx)
+                    fy += np.int64(g * dy)
+                    fz += np.int64(g * dz)
+                    energies += np.int64(energy * energy_grain)
+                    virials += np.int64(force_over_r * r2 * energy_grain)
+            if not total < largest:
+                marks[TOO_LARGE] = 1.0
+            unit, to = inverse_masses[i] / grain, ids[i]
+            rows[0, to], rows[1, to], rows[2, to] = fx * unit, fy * unit, fz * unit
+            rows[3, to], rows[4, to] = 0.5 * energies / energy_grain, 0.5 * virials / energy_grain
+
+    return measure
