@@ -150,6 +150,7 @@ __all__ = [
     "Column",
     "Comparison",
     "CosineAngle",
+    "Coulomb",
     "Crossing",
     "DrivenField",
     "DynamicalFriction",

@@ -23,6 +23,7 @@ from kickdrift.forces.bonded.shipped import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.python import PythonForce
 from kickdrift.forces.fields.shipped import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
@@ -37,6 +38,7 @@ from kickdrift.forces.tree.force import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
+    Coulomb,
     Gravity,
     GravityTree,
     GravitySheet,

@@ -65,6 +65,21 @@ def sharing(force: BoundForce, lengths: Floats, apart: bool) -> BoundForce:
     return force if cell is None else BoundForce(force.parts._replace(cell=cell._replace(edges=lengths)))
 
 
+def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, ...]:
+    """The System's forces, bound in their order. A force may give a part of its sum to another one, its host."""
+    guests = {id(host): force for force in system.forces if hasattr(force, "host") and (host := force.host(system))}
+    found = []
+    for force in system.forces:
+        if (guest := guests.get(id(force))) is not None:
+            made = guest.bind_host(force, system, threads, mixed)
+        elif isinstance(force, ListedForce):
+            made = force.bind(system, threads, mixed)
+        else:
+            made = force.bind(system, threads)
+        found.append(made if isinstance(made, BoundForce) else BoundForce(made))
+    return tuple(found)
+
+
 class UnderForces(Protocol):
     """A System to which forces are bound, or a Problem with its right-hand side as the only force."""
 
@@ -99,10 +114,7 @@ class BoundForces:
         pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
-        self.forces: tuple[BoundForce, ...] = tuple(
-            force.bind(system, threads, mixed) if pair else BoundForce(force.bind(system, threads))
-            for force, pair in zip(system.forces, pairs, strict=True)
-        )
+        self.forces = bound(system, threads, mixed)
         self._varies = lengths is not None
         if lengths is not None:
             self.forces = tuple(sharing(force, lengths, apart) for force in self.forces)

@@ -13,7 +13,7 @@ from numba import types
 from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
 from kickdrift.forces.lists.pair_rows import displacements, in_float64
 from kickdrift.forces.lists.special_pairs import is_inside
-from kickdrift.forces.pairs.lanes import pair_terms, parameters_of, truncated_terms
+from kickdrift.forces.pairs.lanes import brings_terms, pair_terms, parameters_of, truncated_terms
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, rotated, splat
@@ -177,6 +177,8 @@ def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
 
 @overload(terms_within)
 def _terms_within(laws, at, places, r2):
+    if brings_terms(laws[0]):
+        return None
     if isinstance(laws[3], types.NoneType):
         return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
 

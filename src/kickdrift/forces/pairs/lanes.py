@@ -15,6 +15,7 @@ from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import dual, dual_fields, of_lanes
 from kickdrift.jit.duals.operators import dual_like
+from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lanes_like
 from kickdrift.jit.lanes.masks import select
@@ -115,6 +116,12 @@ class LawSlope(NamedTuple):
     cutoff2: float
 
 
+def brings_terms(kind: Any) -> bool:
+    """Tell whether a law's class, or that of its tables, has terms of its own; see `charges.pair_terms`."""
+    kind = kind.kind if isinstance(kind, Handle) else kind
+    return getattr(getattr(kind, "instance_class", None), "brings_terms", False)
+
+
 def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
     """Return truncated energy and force over r of particle i with the particles in the slots from j on.
 
@@ -123,6 +130,8 @@ def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
 
 @overload(pair_terms)
 def _pair_terms(laws, i, j, r2):
+    if brings_terms(laws[0]):
+        return None
     if isinstance(laws[3], types.NoneType):
         return lambda laws, i, j, r2: truncated_terms(laws[0], laws[1], laws[2], r2)
 

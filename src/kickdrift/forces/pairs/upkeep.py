@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
 from kickdrift.forces.lists.list_code import refresh
+from kickdrift.forces.pairs.lanes import brings_terms
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import jit
 from kickdrift.jit.inner import overload
@@ -54,6 +55,8 @@ def spread(tables: Any, pairs: ClusterList) -> None:
 def _spread(tables, pairs):
     if isinstance(tables, types.NoneType):
         return lambda tables, pairs: None
+    if brings_terms(tables):
+        return None
 
     def spread_tables(tables, pairs):
         for i in range(pairs.place.size):

@@ -1,0 +1,92 @@
+"""Errors of Ewald's sum, and its parameters for a wanted error.
+
+The formulas are those of Kolafa & Perram (1992, doi:10.1080/08927029208049126) for charges at random places: the
+root-mean-square error of the forces by a cutoff in space, and by a limit of the wave numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from kickdrift.model.state import Floats
+
+PAIR, WAVE = 4.0, 0.35  # nanoseconds of a near pair within the cutoff, and of one particle with one wave
+TRIED = 48  # cutoffs between the shortest and the longest
+SHARE = math.sqrt(0.5)  # of the wanted error for each of the two parts
+LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
+
+
+class Charged(NamedTuple):
+    """What the errors depend on: number of charges, volume, and the sum of squared charges (energy times length)."""
+
+    count: int
+    volume: float
+    squares: float
+
+    @classmethod
+    def of(cls, charges: Floats, volume: float) -> Charged:
+        """The Charged with these charges, scaled by the root of Coulomb's constant."""
+        return cls(max(int(np.count_nonzero(charges)), 1), volume, float(charges @ charges))
+
+    @property
+    def unit(self) -> float:
+        """Force to which errors are relative: between two charges of mean square at the distance (V / n)^(1/3)."""
+        return self.squares / self.count * (self.count / self.volume) ** (2.0 / 3.0)
+
+    def near_error(self, alpha: float, cutoff: float) -> float:
+        """Root-mean-square error of a force by the cutoff, over the unit."""
+        error = 2.0 * self.squares / math.sqrt(self.count * cutoff * self.volume)
+        return error * math.exp(-((alpha * cutoff) ** 2)) / self.unit
+
+    def far_error(self, alpha: float, waves: float) -> float:
+        """Root-mean-square error of a force by the limit of wave numbers, over the unit."""
+        error = 2.0 * self.squares * alpha * math.sqrt(2.0 / (waves * self.count * self.volume))
+        return error * math.exp(-((0.5 * waves / alpha) ** 2)) / self.unit
+
+
+class Split(NamedTuple):
+    """Parameters of Ewald's sum: splitting parameter, cutoff, and largest wave number."""
+
+    alpha: float
+    cutoff: float
+    waves: float
+
+    def error(self, charged: Charged) -> float:
+        """Predicted error of the forces, relative to ``charged.unit``."""
+        return math.hypot(charged.near_error(self.alpha, self.cutoff), charged.far_error(self.alpha, self.waves))
+
+
+def _rising(function: Callable[[float], float], low: float, high: float) -> float:
+    """Place at which a function that falls reaches zero, by bisection of the logarithm."""
+    for _ in range(80):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if function(middle) > 0 else (low, middle)
+    return high
+
+
+def split_at(charged: Charged, accuracy: float, cutoff: float, alpha: float | None, waves: float | None) -> Split:
+    """The Split with this cutoff, and with the given values of the others, for a wanted error."""
+    wanted = SHARE * accuracy
+    if alpha is None:
+        alpha = _rising(lambda a: charged.near_error(a, cutoff) - wanted, 1e-3 / cutoff, 1e2 / cutoff)
+    if waves is None:
+        given = alpha
+        waves = _rising(lambda k: charged.far_error(given, k) - wanted, 1e-2 * alpha, 1e2 * alpha)
+    return Split(alpha, cutoff, waves)
+
+
+def cheapest(
+    charged: Charged, accuracy: float, shortest: float, longest: float, alpha: float | None, waves: float | None
+) -> Split:
+    """The Split with the cheapest cutoff for a wanted error. A pair force has the ``shortest`` cutoff anyway."""
+
+    def cost(split: Split) -> float:
+        pairs = 2.0 / 3.0 * math.pi * charged.count / charged.volume * split.cutoff**3
+        return PAIR * pairs + WAVE * charged.volume * split.waves**3 / (12.0 * math.pi**2)
+
+    tried = np.geomspace(min(shortest, longest), longest, TRIED).tolist()
+    return min((split_at(charged, accuracy, cutoff, alpha, waves) for cutoff in tried), key=cost)

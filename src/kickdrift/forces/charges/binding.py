@@ -1,0 +1,148 @@
+"""Binding of Coulomb's law to particles: the near part with a pair force or alone, and the far part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numba import carray, types
+from numpy.typing import NDArray
+
+from kickdrift.forces.charges import direct_kernel, far_kernel
+from kickdrift.forces.charges.coulomb import DAMPED_SHIFTED, DIRECT, EWALD, Coulomb
+from kickdrift.forces.charges.far_kernel import Far, add_far
+from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
+from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.lists.clusters import cluster_list
+from kickdrift.forces.lists.load import volume_of
+from kickdrift.forces.lists.row_lanes import row_lanes
+from kickdrift.forces.lists.special_pairs import special_of
+from kickdrift.forces.pairs import binding as pair_binding
+from kickdrift.forces.pairs.beside_pairs import BesidePairs
+from kickdrift.forces.pairs.kernel import PairKernel, PairWork
+from kickdrift.forces.pairs.lanes import AtCutoff, Cut
+from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force
+from kickdrift.jit.handle import Handle, handle_at
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.threads.chunks import in_chunks
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+
+class ChargedParts(NamedTuple):
+    """Near and far part of Coulomb's law, without a pair force."""
+
+    far: Far
+    force: Any  # PairWork of the near part
+    address: int  # of its machine code
+    work: int
+
+
+class ChargedKernel(BesidePairs):
+    """A bound Coulomb force with its own list: ``parts`` is a ChargedParts."""
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        restore = handle_at(Handle(kind))
+
+        def compute(work, what, n, t, x, v, a, sums):
+            force, shape = restore(work), (3, n)
+            x, v, a, sums = carray(x, shape), carray(v, shape), carray(a, shape), carray(sums, 3)
+            status = call_force(force.address, force.work, what, t, x, v, a, sums)
+            if status != OK:
+                return status
+            if what == FORCES_AND_SUMS:
+                return add_far(force.far, x, a, sums)
+            return add_far(force.far, x, a, None)
+
+        return compute
+
+    def with_list(self, **changes: Any) -> ChargedKernel:
+        """See PairKernel."""
+        far: Far = self.parts.far
+        if "live" in changes:
+            far = far._replace(cell=far.cell._replace(edges=changes["live"]))
+        return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
+
+
+def bind(force: Coulomb, system: Subject, threads: int) -> BoundForce:
+    """Bind Coulomb's law to a System, without the near part if a pair force has that."""
+    if force.method == DIRECT:
+        charges = force.scaled_charges(system)
+        return BoundForce(direct_kernel.bind(charges, system.coherent_masses, special_pairs(system), threads))
+    far = bind_far(force, system, threads)
+    if force.host(system) is not None:
+        return BoundForce(far)
+    near = bind_near(force, None, system, threads)
+    return ChargedKernel(ChargedParts(far, near.parts, 0, 0), near)
+
+
+def bind_near(force: Coulomb, host: PairForce | None, system: Subject, threads: int) -> PairKernel:
+    """Bind the near part and the pair force ``host``, if there is one, as one sum over pairs."""
+    radial = force.radial(split := force.split(system))
+    own: Any = None if host is None else pair_binding.bind(host, system, threads).parts
+    reach = split.cutoff if own is None else max(own.cutoff, split.cutoff)
+    n, lanes = len(system), row_lanes(mixed=False)
+    pairs = cluster_list(n, system.box, reach, lanes, threads)
+    slots, chunks = pairs.x.size // 3, pairs.force.shape[0]
+    pairs = pairs._replace(special=special_of(system.topology, n, slots, chunks, pairs.near.shape[1]))
+    law = ChargedPairs(own and own.law, own.cutoff**2 if own else 0.0, radial)
+    tables = ChargedTables(own and own.tables, force.scaled_charges(system), aligned((slots,)))
+    if own is not None:
+        return ChargedPairKernel(own._replace(law=law, tables=tables, cutoff=reach, pairs=pairs))
+    return ChargedPairKernel(
+        PairWork(
+            law=law,
+            at_cutoff=AtCutoff(0.0, 0.0),
+            tables=tables,
+            truncation=Cut(),
+            mixed=None,
+            lanes=lanes,
+            cutoff=reach,
+            tail=(0.0, 0.0),
+            tail_volume=float(volume_of.py_func(pairs.live)),
+            inverse_masses=1.0 / system.coherent_masses,
+            sums=np.zeros((chunks, 3)),
+            along=None,
+            pairs=pairs,
+            chunks=in_chunks(chunks, threads),
+        )
+    )
+
+
+def bind_far(force: Coulomb, system: Subject, threads: int) -> Far:
+    """Bind what is beside the sum over near pairs: waves, the energies of single charges, and pairs left out."""
+    charges, split = force.scaled_charges(system), force.split(system)
+    squares, net = float(charges @ charges), float(charges.sum()) if force.net_charge(system) else 0.0
+    ewald = force.method == EWALD
+    alone, background = 0.0, 0.0
+    if ewald:
+        alone = -split.alpha / math.sqrt(math.pi) * squares
+        background = -0.5 * math.pi * (net / split.alpha) ** 2
+    elif force.method == DAMPED_SHIFTED:
+        alone = -squares * (
+            0.5 * math.erfc(split.alpha * split.cutoff) / split.cutoff + split.alpha / math.sqrt(math.pi)
+        )
+    return far_kernel.bind(
+        split.alpha if ewald else 0.0,
+        waves_of(system.box, split.waves),
+        alone,
+        background,
+        charges,
+        system.coherent_masses,
+        system.box,
+        special_pairs(system),
+        threads,
+    )
+
+
+def special_pairs(system: Subject) -> tuple[NDArray[np.int64], Floats]:
+    """Pairs (m, 2) that the System's topology leaves out or scales, and their factors."""
+    if system.topology is None:
+        return np.zeros((0, 2), np.int64), np.zeros(0)
+    pairs, factors = system.topology.scaled
+    return pairs, factors

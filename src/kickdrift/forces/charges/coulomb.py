@@ -1,0 +1,200 @@
+"""Coulomb's law between the charges of a System."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from kickdrift.errors import InputError
+from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, split_at
+from kickdrift.forces.charges.radial import STRONGEST, Radial, damped_shifted, ewald_near, reaction_field
+from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.arguments import number
+from kickdrift.forces.seam.group import Grouped
+from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.model.state import Floats
+from kickdrift.text import shown
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+EWALD, DIRECT, REACTION_FIELD, DAMPED_SHIFTED = METHODS = ("ewald", "direct", "reaction-field", "damped-shifted")
+KEYS: dict[str, tuple[str, ...]] = {  # of each method
+    EWALD: ("accuracy", "cutoff", "alpha", "waves"),
+    DIRECT: (),
+    REACTION_FIELD: ("cutoff", "surroundings"),
+    DAMPED_SHIFTED: ("cutoff", "alpha"),
+}
+NEUTRAL = 1e-6  # of the largest charge: a larger sum of all charges counts as a net charge
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class Coulomb(Grouped):
+    """Coulomb's law between charges: U = C q_i q_j / (dielectric r), with C from the unit system.
+
+    The charges are the particles' own, see ``System.charges``. In the cluster list, a pair force of the System and the
+    near part of this force are one sum. Pairs that a topology leaves out or scales are left out or scaled here, too.
+
+    Methods: "ewald" (Ewald 1921, doi:10.1002/andp.19213690304) sums over all images in a box that is periodic along
+    three axes, surrounded by a conductor. Errors follow Kolafa & Perram (1992, doi:10.1080/08927029208049126). A net
+    charge gets a uniform background of the opposite charge. "direct" sums over all pairs in open space.
+    "reaction-field" cuts the law off, and a medium acts from beyond the cutoff (Tironi et al. 1995,
+    doi:10.1063/1.469273). "damped-shifted" is the damped shifted force of Fennell & Gezelter (2006,
+    doi:10.1063/1.2206581).
+
+    Attributes
+    ----------
+    method : "ewald", "direct", "reaction-field" or "damped-shifted"
+    accuracy : float
+        Of Ewald's sum: root-mean-square error of the forces, relative to the force between two charges of mean square
+        at the distance (V / n)^(1/3).
+    cutoff : float, optional
+        Of the near part. Ewald's sum chooses the cheapest one; a pair force gives the default of other methods.
+    alpha : float, optional
+        Splitting parameter of Ewald's sum, or damping, in an inverse length. The default follows from the accuracy, and
+        without damping it is 0.
+    waves : float, optional
+        Largest wave number of Ewald's sum, in an inverse length; the default follows from the accuracy.
+    surroundings : float, optional
+        Relative permittivity of the medium of a reaction field; default that of a conductor.
+    dielectric : float
+        Relative permittivity between the charges.
+    """
+
+    method: str = EWALD
+    accuracy: float = 1e-4
+    cutoff: float | None = None
+    alpha: float | None = None
+    waves: float | None = None
+    surroundings: float | None = None
+    dielectric: float = 1.0
+
+    name: ClassVar[str] = "coulomb"
+    stands_for: ClassVar[str] = "the forces between charges"
+    thermal: ClassVar[bool] = True
+    dimensions: ClassVar[dict[str, str]] = {"cutoff": "length", "alpha": "inverse length", "waves": "inverse length"}
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"{self.name}: method {shown(self.method)} is not one of {', '.join(METHODS)}")
+        for key in ("accuracy", "dielectric"):
+            object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
+        for key in ("cutoff", "alpha", "waves", "surroundings"):
+            if (value := getattr(self, key)) is None:
+                continue
+            if key not in KEYS[self.method]:
+                owners = " and ".join(f'"{method}"' for method in METHODS if key in KEYS[method])
+                raise InputError(f'{self.name}: {key} goes with method {owners}, not "{self.method}"')
+            object.__setattr__(self, key, number(self.name, key, value))
+        if not LEAST <= self.accuracy <= MOST:
+            raise InputError(f"{self.name}: accuracy must be from {LEAST:g} to {MOST:g}, got {shown(self.accuracy)}")
+        for key in ("cutoff", "waves", "dielectric"):
+            if (value := getattr(self, key)) is not None and value <= 0:
+                raise InputError(f"{self.name}: {key} must be positive, got {shown(value)}")
+        if self.alpha is not None and not (self.alpha > 0 or (self.alpha == 0 and self.method == DAMPED_SHIFTED)):
+            raise InputError(f"{self.name}: alpha must be positive, got {shown(self.alpha)}")
+        if self.surroundings is not None and self.surroundings < 1:
+            raise InputError(f"{self.name}: surroundings must be 1 or more, got {shown(self.surroundings)}")
+
+    def check(self, system: Subject) -> None:
+        """Refuse a system that this force does not support."""
+        if system.charges is None:
+            raise InputError(f"{self.name}: the particles have no charges; give charge in [particles], or charges")
+        if system.units.coulomb is None:
+            raise InputError(f"{self.name}: units {system.units.name!r} have no Coulomb constant; take lj, metal or si")
+        if system.dimensions != 3:
+            raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
+        self._check_box(system)
+        massless = np.flatnonzero((system.state.masses == 0) & (system.charges != 0))
+        if massless.size:
+            raise InputError(
+                f"{self.name}: particle {massless[0]} has a charge but no mass, and would move infinitely fast"
+            )
+        if system.topology is not None and (far := system.topology.far_special(system.box, system.state.phase[0])):
+            raise InputError(f"{self.name}: {far}")
+        if self.method != DIRECT:
+            split = self.split(system)
+            system.box.check_cutoff(self.name, split.cutoff)
+            if split.alpha * split.cutoff > STRONGEST:
+                raise InputError(
+                    f"{self.name}: alpha times cutoff is {split.alpha * split.cutoff:.3g}; a shorter cutoff than "
+                    f"{STRONGEST / split.alpha:.4g} serves as well"
+                )
+
+    def _check_box(self, system: Subject) -> None:
+        """Refuse a box that the method does not take."""
+        axes = system.box.periodic_axes
+        if self.method == DIRECT and any(axes):
+            raise InputError(f'{self.name}: method "direct" needs open space, and the box is periodic')
+        if self.method == EWALD and not all(axes):
+            along = " and ".join(axis for axis, there in zip("xyz", axes, strict=True) if there)
+            instead = 'and the box is open; take method = "direct"' if not along else f"and this box is along {along}"
+            raise InputError(f'{self.name}: method "ewald" needs a box that is periodic along three axes, {instead}')
+
+    def host(self, system: Any) -> PairForce | None:
+        """The pair force that takes the near part into its sum, if there is one."""
+        if self.method == DIRECT:
+            return None
+        return next((force for force in system.forces if isinstance(force, PairForce)), None)
+
+    def scaled_charges(self, system: Subject) -> Floats:
+        """Charges (n,) times the root of Coulomb's constant over the permittivity."""
+        assert system.charges is not None
+        assert system.units.coulomb is not None
+        return np.asarray(system.charges * math.sqrt(system.units.coulomb / self.dielectric))
+
+    def charged(self, system: Subject) -> Charged:
+        """Numbers on which Ewald's errors depend."""
+        return Charged.of(self.scaled_charges(system), system.volume)
+
+    def split(self, system: Subject) -> Split:
+        """Splitting parameter, cutoff and largest wave number for this System; methods other than Ewald's sum have no
+        waves."""
+        host = self.host(system)
+        given = None if host is None else host.cutoff
+        if self.method != EWALD:
+            if (cutoff := self.cutoff or given) is None:
+                raise InputError(f'{self.name}: cutoff is needed by method "{self.method}"')
+            return Split(self.alpha or 0.0, cutoff, 0.0)
+        charged = self.charged(system)
+        if charged.squares == 0:
+            return Split(
+                1.0 / float(system.box.heights.min()), self.cutoff or 0.25 * float(system.box.heights.min()), 0.0
+            )
+        if self.cutoff is not None:
+            return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
+        longest = 0.5 * float(system.box.heights.min())
+        shortest = given or min(longest, (charged.volume / charged.count) ** (1.0 / 3.0))
+        return cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
+
+    def radial(self, split: Split) -> Radial:
+        """The near part at this Split."""
+        if self.method == EWALD:
+            return ewald_near(split.alpha, split.cutoff, self.accuracy)
+        if self.method == REACTION_FIELD:
+            return reaction_field(split.cutoff, self.surroundings)
+        return damped_shifted(split.alpha, split.cutoff)
+
+    def net_charge(self, system: Subject) -> float:
+        """Sum of the charges; 0 if it is no more than rounding."""
+        assert system.charges is not None
+        net = math.fsum(system.charges)
+        return net if abs(net) > NEUTRAL * float(np.abs(system.charges).max(initial=0.0)) else 0.0
+
+    def bind(self, system: Subject, threads: int = 1) -> Any:
+        """Bind this force to a System. Its near part is that of the pair force, if there is one; see `host`."""
+        from kickdrift.forces.charges.binding import bind
+
+        return bind(self, system, threads)
+
+    def bind_host(self, host: PairForce, system: Subject, threads: int, mixed: bool) -> Any:
+        """Bind a pair force with the near part of this force."""
+        from kickdrift.forces.charges.binding import bind_near
+
+        if mixed:
+            raise InputError("precision: mixed is for pair forces without charges")
+        return bind_near(self, host, system, threads)

@@ -1,0 +1,218 @@
+"""Compiled terms of charged pairs: a pair law, if there is one, and the near part of Coulomb's law, in one pass.
+
+Each slot of the list has its particle's charge. Charges are scaled so that the product of two is in the unit of energy
+times length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from kickdrift.forces.charges.radial import Radial
+from kickdrift.forces.lists.clusters import STRIDE
+from kickdrift.forces.pairs import upkeep
+from kickdrift.forces.pairs.intra_cluster import terms_within
+from kickdrift.forces.pairs.kernel import PairKernel, add_forces, compute_for
+from kickdrift.forces.pairs.lanes import brings_terms, pair_terms
+from kickdrift.forces.pairs.upkeep import fill_tables
+from kickdrift.jit.compile import as_written
+from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.functions import inverse_sqrt, lanes_like, multiply_add
+from kickdrift.jit.lanes.masks import select
+from kickdrift.jit.lanes.memory import broadcast, load, load_like
+from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
+
+
+class ChargedPairs(NamedTuple):
+    """Law of charged pairs, in the place of a pair law."""
+
+    own: Any  # the law of a pair force, or None
+    own_cutoff2: float
+    radial: Radial
+
+
+class ChargedTables(NamedTuple):
+    """Numbers of the slots, in the place of the tables of a pair law."""
+
+    own: Any  # the tables of the pair law, or None
+    charges: NDArray[np.float64]  # (n,)
+    slots: NDArray[np.float64]  # (slots,) charge in each slot; padding has none
+
+
+ChargedPairs.brings_terms = True  # type: ignore[attr-defined]  # see `pairs.lanes.brings_terms`
+ChargedTables.brings_terms = True  # type: ignore[attr-defined]
+
+
+class ChargedPairKernel(PairKernel):
+    """A bound sum of charged pairs. Steps in sorted order, which `PairKernel` takes, are for pair laws alone."""
+
+    def _compute_for(self, kind: types.Type) -> Callable[..., int]:
+        return compute_for(kind, add_forces, fill_tables)
+
+
+@overload(pair_terms)
+def _pair_terms(laws, i, j, r2):
+    if not brings_terms(laws[0]):
+        return None
+
+    def terms(laws, i, j, r2):
+        slots = laws[3].slots
+        return with_charges(laws, own_terms(laws, i, j, r2), broadcast(slots, i, r2) * load_like(slots, j, r2), r2)
+
+    return terms
+
+
+@overload(terms_within)
+def _terms_within(laws, at, places, r2):
+    if not brings_terms(laws[0]):
+        return None
+
+    def terms(laws, at, places, r2):
+        slots = laws[3].slots
+        others = np.empty(WIDTH)
+        for lane in range(WIDTH):
+            others[lane] = slots[at + (lane + places) % WIDTH]
+        return with_charges(laws, own_terms_within(laws, at, places, r2), load(slots, at) * load(others, 0), r2)
+
+    return terms
+
+
+def own_terms(laws: Any, i: int, j: int, r2: Any) -> Any:
+    """Return the terms of the pair law alone, zero beyond its own cutoff; None without one."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(own_terms)
+def _own_terms(laws, i, j, r2):
+    if isinstance(laws[0].types[0], types.NoneType):
+        return lambda laws, i, j, r2: None
+
+    def terms(laws, i, j, r2):
+        found = pair_terms((laws[0].own, laws[1], laws[2], laws[3].own), i, j, r2)
+        return below(r2 < laws[0].own_cutoff2, found)
+
+    return terms
+
+
+def own_terms_within(laws: Any, at: int, places: int, r2: Any) -> Any:
+    """Return the terms of the pair law alone among a cluster's particles, likewise."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(own_terms_within)
+def _own_terms_within(laws, at, places, r2):
+    if isinstance(laws[0].types[0], types.NoneType):
+        return lambda laws, at, places, r2: None
+
+    def terms(laws, at, places, r2):
+        found = terms_within((laws[0].own, laws[1], laws[2], laws[3].own), at, places, r2)
+        return below(r2 < laws[0].own_cutoff2, found)
+
+    return terms
+
+
+@as_written
+def below(inside, terms):
+    """Return energy and force over r where ``inside``, else zero."""
+    energy, force_over_r = terms
+    return select(inside, energy, 0.0), select(inside, force_over_r, 0.0)
+
+
+def with_charges(laws: Any, own: Any, product: Any, r2: Any) -> Any:
+    """Return the terms ``own`` with those of the charges, whose product is given."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(with_charges)
+def _with_charges(laws, own, product, r2):
+    alone = isinstance(own, types.NoneType)
+
+    def charged(laws, own, product, r2):
+        radial = laws[0].radial
+        energy, force_over_r = radial_terms(radial, r2)
+        energy, force_over_r = below(r2 < radial.cutoff2, (product * energy, product * force_over_r))
+        return (energy, force_over_r) if alone else (own[0] + energy, own[1] + force_over_r)
+
+    return charged
+
+
+@as_written
+def radial_terms(radial, r2):
+    """Return energy and force over r of two unit charges at squared distances in lanes; see `Radial`."""
+    inverse = inverse_root(r2)
+    s = multiply_add(lanes_like(radial.scale, r2), r2, lanes_like(-1.0, r2))
+    slope = lanes_like(radial.slope, r2)
+    energy = inverse - polynomial(radial.smooth, s) + slope * (r2 * inverse)
+    return energy, multiply_add(inverse * inverse - slope, inverse, polynomial(radial.pull, s))
+
+
+def inverse_root(r2: Any) -> Any:
+    """Return 1 / r."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(inverse_root)
+def _inverse_root(r2):
+    return (lambda r2: inverse_sqrt(r2)) if r2 == lanes_type else (lambda r2: 1.0 / math.sqrt(r2))
+
+
+def polynomial(blocks: Any, s: Any) -> Any:
+    """Return the polynomial with these blocks of eight coefficients, lowest power first."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(polynomial)
+def _polynomial(blocks, s):
+    def powers(blocks, s):
+        s2 = s * s
+        return higher(blocks, s, s2, s2 * s2)
+
+    return powers
+
+
+def higher(blocks: Any, s: Any, s2: Any, s4: Any) -> Any:
+    """Return the polynomial, given also the second and fourth power of s."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(higher)
+def _higher(blocks, s, s2, s4):
+    if len(blocks) == 1:
+        return lambda blocks, s, s2, s4: eight_terms(blocks[0], s, s2, s4)
+    return lambda blocks, s, s2, s4: multiply_add(
+        s4 * s4, higher(blocks[1:], s, s2, s4), eight_terms(blocks[0], s, s2, s4)
+    )
+
+
+@as_written
+def eight_terms(c, s, s2, s4):
+    """Return the sum of c[k] s^k for k below 8, by pairs (Estrin 1960)."""
+    first = multiply_add(pair(c[3], c[2], s), s2, pair(c[1], c[0], s))
+    return multiply_add(multiply_add(pair(c[7], c[6], s), s2, pair(c[5], c[4], s)), s4, first)
+
+
+@as_written
+def pair(a, b, s):
+    """Return a s + b of lanes s."""
+    return multiply_add(lanes_like(a, s), s, lanes_like(b, s))
+
+
+@overload(upkeep.spread)
+def _spread(tables, pairs):
+    if not brings_terms(tables):
+        return None
+
+    def spread_charges(tables, pairs):
+        tables.slots[:] = 0.0
+        for i in range(pairs.place.size):
+            p = pairs.place[i]
+            tables.slots[p // STRIDE * WIDTH + p % STRIDE] = tables.charges[i]
+        upkeep.spread(tables.own, pairs)
+
+    return spread_charges
