@@ -31,7 +31,7 @@ from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift.jit.threads.chunks import team_of
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -78,7 +78,9 @@ def liquid(forces: list[Any], species: int = 1, edge: int = 7, periodic: bool = 
     names = ["A" if k % 3 or species == 1 else "B" for k in range(count)]
     masses, box = np.where(np.array(names) == "A", 1.0, 2.0), (length,) * 3 if periodic else None
     joined = next((found for force in forces if (found := topology(force))), None)
-    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names, topology=joined)
+    charged = next((found for force in forces if (found := charges(force, count)) is not None), None)
+    given = {"topology": joined, "charges": charged}
+    return kd.System(x, v - v.mean(axis=0), masses, box=box, forces=forces, species=names, **given)
 
 
 def disc(forces: list[Any], few: bool = False) -> kd.System:
@@ -126,6 +128,8 @@ def systems() -> dict[str, Callable[[bool], kd.System]]:
                 found[f"{name} {truncation} {species} species"] = make
     found["a law of the user's own"] = lambda few: liquid([Exponential(cutoff=2.2)], few=few)
     found["two pair forces"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), Exponential(cutoff=2.2)], few=few)
+    found["coulomb ewald"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), kd.Coulomb(accuracy=1e-3)], few=few)
+    found["coulomb ewald alone"] = lambda few: liquid([kd.Coulomb(accuracy=1e-3)], few=few)
     for name, species in LARGE.items():
         mixture = {"species": {"A": {}, "B": {"sigma": 0.9}}} if species == 2 else {}
         found[name] = lambda few, k=species, mixture=mixture: liquid([kd.LennardJones(cutoff=2.5, **mixture)], k, 16)

@@ -20,7 +20,7 @@ from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation import force_gradients
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 from tests.long import shortened
 from tests.systems import liquid
 
@@ -92,7 +92,7 @@ def test_a_force_is_the_gradient_of_its_energy(name):
     assert force_gradients.gradient_of(name) < force_gradients.SLOPE
 
 
-UNDIFFERENTIATED = ("gravity-tree", "tides-spin", "ase")
+UNDIFFERENTIATED = ("coulomb", "gravity-tree", "tides-spin", "ase")
 BY_DIFFERENCES = ("python",)
 
 
@@ -112,7 +112,8 @@ def one_of(name: str) -> kd.System:
     x = rng.normal(size=(6, 3))
     masses = [5.0, *rng.uniform(0.1, 0.2, 5)]
     force = example(cls, G=1.0)
-    return kd.System(x, rng.normal(size=x.shape), masses, forces=[force], units="nbody", topology=topology(force))
+    given = {"topology": topology(force), "charges": charges(force, len(x))}
+    return kd.System(x, rng.normal(size=x.shape), masses, forces=[force], units="nbody", **given)
 
 
 @pytest.mark.parametrize("name", shortened(SHIPPED, [*UNDIFFERENTIATED, "linear-drag"]))

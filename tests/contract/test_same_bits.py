@@ -27,7 +27,7 @@ from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.integrators.stepping.step_control import CONTROLLERS
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 from kickdrift_validation.problems import pendulum
 from tests.long import rest, shortened
 from tests.processes import python
@@ -280,7 +280,8 @@ def test_forces_remember_what_their_sums_depend_on(name):
         system = crystal(force)
         x = system.state.positions.T
     else:
-        system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[force], topology=topology(force))
+        given = {"topology": topology(force), "charges": charges(force, 512)}
+        system = kd.System(x.T, masses=masses, units="nbody", species=species, forces=[force], **given)
     v = rng.normal(size=x.shape)
 
     def along(bound: BoundForces, steps: range) -> list[Any]:

@@ -10,7 +10,7 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
 FIELDS = (
@@ -28,6 +28,9 @@ def assert_same(read: kd.System, system: kd.System) -> None:
     assert (read.radii is None) == (system.radii is None)
     if system.radii is not None:
         np.testing.assert_array_equal(read.radii, system.radii)
+    assert (read.charges is None) == (system.charges is None)
+    if system.charges is not None:
+        np.testing.assert_array_equal(read.charges, system.charges)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -48,7 +51,7 @@ def test_a_force_comes_back_from_its_text(name):
     if isinstance(force, ManyBodyForce):
         system = crystal(force, few=True)
     else:
-        given = {"forces": [force], "topology": topology(force)}
+        given = {"forces": [force], "topology": topology(force), "charges": charges(force, 8)}
         system = kd.System(x, masses=masses, units="nbody", species=list("ABABABAB"), **given)
     text = system.to_toml()
     assert_same(loads(text), system)

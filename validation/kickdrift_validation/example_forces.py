@@ -33,6 +33,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "relativity-eih": {"c": 100.0},
     "lense-thirring": {"angular_momentum": (0.03, -0.06, 0.15), "c": 30.0},
     "relativity-2.5pn": {"c": 10.0},
+    "coulomb": {"method": "damped-shifted", "cutoff": 2.0, "alpha": 0.4},
     "gravity-sheet": {"omega": 1.0, "width": 40.0, "length": 60.0},
     "j2": {"j2": 0.1, "radius": 0.1},
     "tides": {"radius": 0.2, "tau": 0.01, "rotation": "none"},
@@ -63,6 +64,11 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 def topology(force: Any) -> kd.Topology | None:
     """A chain of the first four particles for a bonded force; None for other forces."""
     return kd.Topology([(0, 1), (1, 2), (2, 3)], True, True, [(1, 0, 2, 3)]) if isinstance(force, BondedForce) else None
+
+
+def charges(force: Any, count: int) -> np.ndarray | None:
+    """Charges of so many particles for Coulomb's law, whose sum is not zero; None for other forces."""
+    return np.where(np.arange(count) % 2, 0.4, -0.3) if isinstance(force, kd.Coulomb) else None
 
 
 def example(cls: Any, **given: Any) -> Any:

@@ -21,7 +21,7 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
 from kickdrift_validation.claim import Claim, at_most, claim, main
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 from kickdrift_validation.lennard_jones import direct, frames_of
 from kickdrift_validation.performance.liquids import CUTOFF, DENSITY, DT, melt
 
@@ -92,7 +92,8 @@ def simulation(x: np.ndarray, force: Any, edge: float | None = None, masses: Any
     if isinstance(force, ManyBodyForce):
         species, units = [force.elements[0]] * len(x), "metal"
     box, joined = None if edge is None else [edge] * 3, topology(force)
-    system = kd.System(x, masses=masses, box=box, forces=[force], units=units, species=species, topology=joined)
+    given = {"topology": joined, "charges": charges(force, len(x))}
+    system = kd.System(x, masses=masses, box=box, forces=[force], units=units, species=species, **given)
     return kd.Simulation(system, dt=DT)
 
 

@@ -70,12 +70,11 @@ def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, .
     guests = {id(host): force for force in system.forces if hasattr(force, "host") and (host := force.host(system))}
     found = []
     for force in system.forces:
+        made: Any
         if (guest := guests.get(id(force))) is not None:
             made = guest.bind_host(force, system, threads, mixed)
-        elif isinstance(force, ListedForce):
-            made = force.bind(system, threads, mixed)
         else:
-            made = force.bind(system, threads)
+            made = force.bind(system, threads, *([mixed] if isinstance(force, ListedForce) else []))
         found.append(made if isinstance(made, BoundForce) else BoundForce(made))
     return tuple(found)
 

@@ -14,16 +14,17 @@ import numpy as np
 
 from kickdrift.model.state import Floats
 
-PAIR, WAVE = 4.0, 0.35  # nanoseconds of a near pair within the cutoff, and of one particle with one wave
+PAIR, WAVE = 6.0, 0.42  # nanoseconds of a near pair within the cutoff, and of one particle with one wave
+TYPICAL = 0.5  # typical force, over that of two charges of mean square (V / n)^(1/3) apart; molten salt has 0.76
 TRIED = 48  # cutoffs between the shortest and the longest
-SHARE = math.sqrt(0.5)  # of the wanted error for each of the two parts
+SHARE = 0.6  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
 LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
 
 
 class Charged(NamedTuple):
     """What the errors depend on: number of charges, volume, and the sum of squared charges (energy times length)."""
 
-    count: int
+    charges: int
     volume: float
     squares: float
 
@@ -34,17 +35,17 @@ class Charged(NamedTuple):
 
     @property
     def unit(self) -> float:
-        """Force to which errors are relative: between two charges of mean square at the distance (V / n)^(1/3)."""
-        return self.squares / self.count * (self.count / self.volume) ** (2.0 / 3.0)
+        """The typical force, to which errors are relative."""
+        return TYPICAL * self.squares / self.charges * (self.charges / self.volume) ** (2.0 / 3.0)
 
     def near_error(self, alpha: float, cutoff: float) -> float:
         """Root-mean-square error of a force by the cutoff, over the unit."""
-        error = 2.0 * self.squares / math.sqrt(self.count * cutoff * self.volume)
+        error = 2.0 * self.squares / math.sqrt(self.charges * cutoff * self.volume)
         return error * math.exp(-((alpha * cutoff) ** 2)) / self.unit
 
     def far_error(self, alpha: float, waves: float) -> float:
         """Root-mean-square error of a force by the limit of wave numbers, over the unit."""
-        error = 2.0 * self.squares * alpha * math.sqrt(2.0 / (waves * self.count * self.volume))
+        error = 2.0 * self.squares * alpha * math.sqrt(2.0 / (waves * self.charges * self.volume))
         return error * math.exp(-((0.5 * waves / alpha) ** 2)) / self.unit
 
 
@@ -85,7 +86,7 @@ def cheapest(
     """The Split with the cheapest cutoff for a wanted error. A pair force has the ``shortest`` cutoff anyway."""
 
     def cost(split: Split) -> float:
-        pairs = 2.0 / 3.0 * math.pi * charged.count / charged.volume * split.cutoff**3
+        pairs = 2.0 / 3.0 * math.pi * charged.charges / charged.volume * split.cutoff**3
         return PAIR * pairs + WAVE * charged.volume * split.waves**3 / (12.0 * math.pi**2)
 
     tried = np.geomspace(min(shortest, longest), longest, TRIED).tolist()

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
 from kickdrift.forces.charges import direct_kernel, far_kernel
-from kickdrift.forces.charges.coulomb import DAMPED_SHIFTED, DIRECT, EWALD, Coulomb
+from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import Far, add_far
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
+from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD, Radial
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.lists.clusters import cluster_list
 from kickdrift.forces.lists.load import volume_of
@@ -32,6 +33,28 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
+
+
+class Charges(Protocol):
+    """Coulomb's law as its compiled code needs it; see ``Coulomb``."""
+
+    @property
+    def method(self) -> str: ...
+
+    def host(self, system: Any) -> PairForce | None:
+        """Return the pair force that takes the near part."""
+
+    def scaled_charges(self, system: Subject) -> Floats:
+        """Return the charges (n,) times the root of Coulomb's constant."""
+
+    def background(self, system: Subject) -> float:
+        """Return the energy of the neutralising background, times the volume."""
+
+    def split(self, system: Subject) -> Split:
+        """Return the parameters of the sum."""
+
+    def radial(self, split: Split) -> Radial:
+        """Return the near part."""
 
 
 class ChargedParts(NamedTuple):
@@ -69,7 +92,7 @@ class ChargedKernel(BesidePairs):
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
 
 
-def bind(force: Coulomb, system: Subject, threads: int) -> BoundForce:
+def bind(force: Charges, system: Subject, threads: int) -> BoundForce:
     """Bind Coulomb's law to a System, without the near part if a pair force has that."""
     if force.method == DIRECT:
         charges = force.scaled_charges(system)
@@ -81,7 +104,7 @@ def bind(force: Coulomb, system: Subject, threads: int) -> BoundForce:
     return ChargedKernel(ChargedParts(far, near.parts, 0, 0), near)
 
 
-def bind_near(force: Coulomb, host: PairForce | None, system: Subject, threads: int) -> PairKernel:
+def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: int) -> PairKernel:
     """Bind the near part and the pair force ``host``, if there is one, as one sum over pairs."""
     radial = force.radial(split := force.split(system))
     own: Any = None if host is None else pair_binding.bind(host, system, threads).parts
@@ -114,15 +137,15 @@ def bind_near(force: Coulomb, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Coulomb, system: Subject, threads: int) -> Far:
+def bind_far(force: Charges, system: Subject, threads: int) -> Far:
     """Bind what is beside the sum over near pairs: waves, the energies of single charges, and pairs left out."""
     charges, split = force.scaled_charges(system), force.split(system)
-    squares, net = float(charges @ charges), float(charges.sum()) if force.net_charge(system) else 0.0
+    squares = float(charges @ charges)
     ewald = force.method == EWALD
     alone, background = 0.0, 0.0
     if ewald:
         alone = -split.alpha / math.sqrt(math.pi) * squares
-        background = -0.5 * math.pi * (net / split.alpha) ** 2
+        background = force.background(system)
     elif force.method == DAMPED_SHIFTED:
         alone = -squares * (
             0.5 * math.erfc(split.alpha * split.cutoff) / split.cutoff + split.alpha / math.sqrt(math.pi)

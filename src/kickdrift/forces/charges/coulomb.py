@@ -10,7 +10,18 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, split_at
-from kickdrift.forces.charges.radial import STRONGEST, Radial, damped_shifted, ewald_near, reaction_field
+from kickdrift.forces.charges.radial import (
+    DAMPED_SHIFTED,
+    DIRECT,
+    EWALD,
+    METHODS,
+    REACTION_FIELD,
+    STRONGEST,
+    Radial,
+    damped_shifted,
+    ewald_near,
+    reaction_field,
+)
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.arguments import number
 from kickdrift.forces.seam.group import Grouped
@@ -21,7 +32,6 @@ from kickdrift.text import shown
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
-EWALD, DIRECT, REACTION_FIELD, DAMPED_SHIFTED = METHODS = ("ewald", "direct", "reaction-field", "damped-shifted")
 KEYS: dict[str, tuple[str, ...]] = {  # of each method
     EWALD: ("accuracy", "cutoff", "alpha", "waves"),
     DIRECT: (),
@@ -50,8 +60,8 @@ class Coulomb(Grouped):
     ----------
     method : "ewald", "direct", "reaction-field" or "damped-shifted"
     accuracy : float
-        Of Ewald's sum: root-mean-square error of the forces, relative to the force between two charges of mean square
-        at the distance (V / n)^(1/3).
+        Of Ewald's sum: root-mean-square error of the forces, relative to the typical force, 0.5 C q^2 / d^2 for the
+        mean square q^2 of the charges and d^3 = V / n.
     cutoff : float, optional
         Of the near part. Ewald's sum chooses the cheapest one; a pair force gives the default of other methods.
     alpha : float, optional
@@ -105,14 +115,20 @@ class Coulomb(Grouped):
         if system.charges is None:
             raise InputError(f"{self.name}: the particles have no charges; give charge in [particles], or charges")
         if system.units.coulomb is None:
-            raise InputError(f"{self.name}: units {system.units.name!r} have no Coulomb constant; take lj, metal or si")
+            raise InputError(
+                f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal and si have one"
+            )
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
+        if sum(isinstance(force, Coulomb) for force in system.forces) > 1:
+            raise InputError(
+                f"forces: {self.name} is given twice, and would count the same charges twice; give it once"
+            )
         self._check_box(system)
-        massless = np.flatnonzero((system.state.masses == 0) & (system.charges != 0))
+        massless = np.flatnonzero(system.state.masses == 0)
         if massless.size:
             raise InputError(
-                f"{self.name}: particle {massless[0]} has a charge but no mass, and would move infinitely fast"
+                f"{self.name}: particle {massless[0]} has no mass, and this force would move it infinitely fast"
             )
         if system.topology is not None and (far := system.topology.far_special(system.box, system.state.phase[0])):
             raise InputError(f"{self.name}: {far}")
@@ -168,7 +184,7 @@ class Coulomb(Grouped):
         if self.cutoff is not None:
             return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
         longest = 0.5 * float(system.box.heights.min())
-        shortest = given or min(longest, (charged.volume / charged.count) ** (1.0 / 3.0))
+        shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
         return cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
 
     def radial(self, split: Split) -> Radial:
@@ -184,6 +200,11 @@ class Coulomb(Grouped):
         assert system.charges is not None
         net = math.fsum(system.charges)
         return net if abs(net) > NEUTRAL * float(np.abs(system.charges).max(initial=0.0)) else 0.0
+
+    def background(self, system: Subject) -> float:
+        """Energy times volume of the uniform background that neutralises a net charge in Ewald's sum."""
+        net = float(self.scaled_charges(system).sum()) if self.net_charge(system) else 0.0
+        return -0.5 * math.pi * (net / self.split(system).alpha) ** 2
 
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System. Its near part is that of the pair force, if there is one; see `host`."""

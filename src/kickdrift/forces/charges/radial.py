@@ -9,14 +9,14 @@ erf(a r) / r is an entire function of r^2, so its Chebyshev series converges fas
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from kickdrift.model.state import Floats
 
+EWALD, DIRECT, REACTION_FIELD, DAMPED_SHIFTED = METHODS = ("ewald", "direct", "reaction-field", "damped-shifted")
 BLOCK = 8  # coefficients that compiled code takes at once
 BLOCKS = (1, 2, 3, 4)  # possible lengths of the polynomials, in blocks
 POINTS = 400  # at which a series is compared with its function
@@ -47,7 +47,7 @@ class Radial(NamedTuple):
 def radial_of(cutoff: float, coefficients: Floats, slope: float = 0.0) -> Radial:
     """The Radial with these coefficients of P, lowest power first."""
     scale = 2.0 / cutoff**2
-    pull = 2.0 * scale * polynomial.polyder(coefficients)
+    pull = np.asarray(2.0 * scale * polynomial.polyder(coefficients), np.float64)
     count = -(-len(coefficients) // BLOCK)
     return Radial(cutoff**2, scale, slope, _blocks(coefficients, count), _blocks(pull, count))
 
@@ -98,7 +98,7 @@ def _screening(alpha: float, cutoff: float, wanted: float) -> Floats:
     return np.asarray(alpha * found)
 
 
-def _over(most: float) -> Callable[[Floats], Floats]:
+def _over(most: float) -> Any:
     """erf(z) / z as a function of s, with z^2 = most (1 + s)."""
     from scipy.special import erf
 

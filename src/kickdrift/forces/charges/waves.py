@@ -25,7 +25,9 @@ class Waves(NamedTuple):
 
 
 def waves_of(box: Box, limit: float) -> Waves:
-    """The waves up to this wave number in a periodic box."""
+    """The waves up to this wave number in a periodic box; none for a limit of 0."""
+    if limit == 0.0:
+        return Waves(np.zeros((0, 2), np.int64), np.zeros(1, np.int64), np.zeros((0, 2)), (0, 0, 0))
     inverse = 2.0 * math.pi * np.linalg.inv(box.matrix)  # k = inverse @ (l, m, n)
     most = np.floor(limit * np.linalg.norm(box.matrix, axis=1) / (2.0 * math.pi) + 1e-9).astype(int)
     columns, first, kept = [], [0], []

@@ -18,6 +18,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.around.spins import TidesSpin
+from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.pairs.law import PairForce
@@ -51,6 +52,8 @@ class Varied:
             raise InputError(f"force {force.name!r}: has no variational equations; 'gravity' has them")
         if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
+        if isinstance(force, Coulomb):  # as yet
+            raise InputError(f"force {force.name!r}: has no variational equations; pair forces without charges do")
         if isinstance(force, TidesSpin):
             raise InputError(f"force {force.name!r}: spins that evolve have no variational equations; 'tides' has them")
         self.force, self.system, self.name = force, system, force.name

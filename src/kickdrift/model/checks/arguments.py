@@ -17,12 +17,12 @@ from kickdrift.text import VALUE, clean, suggestion
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk (with nose-hoover) or monte-carlo"
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
-CHARGES = "charges and long-range forces are not there yet; kd.pair_law makes a pair force with a cutoff"
+SALTS = "did you mean 'rock-salt' or 'molten-salt'?"
 MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
     "calculator of ASE"
 )
-MOLECULES = "charges and force fields of molecules are not there yet; the terms of their bonds are: docs/molecules.md"
+MOLECULES = "force fields of molecules are not there yet; charges and the terms of bonds are: docs/molecules.md"
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -88,9 +88,13 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "{word} is 'lennard-jones' here, with cutoff = 2^(1/6) sigma = 1.122462048 sigma and truncation = 'shift'",
         ),
         (
-            "lj/cut/coul/long lj/cut/coul/cut coul coul/cut coul/long coulomb coulombic electrostatics charge charges "
-            "ewald pme spme p3m pppm reaction-field",
-            CHARGES,
+            "coul coul/cut coul/long coul/dsf coulombic electrostatics charge charges ewald reaction-field wolf",
+            "{word} is 'coulomb' here, with method = 'ewald', 'direct', 'reaction-field' or 'damped-shifted'",
+        ),
+        ("lj/cut/coul/long lj/cut/coul/cut", "{word} is two forces here, 'lennard-jones' and 'coulomb'"),
+        (
+            "pme spme p3m pppm",
+            "a mesh for charges is not there yet; 'coulomb' sums all waves by Ewald's method",
         ),
         (
             "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
@@ -178,7 +182,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("star-cluster cluster globular-cluster galaxy", "did you mean 'plummer-1000'?"),
         ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
         ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
-        ("nacl salt", CHARGES),
+        ("nacl salt", SALTS),
         ("copper cu", "{word} is 'copper-864' here"),
         ("silicon si", "{word} is 'silicon-512' here"),
     ),

@@ -115,12 +115,13 @@ class UnitSystem:
 
 
 _IN_VACUUM = 1.0 / (4.0 * math.pi * constants.VACUUM_PERMITTIVITY)  # N m^2/C^2
-# Unit of charge and Coulomb's constant by unit system; in lj, two unit charges at distance r have the energy 1 / r.
+# Unit of charge and Coulomb's constant. In lj and nbody, two unit charges at distance r have the energy 1 / r.
 CHARGES: dict[str, tuple[str, float | None]] = {
     "lj": ("charge", 1.0),
     "metal": ("e", _IN_VACUUM * constants.ELEMENTARY_CHARGE / 1e-10),  # eV angstrom
     "si": ("C", _IN_VACUUM),
     "astro": ("C", None),
+    "nbody": ("charge", 1.0),
 }
 
 UNIT_SYSTEMS: dict[str, UnitSystem] = {

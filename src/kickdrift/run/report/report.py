@@ -22,6 +22,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
@@ -128,6 +129,7 @@ class Report(ShownReport):
     volume: float | None
     warnings: list[str]
     about: About = field(compare=False)
+    charges: ChargeReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -185,7 +187,8 @@ class Report(ShownReport):
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
         own |= {name: getattr(self, name) for name in DERIVED}
-        return plain(own | {"energy": self.energy and asdict(self.energy)})
+        parts = {"energy": self.energy and asdict(self.energy), "charges": self.charges and asdict(self.charges)}
+        return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
         """Return the same report, with the file that the run wrote."""
@@ -259,6 +262,7 @@ def report(sim: Any) -> Report:
             *melted,
             *(line for line in doubts if line and line not in record.warnings),
         ],
+        charges=charge_report(system),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

@@ -33,6 +33,8 @@ class ShownReport(Shown):
             lines.append(("engine", f"{self.engine} {self.engine_version}{where}"))
         chosen = {"dt": self.dt, "rtol": self.rtol, "atol": self.atol, **self.options}
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
+        if units and self.charges is not None:
+            lines += self.charges.lines(units.symbol("length"))
         steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
         lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))

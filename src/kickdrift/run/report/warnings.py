@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.group import ListedForce
 from kickdrift.looks.doubts import digits_doubt
@@ -14,6 +15,7 @@ from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.freedom import NONE, apart_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.run.report.charges import charge_warnings
 from kickdrift.text import choices, measured, suggestion
 
 AGREES = 3.0  # standard errors
@@ -152,7 +154,7 @@ def begins_badly(system: Any, phase: Floats | None = None) -> list[str]:
     if phase is not None:
         x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
         found = [layer_warning(system, (x, v)), *found, digits_doubt(system, x)]
-    return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system)]
+    return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system), *charge_warnings(system)]
 
 
 def ends_badly(system: Any, state: Any) -> list[str]:
@@ -160,7 +162,7 @@ def ends_badly(system: Any, state: Any) -> list[str]:
     if not isinstance(system, System) or state is None or len(state) != len(system):
         return []
     x, topology = state.phase[0], system.topology
-    paired = topology is not None and any(isinstance(force, PairForce) for force in system.forces)
+    paired = topology is not None and any(isinstance(force, PairForce | Coulomb) for force in system.forces)
     far = topology.far_special(state.box, x) if topology is not None and paired else ""
     return [digits_doubt(system, x), far]
 
@@ -177,7 +179,8 @@ def unused_warnings(system: Any) -> list[str]:
             near = suggestion(strange[0], system.species) if len(strange) == 1 else ""
             found.append(f"{force.name}: no particle is of species {choices(map(repr, strange))}{near}")
     topology = system.topology
-    if topology is not None and not pairs and system.forces and len(topology.scaled.pairs):
+    charged = any(isinstance(force, Coulomb) for force in system.forces)
+    if topology is not None and not pairs and not charged and system.forces and len(topology.scaled.pairs):
         acting = " and ".join(dict.fromkeys(force.name for force in system.forces))
         found.append(f"topology: factors and exclusions have no effect: they are about pair forces, and not {acting}")
     return found

@@ -1,0 +1,103 @@
+"""Ewald's forces on some particles in plain NumPy, and the error of a choice of parameters, measured with them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kickdrift.forces.charges.accuracy import LEAST, Charged, Split, split_at
+from kickdrift.forces.charges.waves import waves_of
+from kickdrift.model.state import Floats
+
+if TYPE_CHECKING:
+    from kickdrift.model.subject import Subject
+
+SAMPLE = 64  # particles whose forces are compared
+LARGEST = 50_000  # particles in a System whose error is measured
+FINER = 0.02  # error of the reference, in wanted errors
+AT_ONCE = 2_000_000  # phases of waves in memory
+
+
+class Summed(Protocol):
+    """Coulomb's law by Ewald's sum; see ``Coulomb``."""
+
+    def scaled_charges(self, system: Subject) -> Floats:
+        """Return the charges (n,) times the root of Coulomb's constant."""
+
+    def split(self, system: Subject) -> Split:
+        """Return the parameters of the sum."""
+
+
+class Errors(NamedTuple):
+    """Root-mean-square errors of Ewald's forces, predicted and measured, and the size of the forces, all in typical
+    forces (see `accuracy`). The forces on as many ``particles`` were measured."""
+
+    predicted: float
+    measured: float | None
+    size: float | None
+    particles: int
+
+
+def errors_of(force: Summed, system: Subject) -> Errors:
+    """Errors of the forces at the System's positions. Nothing is measured beyond ``LARGEST`` particles."""
+    charges, split, n = force.scaled_charges(system), force.split(system), len(system)
+    charged = Charged.of(charges, system.volume)
+    predicted = split.error(charged)
+    some = np.flatnonzero(charges)
+    if not len(some) or n > LARGEST:
+        return Errors(predicted, None, None, 0)
+    rows = some[np.linspace(0, len(some) - 1, min(SAMPLE, len(some))).astype(int)]
+    wanted = max(FINER * min(predicted, 1.0), LEAST)
+    finer = split_at(charged, wanted, 0.5 * float(system.box.heights.min()), None, None)
+    found, exact = (forces_on(rows, charges, system, each) for each in (split, finer))
+    measured, size = (
+        math.sqrt(float(np.einsum("ij,ij->i", each, each).mean())) / charged.unit for each in (found - exact, exact)
+    )
+    return Errors(predicted, measured, size, len(rows))
+
+
+def forces_on(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+    """Ewald's forces (m, 3) on the particles ``rows`` (m,), whose charges are scaled by the root of Coulomb's
+    constant."""
+    from scipy.special import erf, erfc
+
+    x, box = np.asarray(system.state.positions), system.box
+    found = _far_forces(rows, charges, system, split)
+    gaussian = 2.0 * split.alpha / math.sqrt(math.pi)
+    every = np.arange(len(x))
+    for k, i in enumerate(rows.tolist()):
+        apart = box.minimum_image(x[i] - x)
+        r2 = np.einsum("ij,ij->i", apart, apart)
+        r2[i] = np.inf
+        factor = np.ones(len(x)) if system.topology is None else system.topology.factor_of(np.full(len(x), i), every)
+        near = np.flatnonzero((r2 < split.cutoff**2) | ((factor != 1.0) & (every != i)))
+        r, factor = np.sqrt(r2[near]), factor[near]
+        falling = gaussian * np.exp(-((split.alpha * r) ** 2))
+        over = np.where(r < split.cutoff, factor * (erfc(split.alpha * r) / r + falling), 0.0)
+        over += (factor - 1.0) * (erf(split.alpha * r) / r - falling)
+        found[k] += charges[i] * ((charges[near] * over / r**2) @ apart[near])
+    return found
+
+
+def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+    x, waves = np.asarray(system.state.positions), waves_of(system.box, split.waves)
+    counts = np.diff(waves.first)
+    columns = np.repeat(waves.columns, counts, axis=0)
+    last = np.arange(len(columns)) - np.repeat(waves.first[:-1], counts)
+    triples = np.concatenate([np.column_stack([columns, sign * last]) for sign in (1, -1)])
+    triples = triples[waves.kept.T.ravel() > 0]
+    k = 2.0 * math.pi * triples @ np.linalg.inv(system.box.matrix).T
+    k2 = np.einsum("ij,ij->i", k, k)
+    amplitude = 8.0 * math.pi / system.volume * np.exp(-0.25 * k2 / split.alpha**2) / k2
+    found = np.zeros((len(rows), 3))
+    step = max(AT_ONCE // len(x), 1)
+    for begin in range(0, len(k), step):
+        some = slice(begin, begin + step)
+        phase = np.exp(1j * (x @ k[some].T))
+        density = charges @ phase
+        pull = amplitude[some] * (phase[rows] * density.conj()).imag
+        found += charges[rows, None] * (pull @ k[some])
+    return found

@@ -1,0 +1,400 @@
+"""Charges: Madelung constants, NIST's water, slopes of the energy, errors against an exact sum, refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.forces.bound.forces import BoundForces, Measured
+from kickdrift.forces.charges.pair_terms import radial_terms
+from kickdrift.forces.charges.radial import Radial, damped_shifted, ewald_near, reaction_field
+from kickdrift.forces.charges.sampled import errors_of, forces_on
+from kickdrift.jit.compile import driver
+from kickdrift.jit.lanes.memory import load, store
+from kickdrift.model.box.box import Box
+from kickdrift.model.units import constants
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from tests.folders import DATA
+
+UPRIGHT = [6.0, 7.0, 8.0]
+LEANING = [[6.0, 0.0, 0.0], [1.5, 6.5, 0.0], [-1.0, 2.0, 6.8]]
+SPECIAL = {"bonds": [(0, 1), (5, 6)], "factors": (0.5, 1.0, 1.0), "exclusions": [(8, 9)]}
+
+
+def measured(system: kd.System, threads: int = 1) -> Measured:
+    found = BoundForces(system, threads).measure(0.0, system.state.phase)
+    assert found is not None
+    return found
+
+
+def ions(box: Any, net: float = 0.0, side: int = 4, special: bool = True, **given: Any) -> kd.System:
+    """Disordered ions in a box; some pairs are left out or scaled."""
+    box = Box.of(box)
+    sites = np.indices((side,) * 3).reshape(3, -1).T
+    x = (sites + 0.5 + np.random.default_rng(3).uniform(-0.25, 0.25, (side**3, 3))) / side @ box.matrix
+    charges = np.where(sites.sum(axis=1) % 2, -1.0, 1.0)
+    charges[0] += net
+    topology = kd.Topology(**SPECIAL) if special else None
+    return kd.System(x, box=box, charges=charges, forces=[kd.Coulomb(**given)], topology=topology)
+
+
+# --- closed forms and published numbers ---
+
+CUBE = np.indices((2, 2, 2)).reshape(3, -1).T.astype(float)
+FCC = np.array([[0, 0, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+CRYSTALS = {  # positions, charges, edge, nearest neighbours, Madelung constant
+    "rock salt": (CUBE, (-1.0) ** CUBE.sum(axis=1), 2.0, 1.0, 1.74756459463),
+    "caesium chloride": (np.array([[0.0] * 3, [0.5] * 3]), [1.0, -1.0], 1.0, math.sqrt(0.75), 1.76267477307),
+    "zincblende": (np.vstack([FCC, FCC + 0.25]), [1.0] * 4 + [-1.0] * 4, 1.0, math.sqrt(3.0) / 4.0, 1.63805505339),
+}
+
+
+@pytest.mark.parametrize("name", CRYSTALS)
+def test_madelung_constants(name):
+    """Bailey, Borwein, Kapoor & Weisstein 2006, doi:10.1080/00029890.2006.11920328, and Sakamoto 1958."""
+    x, charges, edge, nearest, constant = CRYSTALS[name]
+    found = measured(kd.System(x, box=[edge] * 3, charges=charges, forces=[kd.Coulomb(accuracy=1e-12)]))
+    assert found.potential == pytest.approx(-constant * len(x) / 2 / nearest, rel=1e-10)
+    assert found.virial == pytest.approx(found.potential, rel=1e-9)  # the law is homogeneous of degree -1
+    assert np.abs(found.accelerations).max() < 1e-12
+
+
+def water() -> tuple[kd.System, dict[str, float]]:
+    """The first SPC/E configuration of NIST's Standard Reference Simulation Website in kelvin and angstrom, and the
+    parts of its energy. See tests/data/nist-spce/reference.json for the source."""
+    reference = json.loads((DATA / "nist-spce" / "reference.json").read_text(encoding="utf-8"))
+    rows = [line.split() for line in (DATA / "nist-spce" / "config1.xyz").read_text(encoding="utf-8").splitlines()]
+    edges, model = [float(each) for each in rows[1][1:]], reference["model"]
+    x = np.array([[float(each) for each in row[1:4]] for row in rows[2:]])
+    species = [row[4] for row in rows[2:]]
+    in_kelvin = UNIT_SYSTEMS["metal"].coulomb / UNIT_SYSTEMS["metal"].boltzmann
+    charges = [math.sqrt(in_kelvin) * model[f"charge_{name}"] for name in species]
+    sigma = 10.0 * model["sigma_nm"]
+    lennard_jones = kd.LennardJones(
+        species={"O": {"epsilon": model["epsilon_over_kB_K"], "sigma": sigma}, "H": {"epsilon": 0.0, "sigma": sigma}},
+        cutoff=10.0, truncation="cut", tail=True,
+    )  # fmt: skip
+    limit = math.sqrt(26.5) * 2.0 * math.pi / edges[0]  # between the squares 26 and 27
+    coulomb = kd.Coulomb(alpha=5.6 / edges[0], cutoff=10.0, waves=limit)
+    bonds = [(m, m + k) for m in range(0, len(x), 3) for k in (1, 2)]
+    topology = kd.Topology(bonds, factors=(0.0, 0.0, 1.0))
+    system = kd.System(
+        x, box=edges, forces=[lennard_jones, coulomb], species=species, charges=charges, topology=topology
+    )
+    return system, {key: each[0] for key, each in reference.items() if key not in ("source", "unit", "model", "ewald")}
+
+
+def test_each_part_of_the_energy_of_nists_water():
+    """To half a unit of the printed digits, six; the near part of NIST uses an erfc with errors of 1.2e-7."""
+    system, parts = water()
+    dispersion, charges = system.forces
+    with_dispersion = measured(system).potential
+    alone = measured(system.with_forces(dispersion)).potential
+    far = BoundForces(system).forces[1].parts
+    intra = (
+        measured(system.with_forces(charges)).potential
+        - measured(system.remade(topology=None, forces=[charges])).potential
+    )
+    near_of_left_out = sum(
+        far.charges[i] * far.charges[j] * math.erfc(far.alpha * r) / r
+        for (i, j) in far.pairs.tolist()
+        if (r := float(np.linalg.norm(system.box.minimum_image(system.state.positions[i] - system.state.positions[j]))))
+    )
+    found = {
+        "dispersion": alone - dispersion.tail_corrections(system)[0],
+        "dispersion_tail": dispersion.tail_corrections(system)[0],
+        "self": far.alone,
+        "intra": intra + near_of_left_out,
+    }
+    for key, value in found.items():
+        assert value == pytest.approx(parts[key], rel=6e-6), key
+    near_and_far = with_dispersion - alone - found["self"] - found["intra"]
+    assert near_and_far == pytest.approx(parts["real"] + parts["fourier"], rel=2e-6)
+    assert with_dispersion == pytest.approx(parts["total"], rel=3e-6)
+
+
+# --- the sum itself ---
+
+
+@pytest.mark.parametrize("net", [0.0, 2.5])
+@pytest.mark.parametrize("box", [UPRIGHT, LEANING], ids=["upright", "leaning"])
+def test_ewald_is_the_slope_of_its_energy_and_does_not_depend_on_the_splitting(box, net):
+    system = ions(box, net, accuracy=1e-11)
+    split, found = system.forces[0].split(system), measured(system)
+    bound, way = BoundForces(system), np.random.default_rng(7).normal(size=(3, len(system)))
+
+    def energy(h: float) -> float:
+        return bound.measure(0.0, system.state.phase + h * np.array([way, 0 * way])).potential
+
+    h = 1e-3
+    slope = (8 * (energy(h) - energy(-h)) - (energy(2 * h) - energy(-2 * h))) / (12 * h)
+    assert slope == pytest.approx(-float((found.accelerations * way).sum()), rel=1e-8)
+
+    def stretched(s: float) -> float:
+        given = {
+            "alpha": split.alpha / (1 + s),
+            "cutoff": 0.99 * split.cutoff * (1 + s),
+            "waves": split.waves / (1 + s),
+        }
+        return measured(ions((1 + s) * np.array(box), net, **given)).potential
+
+    virial = -(8 * (stretched(h) - stretched(-h)) - (stretched(2 * h) - stretched(-2 * h))) / (12 * h)
+    assert found.virial == pytest.approx(virial, rel=1e-7)
+    for factor in (0.9, 1.1):
+        cutoff = split.cutoff * min(1.0, 1.0 / factor)
+        other = measured(ions(box, net, alpha=factor * split.alpha, cutoff=cutoff, waves=1.2 * split.waves))
+        assert other.potential == pytest.approx(found.potential, rel=1e-8)
+        np.testing.assert_allclose(other.accelerations, found.accelerations, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("box", [UPRIGHT, LEANING], ids=["upright", "leaning"])
+def test_compiled_forces_are_those_of_plain_numpy(box):
+    system = ions(box, accuracy=1e-5)
+    force = system.forces[0]
+    plain = forces_on(np.arange(len(system)), force.scaled_charges(system), system, force.split(system))
+    np.testing.assert_allclose(measured(system).accelerations.T, plain, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("box", [12.0, LEANING], ids=["upright", "leaning"])
+def test_the_error_of_the_forces_is_the_one_asked(box, accuracy):
+    """Measured errors are at most the accuracy and at least a fifth of it."""
+    box = [box] * 3 if isinstance(box, float) else 2.0 * np.array(box)
+    system = ions(box, side=8, special=False, accuracy=accuracy)
+    errors = errors_of(system.forces[0], system)
+    assert 0.8 * accuracy < errors.predicted < accuracy
+    assert 0.2 * accuracy < errors.measured < accuracy
+
+
+def test_a_pair_force_takes_the_near_part_into_its_sum():
+    given = {"alpha": 1.2, "cutoff": 2.5, "waves": 6.0}
+    lennard_jones = kd.LennardJones(sigma=0.8, cutoff=2.0)
+    alone, plain = ions(UPRIGHT, **given), ions(UPRIGHT, **given).with_forces(lennard_jones)
+    both = alone.with_forces(lennard_jones, kd.Coulomb(**given))
+    assert len(BoundForces(both).list_builds) == 2
+    found, parts = measured(both), [measured(plain), measured(alone)]
+    for key in ("accelerations", "potential", "virial"):
+        wanted = sum(getattr(part, key) for part in parts)
+        np.testing.assert_allclose(getattr(found, key), wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+
+
+def test_a_mixture_takes_the_near_part_too():
+    given, kinds = (
+        {"alpha": 1.2, "cutoff": 2.2, "waves": 6.0},
+        {"A": {"sigma": 0.8}, "B": {"sigma": 0.6, "epsilon": 0.5}},
+    )
+    mixture = kd.LennardJones(species=kinds, cutoff=2.5, truncation="switch")
+    alone = ions(UPRIGHT, **given).remade(species=["AB"[k % 2] for k in range(64)])
+    found = measured(alone.with_forces(mixture, kd.Coulomb(**given)))
+    parts = [measured(alone.with_forces(mixture)), measured(alone)]
+    wanted = sum(part.accelerations for part in parts)
+    np.testing.assert_allclose(found.accelerations, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+
+
+# --- open space and cutoffs ---
+
+
+def pairs_of(system: kd.System) -> tuple[np.ndarray, ...]:
+    i, j = np.triu_indices(len(system), 1)
+    apart = system.box.minimum_image(system.state.positions[i] - system.state.positions[j])
+    factor = 1.0 if system.topology is None else system.topology.factor_of(i, j)
+    return i, j, apart, np.linalg.norm(apart, axis=1), factor * system.charges[i] * system.charges[j]
+
+
+def assert_sum(system: kd.System, energy: np.ndarray, over_r: np.ndarray, beside: float = 0.0) -> None:
+    i, j, apart, r, product = pairs_of(system)
+    forces = np.zeros((len(system), 3))
+    np.add.at(forces, i, (product * over_r)[:, None] * apart)
+    np.add.at(forces, j, -(product * over_r)[:, None] * apart)
+    found = measured(system)
+    np.testing.assert_allclose(found.accelerations.T, forces, rtol=0, atol=1e-11 * np.abs(forces).max())
+    assert found.potential == pytest.approx(float((product * energy).sum()) + beside, rel=1e-11)
+    assert found.virial == pytest.approx(float((product * over_r * r**2).sum()), rel=1e-11)
+
+
+def test_all_pairs_in_open_space():
+    system = ions(UPRIGHT).remade(box=None, forces=[kd.Coulomb("direct", dielectric=2.0)])
+    _, _, _, r, _ = pairs_of(system)
+    assert_sum(system, 0.5 / r, 0.5 / r**3)
+
+
+@pytest.mark.parametrize("surroundings", [None, 78.0])
+def test_a_reaction_field(surroundings):
+    """Tironi et al. 1995, eqs. 4 and 5."""
+    system, cutoff = ions(UPRIGHT, method="reaction-field", cutoff=2.9, surroundings=surroundings), 2.9
+    _, _, _, r, _ = pairs_of(system)
+    k = (0.5 if surroundings is None else 77.0 / 157.0) / cutoff**3
+    inside = r < cutoff
+    assert_sum(system, inside * (1 / r + k * r**2 - 1 / cutoff - k * cutoff**2), inside * (1 / r**3 - 2 * k))
+
+
+def test_the_damped_shifted_force():
+    """Fennell & Gezelter 2006, eqs. 18 and 19; energies of single charges as LAMMPS' coul/dsf has them."""
+    from scipy.special import erfc
+
+    cutoff, alpha = 2.9, 0.6
+    system = ions(UPRIGHT, method="damped-shifted", cutoff=cutoff, alpha=alpha)
+    _, _, _, r, _ = pairs_of(system)
+
+    def field(r: Any) -> Any:
+        return erfc(alpha * r) / r**2 + 2 * alpha / math.sqrt(math.pi) * np.exp(-((alpha * r) ** 2)) / r
+
+    inside = r < cutoff
+    energy = erfc(alpha * r) / r - erfc(alpha * cutoff) / cutoff + field(cutoff) * (r - cutoff)
+    squares = float(system.charges @ system.charges)
+    single = -(0.5 * math.erfc(alpha * cutoff) / cutoff + alpha / math.sqrt(math.pi)) * squares
+    assert_sum(system, inside * energy, inside * (field(r) - field(cutoff)) / r, single)
+
+
+@driver
+def evaluate(radial: Any, r2: Any, energy: Any, force: Any) -> None:
+    for k in range(0, r2.size, 8):
+        u, g = radial_terms(radial, load(r2, k))
+        store(energy, k, u)
+        store(force, k, g)
+
+
+LAWS = {
+    "ewald 1e-4": (ewald_near(0.9, 3.3, 1e-4), 0.9, 1e-9),
+    "ewald 1e-8": (ewald_near(0.9, 4.9, 1e-8), 0.9, 1e-12),
+    "ewald 1e-12": (ewald_near(0.9, 5.8, 1e-12), 0.9, 1e-12),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_polynomial_of_the_near_part(name):
+    """Against mpmath, relative to the values at r = 1."""
+    mpmath = pytest.importorskip("mpmath")
+    radial, alpha, bound = LAWS[name]
+    r = np.linspace(0.3, math.sqrt(radial.cutoff2), 160)
+    energy, force = np.empty(160), np.empty(160)
+    evaluate(radial, r * r, energy, force)
+    for k, each in enumerate(r):
+        z = mpmath.mpf(float(each)) * alpha
+        exact = mpmath.erfc(z) / each
+        slope = (exact + 2 * alpha / mpmath.sqrt(mpmath.pi) * mpmath.exp(-z * z)) / each**2
+        assert abs(energy[k] - float(exact)) < bound * max(1.0, 1 / each)
+        assert abs(force[k] - float(slope)) < 10 * bound * max(1.0, 1 / each**3)
+
+
+@pytest.mark.parametrize("radial", [reaction_field(3.0, None), damped_shifted(0.5, 3.0), damped_shifted(0.0, 3.0)])
+def test_shifted_laws_vanish_at_the_cutoff(radial: Radial):
+    energy, force = np.empty(8), np.empty(8)
+    evaluate(radial, np.full(8, 9.0), energy, force)
+    assert abs(energy[0]) < 1e-13
+    assert abs(force[0]) < 1e-12
+
+
+# --- runs ---
+
+
+def salt(**given: Any) -> kd.System:
+    """A small molten salt in reduced units."""
+    sites = np.indices((6, 6, 6)).reshape(3, -1).T
+    charges, x = np.where(sites.sum(axis=1) % 2, -1.0, 1.0), 1.1 * (sites + 0.5)
+    lennard_jones = kd.LennardJones(cutoff=2 ** (1 / 6))
+    start = kd.System(x, box=[6.6] * 3, charges=charges, forces=[lennard_jones, kd.Coulomb(**given)])
+    return start.with_velocities(temperature=0.5, seed=2)
+
+
+def test_energy_is_conserved_and_the_report_says_what_was_chosen():
+    sim = kd.Simulation(salt(accuracy=1e-5), dt=0.002)
+    report = sim.run(400)
+    assert report.energy.rms_relative_error < 1e-4
+    assert report.energy.verdict != "secular drift"
+    assert report.charges.method == "ewald"
+    assert report.charges.measured_error < 1e-4
+    text = str(report)
+    assert "ewald, cutoff = " in text
+    assert "measured for" in text
+    assert json.dumps(report.as_json()["charges"])
+
+
+def test_threads_cuts_and_restarts_keep_the_bits():
+    whole, cut, threaded = (kd.Simulation(salt(), dt=0.002, threads=threads) for threads in (1, 1, 2))
+    whole.run(60)
+    cut.run(25)
+    checkpoint = cut.checkpoint()
+    other = kd.Simulation(salt(), dt=0.002)
+    other.restore(checkpoint)
+    other.run(35)
+    threaded.run(60)
+    assert whole.state.phase.tobytes() == other.state.phase.tobytes() == threaded.state.phase.tobytes()
+
+
+def test_a_far_part_in_a_slower_group():
+    system = salt()
+    lennard_jones = system.forces[0]
+    slow = system.with_forces(lennard_jones, kd.Coulomb(group=1))
+    report = kd.Simulation(slow, "respa", dt=0.004).run(100)
+    assert report.energy.rms_relative_error < 1e-3
+
+
+def test_warnings_of_a_net_charge_and_of_charges_without_a_force():
+    system = ions(UPRIGHT, net=0.5, special=False)
+    assert any("the net charge is 0.5" in line for line in kd.Simulation(system, dt=1e-4).run(1).warnings)
+    alone = system.with_forces(kd.LennardJones(sigma=0.5, cutoff=2.0))
+    assert any("charges have no effect" in line for line in kd.Simulation(alone, dt=1e-4).run(1).warnings)
+
+
+# --- refusals ---
+
+
+def drop() -> kd.System:
+    return ions(UPRIGHT, special=False).remade(box=None, forces=[kd.Coulomb("direct")])
+
+
+REFUSED = [
+    (lambda: kd.Coulomb("pppm"), "coulomb: method 'pppm' is not one of ewald, direct, reaction-field, damped-shifted"),
+    (lambda: kd.Coulomb(accuracy=0.0), "coulomb: accuracy must be from 1e-13 to 0.5, got 0.0"),
+    (lambda: kd.Coulomb("direct", cutoff=2.0), 'coulomb: cutoff goes with method "ewald" and'),
+    (lambda: kd.Coulomb(surroundings=3.0), 'coulomb: surroundings goes with method "reaction-field", not "ewald"'),
+    (lambda: kd.Coulomb(cutoff=-1.0), "coulomb: cutoff must be positive, got -1.0"),
+    (lambda: ions(UPRIGHT).remade(charges=None), "coulomb: the particles have no charges; give charge in"),
+    (lambda: ions(UPRIGHT).remade(charges=[1.0, math.nan] * 32), "charges: particle 1 has charge nan"),
+    (lambda: ions(UPRIGHT).remade(box=None), 'coulomb: method "ewald" needs a box that is periodic along three axes'),
+    (
+        lambda: ions(Box(UPRIGHT, periodic=[True, True, False])),
+        "needs a box that is periodic along three axes, and this box is",
+    ),
+    (lambda: ions(UPRIGHT).with_forces(kd.Coulomb("direct")), 'coulomb: method "direct" needs open space'),
+    (lambda: ions(UPRIGHT, cutoff=3.1), "coulomb: box edge x is 6, shorter than twice the cutoff"),
+    (
+        lambda: ions(UPRIGHT, cutoff=2.9, alpha=3.0),
+        "coulomb: alpha times cutoff is 8.7; a shorter cutoff than 2 serves",
+    ),
+    (lambda: ions(UPRIGHT, method="reaction-field"), 'coulomb: cutoff is needed by method "reaction-field"'),
+    (lambda: ions(UPRIGHT).remade(masses=0.0), "coulomb: particle 0 has no mass"),
+    (lambda: ions(UPRIGHT).remade(units="astro"), "coulomb: units 'astro' have no Coulomb constant"),
+    (
+        lambda: ions(UPRIGHT).with_forces(kd.Coulomb(), kd.Coulomb(accuracy=1e-3)),
+        "forces: coulomb is given twice, and would count the same charges twice",
+    ),
+    (lambda: kd.Simulation(salt(), dt=0.1, precision="mixed"), "precision: mixed is for pair forces without charges"),
+    (
+        lambda: drop().watched([kd.Collision(0.1, action="merge")]),
+        "collision: action 'merge' cannot act on charged particles",
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "line"), REFUSED, ids=[line[:50] for _, line in REFUSED])
+def test_bad_input_is_one_line(make, line):
+    with pytest.raises(InputError) as error:
+        make()
+    assert "\n" not in str(error.value)
+    assert line in str(error.value)
+
+
+def test_coulombs_constant_of_each_unit_system():
+    """Energy of two elementary charges an angstrom apart: 14.3996454784 eV by CODATA 2018, to its change since."""
+    assert UNIT_SYSTEMS["lj"].coulomb == 1.0
+    assert UNIT_SYSTEMS["metal"].coulomb == pytest.approx(14.3996454784, rel=2e-9)
+    joules = UNIT_SYSTEMS["si"].coulomb * constants.ELEMENTARY_CHARGE**2 / 1e-10
+    assert joules / constants.ELEMENTARY_CHARGE == pytest.approx(UNIT_SYSTEMS["metal"].coulomb, rel=1e-14)
