@@ -15,6 +15,7 @@ from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import (
+    COMPOUNDS,
     LATTICES,
     PLANE_LATTICES,
     Structure,
@@ -78,7 +79,9 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
         )
     fill: Any = plane_lattice if plane else lattice
     check_particles("count", count)
-    if isinstance(particles.species, dict):
+    if particles.lattice in COMPOUNDS:
+        species = _of_compound(particles)
+    elif isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
             raise InputError("seed: required key is missing; a mixture is placed with a seed, such as seed = 1")
@@ -104,6 +107,19 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
         raise InputError(f"density: required key is missing (or box.lengths with {equal})")
     positions, edges = fill(particles.lattice, count, density)
     return Structure(positions, masses, species, edges, periodic=True, charges=charges)
+
+
+def _of_compound(particles: LatticeTable) -> list[str]:
+    """Species of the particles on the sites of a compound of two species."""
+    parts = particles.species if isinstance(particles.species, dict) else {}
+    if len(parts) != 2 or len(set(parts.values())) != 1:
+        raise InputError(
+            f"species: a {particles.lattice} lattice has two species in equal parts, such as {{Na = 0.5, Cl = 0.5}}, "
+            f"got {shown(particles.species)}"
+        )
+    sites, names = len(LATTICES[particles.lattice]), list(parts)
+    cell = [name for name in names for _ in range(sites // 2)]
+    return cell * (particles.count // sites)
 
 
 def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None) -> Structure:

@@ -74,7 +74,9 @@ Density = Annotated[Any, BeforeValidator(density_given)]
 
 
 class LatticeTable(Table):
-    lattice: Literal["sc", "bcc", "fcc", "diamond", "square", "hexagonal"]
+    lattice: Literal[
+        "sc", "bcc", "fcc", "diamond", "rock-salt", "caesium-chloride", "zincblende", "square", "hexagonal"
+    ]
     count: PositiveInt
     density: Density = None
     mass: Masses = None

@@ -89,7 +89,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         (
             "coul coul/cut coul/long coul/dsf coulombic electrostatics charge charges ewald reaction-field wolf",
-            "{word} is 'coulomb' here, with method = 'ewald', 'direct', 'reaction-field' or 'damped-shifted'",
+            "{word} is the force 'coulomb' here, or one of its methods",
         ),
         ("lj/cut/coul/long lj/cut/coul/cut", "{word} is two forces here, 'lennard-jones' and 'coulomb'"),
         (

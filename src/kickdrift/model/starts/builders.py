@@ -38,7 +38,18 @@ LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
         *((0.125, 0.125, 0.125), (0.125, 0.625, 0.625), (0.625, 0.125, 0.625), (0.625, 0.625, 0.125)),
         *((0.375, 0.375, 0.375), (0.375, 0.875, 0.875), (0.875, 0.375, 0.875), (0.875, 0.875, 0.375)),
     ),
+    "rock-salt": (
+        *((0.25, 0.25, 0.25), (0.25, 0.75, 0.75), (0.75, 0.25, 0.75), (0.75, 0.75, 0.25)),
+        *((0.75, 0.75, 0.75), (0.75, 0.25, 0.25), (0.25, 0.75, 0.25), (0.25, 0.25, 0.75)),
+    ),
+    "caesium-chloride": ((0.25, 0.25, 0.25), (0.75, 0.75, 0.75)),
 }
+LATTICES["zincblende"] = LATTICES["diamond"]
+COMPOUNDS = (
+    "rock-salt",
+    "caesium-chloride",
+    "zincblende",
+)  # one species on the first half of the sites, one on the rest
 
 MOST = 10**8  # most particles on a lattice, whatever the memory
 ROUNDING = 1e-9  # part of a cell vector in a structure file: a tilt that is only rounding
@@ -50,7 +61,7 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
 
     Parameters
     ----------
-    kind : "sc", "bcc", "fcc" or "diamond"
+    kind : one of ``LATTICES``
     count : particles; k^3, 2 k^3, 4 k^3 or 8 k^3, so that the lattice continues across the periodic faces without a gap
     density : particles per volume
 
