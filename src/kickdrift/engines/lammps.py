@@ -12,16 +12,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.engines.forces import many_body, only_lennard_jones, small_units, split, style_of, text_of
+from kickdrift.engines.forces import (
+    coulomb_of,
+    many_body,
+    only_lennard_jones,
+    small_units,
+    split,
+    style_of,
+    text_of,
+)
 from kickdrift.engines.job import Job
-from kickdrift.engines.lammps_world import Model, World, bonded_of, fixes
+from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
 from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 
-TAKES = "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it"
+TAKES = (
+    "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
+    "beside lennard-jones"
+)
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -31,7 +44,8 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = job.system
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True) or small_units(system)
+        reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True, charges=True)
+        or small_units(system)
     ):
         return reason
     if reason := bonded_refusal(system):
@@ -50,11 +64,19 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return kinds, which.reshape(-1)
 
 
+def ewald_of(system: System) -> Ewald | None:
+    """Ewald's sum in LAMMPS' terms; None without one."""
+    if (force := coulomb_of(system)) is None:
+        return None
+    split = force.split(system)
+    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, waves_of(system.box, split.waves).most)
+
+
 def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
     system, dt = job.system, job.options.dt
     assert dt is not None
-    force: Any = split(system)[0][0]
+    force: Any = next(each for each in split(system)[0] if each is not coulomb_of(system))
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
@@ -69,7 +91,8 @@ def model_of(job: Job, seed: int) -> Model:
         }  # fmt: skip
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
-        cutoff=float(force.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system), **given,
+        ewald=ewald_of(system), cutoff=float(force.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
+        **given,
     )  # fmt: skip
 
 

@@ -158,7 +158,7 @@ def bonded_of(system: System) -> Bonded | None:
         bonds = np.concatenate([every[:, k : k + 2] for k in range(size - 1)])
         longest = max(longest, float(measured(system.box, system.state.phase[0], bonds, "bonds").max(initial=0.0)))
     factors = " ".join(map(repr, topology.factors or (1.0, 1.0, 1.0)))
-    commands.insert(0, f"special_bonds lj {factors}")
+    commands.insert(0, f"special_bonds {'lj' if system.charges is None else 'lj/coul'} {factors}")
     most = max((SIZES[kind] for kind in lists), default=2)
     return Bonded(tuple(commands), lists, types, ROOM * (most - 1) * longest)
 
@@ -175,6 +175,7 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
     data = DataFile(
         "kickdrift", np.reshape(edges, (3, 2)), model.box.tilts, model.masses, (), np.arange(1, len(x) + 1),
         model.types, np.ones(len(x), np.int64), x, v, bonded.lists, bonded.types, {},
+        charges=model.ewald and model.ewald.charges,
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "start.data"
@@ -186,6 +187,15 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
 MANY_BODY_SKIN = 1.0  # in angstroms, likewise
+
+
+class Ewald(NamedTuple):
+    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum."""
+
+    charges: Floats
+    cutoff: float
+    alpha: float
+    waves: tuple[int, int, int]  # most along each axis
 
 
 class Model(NamedTuple):
@@ -200,6 +210,7 @@ class Model(NamedTuple):
     dimensions : 2 or 3
     fixes : commands of the fixes that take a step
     bonded : bonds, angles and dihedrals, if any
+    ewald : charges, if any
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
@@ -215,6 +226,14 @@ class Model(NamedTuple):
     fixes: tuple[str, ...] = FIXES["velocity-verlet"]
     bonded: Bonded | None = None
     many_body: tuple[str, str, tuple[str, ...]] | None = None
+    ewald: Ewald | None = None
+
+
+def model_style(model: Model) -> str:
+    """LAMMPS' atom style."""
+    if model.bonded:
+        return "full" if model.ewald else "molecular"
+    return "charge" if model.ewald else "atomic"
 
 
 class World:
@@ -247,8 +266,9 @@ class World:
         self._commands(
             "units lj",  # no constants: the numbers are in any coherent system of units
             f"dimension {model.dimensions}",
-            f"atom_style {'molecular' if model.bonded else 'atomic'}",
+            f"atom_style {model_style(model)}",
             f"boundary {' '.join(boundary)}",
+            *(["atom_modify map array"] if model.ewald else []),  # by which charges find their particles
         )
         if model.bonded:
             self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
@@ -262,10 +282,20 @@ class World:
         if model.many_body:
             self._many_body(*model.many_body)
         else:
+            style = f"lj/cut {model.cutoff!r}"
+            if model.ewald:
+                style = f"lj/cut/coul/long {model.cutoff!r} {model.ewald.cutoff!r}"
             self._commands(
-                f"pair_style lj/cut {model.cutoff!r}",
+                f"pair_style {style}",
                 f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
                 *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+            )
+        if model.ewald:
+            most = " ".join(map(str, model.ewald.waves))
+            self._commands(
+                "pair_modify table 0",
+                "kspace_style ewald 1e-6",  # the next line replaces what LAMMPS would choose
+                f"kspace_modify gewald {model.ewald.alpha!r} kmax/ewald {most}",
             )
         self._commands(
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
@@ -286,6 +316,8 @@ class World:
             )  # fmt: skip
         if (made := int(self.lmp.get_natoms())) != n:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
+        if model.ewald:
+            self.lmp.scatter_atoms("q", 1, 1, np.ctypeslib.as_ctypes(np.ascontiguousarray(model.ewald.charges)))
         self.lmp.command("run 0 post no")
 
     def _commands(self, *lines: str) -> None:
