@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces import Springs
 from kickdrift.forces.bonded.law import BondedForce, value_of
+from kickdrift.forces.charges.coulomb import Coulomb
+from kickdrift.forces.charges.sampled import virial_tensor
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
@@ -29,6 +31,9 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
         if isinstance(force, PairForce):
             each = np.arange(3) < system.dimensions
             total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
+        if isinstance(force, Coulomb):
+            total += virial_tensor(force, system, x)
+            continue
         for apart, over_r in _pair_forces(force, system, x):
             total += np.einsum("m,ma,mb->ab", over_r, apart, apart)
     return total / system.volume

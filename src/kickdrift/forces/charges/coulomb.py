@@ -38,6 +38,7 @@ KEYS: dict[str, tuple[str, ...]] = {  # of each method
     REACTION_FIELD: ("cutoff", "surroundings"),
     DAMPED_SHIFTED: ("cutoff", "alpha"),
 }
+LONGEST = 0.45  # cutoff that Ewald's sum chooses, in least heights of the box, so that a list of pairs has a skin
 NEUTRAL = 1e-6  # of the largest charge: a larger sum of all charges counts as a net charge
 
 
@@ -183,7 +184,7 @@ class Coulomb(Grouped):
             )
         if self.cutoff is not None:
             return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
-        longest = 0.5 * float(system.box.heights.min())
+        longest = LONGEST * float(system.box.heights.min())
         shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
         return cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
 

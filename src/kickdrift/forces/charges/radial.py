@@ -44,6 +44,12 @@ class Radial(NamedTuple):
     pull: Blocks
 
 
+def force_over_r(radial: Radial, r2: Floats) -> Floats:
+    """-U'(r) / r of two unit charges at squared distances below that of the cutoff."""
+    s, inverse = radial.scale * r2 - 1.0, r2**-0.5
+    return np.asarray(inverse**3 - radial.slope * inverse + polynomial.polyval(s, np.concatenate(radial.pull)))
+
+
 def radial_of(cutoff: float, coefficients: Floats, slope: float = 0.0) -> Radial:
     """The Radial with these coefficients of P, lowest power first."""
     scale = 2.0 / cutoff**2

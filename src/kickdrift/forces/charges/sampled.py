@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.charges.accuracy import LEAST, Charged, Split, split_at
+from kickdrift.forces.charges.radial import EWALD, Radial, force_over_r
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -27,8 +30,17 @@ class Summed(Protocol):
     def scaled_charges(self, system: Subject) -> Floats:
         """Return the charges (n,) times the root of Coulomb's constant."""
 
+    @property
+    def method(self) -> str: ...
+
     def split(self, system: Subject) -> Split:
         """Return the parameters of the sum."""
+
+    def radial(self, split: Split) -> Radial:
+        """Return the near part."""
+
+    def background(self, system: Subject) -> float:
+        """Return the energy of the neutralising background, times the volume."""
 
 
 class Errors(NamedTuple):
@@ -82,21 +94,62 @@ def forces_on(rows: NDArray[np.int64], charges: Floats, system: Subject, split: 
     return found
 
 
-def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
-    x, waves = np.asarray(system.state.positions), waves_of(system.box, split.waves)
+def virial_tensor(force: Summed, system: Subject, positions: Floats) -> Floats:
+    """Sum (3, 3) of r F over pairs and images at these positions (n, 3), in a periodic box; for Ewald's sum see Heyes
+    1994, doi:10.1103/PhysRevB.49.755."""
+    from scipy.special import erf
+
+    charges, split = force.scaled_charges(system), force.split(system)
+    i, j = pairs_nearer(positions, system.box, split.cutoff).T
+    apart = system.box.minimum_image(positions[i] - positions[j])
+    r2 = np.einsum("ij,ij->i", apart, apart)
+    factor = np.ones(len(i)) if system.topology is None else system.topology.factor_of(i, j)
+    inside = r2 < split.cutoff**2
+    over_r = np.zeros(len(i))
+    over_r[inside] = (factor * charges[i] * charges[j])[inside] * force_over_r(force.radial(split), r2[inside])
+    found = np.einsum("m,ma,mb->ab", over_r, apart, apart)
+    if force.method != EWALD:
+        return np.asarray(found)
+    k, k2, amplitude = _waves(system, split)
+    density = np.concatenate([charges @ phase for _, phase in _phases(positions, k)])
+    energies = 0.5 * amplitude * np.abs(density) ** 2
+    found -= np.einsum("k,ka,kb->ab", energies * (2.0 / k2 + 0.5 / split.alpha**2), k, k)
+    found += (energies.sum() + force.background(system) / system.volume) * np.eye(3)
+    if system.topology is not None:
+        pairs, factors = system.topology.scaled
+        i, j = pairs.T
+        apart = system.box.minimum_image(positions[i] - positions[j])
+        r = np.linalg.norm(apart, axis=1)
+        falling = 2.0 * split.alpha / math.sqrt(math.pi) * np.exp(-((split.alpha * r) ** 2))
+        over_r = (factors - 1.0) * charges[i] * charges[j] * (erf(split.alpha * r) / r - falling) / r**2
+        found += np.einsum("m,ma,mb->ab", over_r, apart, apart)
+    return np.asarray(found)
+
+
+def _waves(system: Subject, split: Split) -> tuple[Floats, Floats, Floats]:
+    """Wave vectors (waves, 3), their squares, and twice their amplitudes 4 pi exp(-k^2 / 4 alpha^2) / (k^2 V)."""
+    waves = waves_of(system.box, split.waves)
     counts = np.diff(waves.first)
     columns = np.repeat(waves.columns, counts, axis=0)
     last = np.arange(len(columns)) - np.repeat(waves.first[:-1], counts)
     triples = np.concatenate([np.column_stack([columns, sign * last]) for sign in (1, -1)])
-    triples = triples[waves.kept.T.ravel() > 0]
-    k = 2.0 * math.pi * triples @ np.linalg.inv(system.box.matrix).T
+    k = 2.0 * math.pi * triples[waves.kept.T.ravel() > 0] @ np.linalg.inv(system.box.matrix).T
     k2 = np.einsum("ij,ij->i", k, k)
-    amplitude = 8.0 * math.pi / system.volume * np.exp(-0.25 * k2 / split.alpha**2) / k2
-    found = np.zeros((len(rows), 3))
+    return k, k2, 8.0 * math.pi / system.volume * np.exp(-0.25 * k2 / split.alpha**2) / k2
+
+
+def _phases(x: Floats, k: Floats) -> Iterator[tuple[slice, NDArray[np.complex128]]]:
+    """Yield slices of the waves with exp(i k x) (n, some waves)."""
     step = max(AT_ONCE // len(x), 1)
     for begin in range(0, len(k), step):
         some = slice(begin, begin + step)
-        phase = np.exp(1j * (x @ k[some].T))
+        yield some, np.exp(1j * (x @ k[some].T))
+
+
+def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+    k, _, amplitude = _waves(system, split)
+    found = np.zeros((len(rows), 3))
+    for some, phase in _phases(np.asarray(system.state.positions), k):
         density = charges @ phase
         pull = amplitude[some] * (phase[rows] * density.conj()).imag
         found += charges[rows, None] * (pull @ k[some])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.fields.shipped import Springs
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators.options import (
@@ -107,7 +108,7 @@ def check_pressed(system: Any, options: Options) -> None:
     if system.box.tilts:
         raise InputError("pressure: no barostat here changes a leaning box; give a rectangular one")
     for force in system.forces:
-        if not isinstance(force, PairForce | Springs):
+        if not isinstance(force, PairForce | Springs | Coulomb):
             raise InputError(
                 f"pressure: force {force.name!r} does not scale with the box; a barostat takes pair forces"
             )
@@ -118,6 +119,8 @@ def check_pressed(system: Any, options: Options) -> None:
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
     if coupling in APART and any(isinstance(force, Springs) for force in system.forces):
         raise InputError(f"coupling: {coupling} needs pair forces alone; springs take isotropic")
+    if coupling in APART and any(isinstance(force, Coulomb) for force in system.forces):
+        raise InputError(f"coupling: {coupling} needs pair forces alone; charges take isotropic")
     if coupling in APART and sum(isinstance(force, PairForce) for force in system.forces) > 1:
         raise InputError(f"coupling: {coupling} takes one pair force; give it the parameters of all species")
 
@@ -126,7 +129,8 @@ def reach_of(system: Any) -> float:
     """Half the least edge length that the forces allow: the largest cutoff, or length of a spring."""
     cutoffs = [float(force.cutoff or 0.0) for force in system.forces if isinstance(force, PairForce)]
     springs = [float(np.max(force.length)) for force in system.forces if isinstance(force, Springs)]
-    return max(cutoffs + springs, default=0.0)
+    charges = [force.split(system).cutoff for force in system.forces if isinstance(force, Coulomb)]
+    return max(cutoffs + springs + charges, default=0.0)
 
 
 class Barostat:
