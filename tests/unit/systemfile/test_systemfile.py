@@ -238,7 +238,12 @@ BAD = [
     (GOOD, "count = 216", "count = true", "particles.count: expected a whole number, got True"),
     (GOOD, "count = 216", "count = -8", "particles.count: expected a number greater than 0, got -8"),
     (GOOD, "count = 216", "count = 1001", "particles.count: 1001 does not fill a sc lattice in a cube; the nearest"),
-    (GOOD, '"sc"', '"hcp"', "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'square' or 'hexagonal', got"),
+    (
+        GOOD,
+        '"sc"',
+        '"hcp"',
+        "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'rock-salt', 'caesium-chloride', 'zincblende', 'square' or 'hexagonal', got",
+    ),
     (GOOD, 'lattice = "sc"', "", "particles: expected a table with exactly one of lattice, positions, elements"),
     (GOOD, "count", "positions = [[1, 1, 1]]\ncount", "particles: expected a table with exactly one of lattice,"),
     (GOOD, "0.8\n", "nan\n", "particles.density: expected a finite number, got nan"),

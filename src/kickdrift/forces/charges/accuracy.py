@@ -17,7 +17,7 @@ from kickdrift.model.state import Floats
 PAIR, WAVE = 6.0, 0.42  # nanoseconds of a near pair within the cutoff, and of one particle with one wave
 TYPICAL = 0.5  # typical force, over that of two charges of mean square (V / n)^(1/3) apart; molten salt has 0.76
 TRIED = 48  # cutoffs between the shortest and the longest
-SHARE = 0.6  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
+SHARE = 0.5  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
 LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
 
 
