@@ -59,7 +59,12 @@ def test_every_site_has_the_neighbours_of_its_lattice(kind, cells, density):
         ("sc", 10**400, 1.0, "count: expected a whole number of particles from 1 to 100000000, got 1000"),
         ("sc", 8, -1.0, "density: expected a positive finite number, got -1.0"),
         ("sc", 8, float("nan"), "density: expected a positive finite number, got nan"),
-        ("fc", 4, 1.0, "lattice: expected one of sc, bcc, fcc, diamond, got 'fc'"),
+        (
+            "fc",
+            4,
+            1.0,
+            "lattice: expected one of sc, bcc, fcc, diamond, rock-salt, caesium-chloride, zincblende, got 'fc'",
+        ),
     ],
 )
 def test_bad_lattices(kind, count, density, message):

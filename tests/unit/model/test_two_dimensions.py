@@ -243,7 +243,7 @@ def test_two_coordinates_are_enough():
     ("old", "new", "message"),
     [
         ("dimensions = 2", "dimensions = 4", "dimensions: expected 2 or 3, got 4"),
-        ("dimensions = 2", "", "particles.lattice: expected sc or bcc or fcc or diamond in 3 dimensions, got"),
+        ("dimensions = 2", "", "particles.lattice: expected sc or bcc or fcc or"),
         ('"hexagonal"', '"fcc"', "particles.lattice: expected square or hexagonal in 2 dimensions, got 'fcc'"),
         ("density = 0.8", 'density = "1 g/cm3"', "particles.density: expected a number of particles per area"),
         ("periodic = true", "lengths = [40.0]", "box.lengths: expected 2 items, got 1"),

@@ -242,7 +242,8 @@ BAD = [
         GOOD,
         '"sc"',
         '"hcp"',
-        "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'rock-salt', 'caesium-chloride', 'zincblende', 'square' or 'hexagonal', got",
+        "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'rock-salt', 'caesium-chloride', 'zincblende', "
+        "'square' or 'hexagonal', got",
     ),
     (GOOD, 'lattice = "sc"', "", "particles: expected a table with exactly one of lattice, positions, elements"),
     (GOOD, "count", "positions = [[1, 1, 1]]\ncount", "particles: expected a table with exactly one of lattice,"),
