@@ -257,4 +257,5 @@ def _start(
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            return read_structure(folder / particles.file, units, table.box.periodic, box is not None)
+            path, periodic = folder / particles.file, table.box.periodic
+            return read_structure(path, units, periodic, box is not None, particles.atom_style)

@@ -89,6 +89,7 @@ class PositionsTable(Table):
 
 class FileTable(Table):
     file: str
+    atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files
 
 
 PARTICLES = ("lattice", "positions", "elements", "plummer", "file")
