@@ -30,7 +30,6 @@ from kickdrift.forces.lists.pair_rows import (
     displacements,
     fill_table,
     rows_in_one_loop,
-    slot_of,
     store_row_force,
     working_arrays,
 )
@@ -260,7 +259,7 @@ def sum_slopes(force, u, s, number, c):
                     after = load_like(lanes, lane, zero) - float(row)  # each pair once
                 dx, dy, dz = displacements(zero, x, table, other, place)
                 r2 = select(after > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                g, h = pair_slopes(laws, first + row, slot_of(other), r2)
+                g, h = pair_slopes(laws, first + row, other, r2)
                 g, h = select(r2 < cutoff2, g, 0.0), select(r2 < cutoff2, h, 0.0)
                 gx, gy, gz = react(u, s, other, ux, uy, uz, g, h, dx, dy, dz)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz

@@ -27,7 +27,6 @@ from kickdrift.forces.lists.pair_rows import (
     row_forces,
     row_of,
     rows_in_one_loop,
-    slot_of,
     store_row_force,
     streams,
     subtract_reactions,
@@ -37,7 +36,7 @@ from kickdrift.forces.lists.row_lanes import nothing
 from kickdrift.forces.lists.special_pairs import is_inside
 from kickdrift.forces.lists.sums import hand_over
 from kickdrift.forces.pairs.intra_cluster import add_along, own_pairs, row_start, store_along, zeros_along
-from kickdrift.forces.pairs.lanes import pair_terms
+from kickdrift.forces.pairs.lanes import in_registers, pair_terms
 from kickdrift.forces.pairs.variation import (
     add_row_slopes,
     deviation_at,
@@ -90,7 +89,7 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
                         broadcast(x, p + 2 * WIDTH, zero) - zj,
                     )
                     r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                    energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, WIDTH * other, r2)
+                    energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
                     inside = r2 < cutoff2
                     g = select(inside, factor * force_over_r, 0.0)
                     fx, fy, fz = g * dx, g * dy, g * dz
@@ -139,7 +138,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
             if deviation is not None:
                 store_vector(deviation.s, cluster, splat(0.0), splat(0.0), splat(0.0))
     cutoff2 = force.cutoff**2
-    laws = force.law, force.at_cutoff, force.truncation, force.tables
+    laws = in_registers((force.law, force.at_cutoff, force.truncation, force.tables), zero)
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
@@ -160,10 +159,10 @@ def sum_pairs(force, sums, deviation, together, c, thread):
         other, place = entry(rows, at, 0), entry(rows, at, 1)
         dx, dy, dz = displacements(zero, x, table, other, place)
         r2 = dx * dx + dy * dy + dz * dz
-        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), slot_of(other), r2)
+        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), other, r2)
         g = select(r2 < cutoff2, force_over_r, 0.0)
         if deviation is not None:
-            h = slope_within(laws, own + particle_of(zero, place), slot_of(other), r2, cutoff2)
+            h = slope_within(laws, own + particle_of(zero, place), other, r2, cutoff2)
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
@@ -177,8 +176,8 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
-                i, j = own + particle_of(zero, next_place), slot_of(next_other)
-                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
+                i = own + particle_of(zero, next_place)
+                next_energy, force_over_r = pair_terms(laws, i, next_other, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 if together is not None:
                     fx, fy, fz = of_row((fx, fy, fz), place, before)
@@ -192,7 +191,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                     varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
                     if together is not None:
                         store_row_slope(deviation, row_of(place), varied)
-                    h = slope_within(laws, i, j, next_r2, cutoff2)
+                    h = slope_within(laws, i, next_other, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))

@@ -94,7 +94,7 @@ def _add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
                 dx, dy, dz = broadcast_vector(x, p, zero)
                 dx, dy, dz = dx - xj, dy - yj, dz - zj
                 r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                g, h = pair_slopes(laws, WIDTH * cluster + row, WIDTH * other, r2)
+                g, h = pair_slopes(laws, WIDTH * cluster + row, STRIDE * other, r2)
                 g, h = select(r2 < cutoff2, factor * g, 0.0), select(r2 < cutoff2, factor * h, 0.0)
                 for q in range(number):
                     at = q * size + p
@@ -116,9 +116,9 @@ class Deviation(NamedTuple):
 
 
 @as_written
-def slope_within(laws, i, j, r2, cutoff2):
+def slope_within(laws, i, place, r2, cutoff2):
     """Return twice the derivative by r^2 of the force over r of the pairs of `pair_terms`, zero beyond the cutoff."""
-    _, h = pair_slopes(laws, i, j, r2)
+    _, h = pair_slopes(laws, i, place, r2)
     return select(r2 < cutoff2, h, 0.0)
 
 

@@ -89,7 +89,7 @@ def _chosen(typingctx, mask, yes, no):
         first, second = (as_lanes(builder, args[k], sig.args[k], kind.vector) for k in (1, 2))
         return builder.select(args[0], first, second)
 
-    given = [each if isinstance(each, Lanes) else types.float64 for each in (yes, no)]
+    given = [types.float64 if isinstance(each, types.Number) else kind for each in (yes, no)]
     return kind(mask, *given), codegen
 
 

@@ -175,7 +175,7 @@ def subtracted(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str
     return builder.fsub(a, b, flags=flags)
 
 
-_ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
+ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
     operator.add: added,
     operator.sub: subtracted,
     operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
@@ -229,7 +229,7 @@ def _calling(name: str) -> Callable[..., ir.Value]:
     return lowered
 
 
-for _function, _emit in _ARITHMETIC.items():
+for _function, _emit in ARITHMETIC.items():
     _lower_binary(_function, _emit, False)
 for _function, _sign in _COMPARISONS.items():
     _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), True)
