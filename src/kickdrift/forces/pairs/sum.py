@@ -49,8 +49,9 @@ from kickdrift.forces.pairs.variation import (
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
-from kickdrift.jit.lanes.masks import select
-from kickdrift.jit.lanes.memory import broadcast, entry, load, sums_of_rows
+from kickdrift.jit.lanes.masks import bytes_with_bits, lowest_bit, select
+from kickdrift.jit.lanes.memory import broadcast, entry, sums_of_rows
+from kickdrift.jit.lanes.tabled import by_bytes
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
 
@@ -69,44 +70,56 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
     def add(special, laws, pairs, forces, c, cutoff2, totals):
         energies, virials, counts = totals
         x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
-        lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
+        row_sums, present = np.zeros(WIDTH * STRIDE), -1
         for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]
+            if cluster != present:  # all entries of a cluster are side by side
+                add_special_rows(forces, row_sums, present)
+                present = cluster
             other, s = met >> SHIFT_BITS, met & 31
             xj, yj, zj = load_vector(x, other)
             xj, yj, zj = xj + shifts[0, s], yj + shifts[1, s], zj + shifts[2, s]
             hx, hy, hz = zero, zero, zero
-            for row in range(WIDTH):
-                fx, fy, fz = zero, zero, zero
-                if (within >> (WIDTH * row)) & 255:
-                    p, word = STRIDE * cluster + row, special.codes[c, e, row]
-                    for lane in range(WIDTH):
-                        lanes[lane] = special.factors[(word >> (WIDTH * lane)) & 255]
-                    factor = load(lanes, 0)
-                    dx, dy, dz = (
-                        broadcast(x, p, zero) - xj,
-                        broadcast(x, p + WIDTH, zero) - yj,
-                        broadcast(x, p + 2 * WIDTH, zero) - zj,
-                    )
-                    r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                    energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
-                    inside = r2 < cutoff2
-                    g = select(inside, factor * force_over_r, 0.0)
-                    fx, fy, fz = g * dx, g * dy, g * dz
-                    hx, hy, hz = hx + fx, hy + fy, hz + fz
-                    energies = energies + select(inside, factor * energy, 0.0)
-                    virials = virials + g * select(inside, r2, 0.0)
-                    counts = counts + select(inside, zero + 1.0, 0.0)
-                store_vector(row_sums, row, fx, fy, fz)
-            ax, ay, az = load_vector(forces, cluster)
-            ax = ax + sums_of_rows(row_sums, 0, STRIDE)
-            ay = ay + sums_of_rows(row_sums, WIDTH, STRIDE)
-            store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+            rows = bytes_with_bits(within)
+            while rows:
+                row = lowest_bit(rows)
+                rows &= rows - 1
+                p = STRIDE * cluster + row
+                factor = by_bytes(special.factors, special.codes[c, e, row])
+                dx, dy, dz = (
+                    broadcast(x, p, zero) - xj,
+                    broadcast(x, p + WIDTH, zero) - yj,
+                    broadcast(x, p + 2 * WIDTH, zero) - zj,
+                )
+                r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
+                energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
+                inside = r2 < cutoff2
+                g = select(inside, factor * force_over_r, 0.0)
+                fx, fy, fz = g * dx, g * dy, g * dz
+                hx, hy, hz = hx + fx, hy + fy, hz + fz
+                energies = energies + select(inside, factor * energy, 0.0)
+                virials = virials + g * select(inside, r2, 0.0)
+                counts = counts + select(inside, zero + 1.0, 0.0)
+                sx, sy, sz = load_vector(row_sums, row)
+                store_vector(row_sums, row, sx + fx, sy + fy, sz + fz)
             ax, ay, az = load_vector(forces, other)
             store_vector(forces, other, ax - hx, ay - hy, az - hz)
+        add_special_rows(forces, row_sums, present)
         return energies, virials, counts
 
     return add
+
+
+@as_written
+def add_special_rows(forces, row_sums, cluster):
+    """Add the sums of a cluster's rows to its forces, and set them to zero; nothing for cluster -1."""
+    if cluster < 0:
+        return
+    ax, ay, az = load_vector(forces, cluster)
+    ax, ay = ax + sums_of_rows(row_sums, 0, STRIDE), ay + sums_of_rows(row_sums, WIDTH, STRIDE)
+    store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+    for row in range(WIDTH):
+        store_vector(row_sums, row, splat(0.0), splat(0.0), splat(0.0))
 
 
 @chunk_task

@@ -18,6 +18,7 @@ from numba import types
 from numba.extending import intrinsic, lower_builtin
 
 from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import elementary as elementary  # exponential, logarithm and powers of lanes
 from kickdrift.jit.lanes.vector3 import Vector3, components, cross, dot, vector3
 from kickdrift.jit.lanes.vectors import KINDS, Lanes, Mask, as_lanes, suffix
 from kickdrift.jit.numba_private import AbstractTemplate, ConcreteTemplate, cgutils, infer_global, signature

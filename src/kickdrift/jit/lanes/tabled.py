@@ -16,10 +16,12 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
 
+from kickdrift.jit.compile import features
 from kickdrift.jit.lanes.vectors import (
     ARITHMETIC,
     F64X8,
     I32,
+    LARGEST_POWER,
     WIDTH,
     Lanes,
     as_lanes,
@@ -146,7 +148,7 @@ class _WholePower(AbstractTemplate):
 
     def generic(self, args: Any, kws: Any) -> Any:
         whole = len(args) == 2 and isinstance(args[0], Tabled) and isinstance(args[1], types.IntegerLiteral)
-        return signature(args[0], *args) if whole and 1 <= args[1].literal_value <= 32 else None
+        return signature(args[0], *args) if whole and abs(args[1].literal_value) <= LARGEST_POWER else None
 
 
 @lower_builtin(operator.pow, Tabled, types.IntegerLiteral)
@@ -239,6 +241,26 @@ def tabled(typingctx, like, table, first, places, wide):
         return context.make_tuple(builder, sig.return_type, fields)
 
     return result(like, table, types.intp, places, wide), codegen
+
+
+@intrinsic
+def by_bytes(typingctx, table, word):
+    """Return eight of the first eight numbers of a table: lane k takes the one that byte k of the word names."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        eight = builder.bitcast(args[1], ir.VectorType(ir.IntType(8), WIDTH))
+        if "avx512f" in features():
+            numbers = builder.load(builder.bitcast(data, F64X8.as_pointer()))
+            numbers.align = 8
+            return _taken(builder, [numbers], builder.zext(eight, ir.VectorType(ir.IntType(64), WIDTH)))
+        made = ir.Constant(F64X8, ir.Undefined)
+        for lane in range(WIDTH):
+            place = builder.zext(builder.extract_element(eight, I32(lane)), ir.IntType(64))
+            made = builder.insert_element(made, builder.load(builder.gep(data, [place])), I32(lane))
+        return made
+
+    return lanes_type(table, types.int64), codegen
 
 
 @intrinsic
