@@ -47,6 +47,7 @@ from kickdrift.forces.pairs.beside_pairs import (
 )
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lanes import pair_slopes
+from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.pairs.sum import sum_pairs
 from kickdrift.forces.pairs.upkeep import refresh_force
 from kickdrift.forces.pairs.variation import (
@@ -137,6 +138,7 @@ def add_one(force, wanted, t, x, v, a, sums):
         return status
     force.number[0] = 1
     place_deviations(force, x, 1, 0)
+    own.looks[SUMMED] = 0
     each_chunk(force, force.chunks, "chunk_forces_and_slopes")
     if not wanted:
         add_accelerations(own, force.a)
