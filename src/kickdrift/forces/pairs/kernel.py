@@ -128,7 +128,7 @@ def compute_for(
 def remake(force, built_at, pruned_at):
     """Make the list again from its last search and its last pruning; return a status."""
     pairs = force.pairs
-    pairs.counts[BUILT] = force.looks[SUMMED] = 0
+    pairs.counts[BUILT] = 0
     now, then = pairs.live.copy(), pairs.made_in.copy()
     copy(then[SEARCHED], pairs.live)
     status = refresh(pairs, built_at, force.chunks)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.pair_rows import slot_of
+from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import features, jit
 from kickdrift.jit.handle import Handle
@@ -67,6 +68,7 @@ def is_small(tables: Any) -> bool:
 @jit
 def fill_tables(force):
     """Write the parameters of each pair of species to the slots of a new list; return a status."""
+    force.looks[SUMMED] = 0
     spread(force.tables, force.pairs)
     return OK
 
