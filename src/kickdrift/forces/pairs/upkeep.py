@@ -45,7 +45,7 @@ class SmallTables(NamedTuple):
     wide: Any  # None for two species, whose numbers lie in the first eight entries; else True
 
 
-def tables_of(pairs: NDArray[np.float64], species: NDArray[np.integer[Any]], slots: int) -> Any:
+def tables_of(pairs: NDArray[np.float64], species: NDArray[Any], slots: int) -> Any:
     """Return tables of the numbers (rows, species, species) of all pairs of species; None for one species."""
     rows, count, _ = pairs.shape
     if count == 1:

@@ -139,7 +139,9 @@ register(operator.neg, [signature(kind, kind) for kind in KINDS])
 
 @lower_builtin(operator.neg, Tabled)
 def _negative(context, builder, sig, args):
-    return _lower_unary(context, builder, *sig.args, *args, lambda part: builder.fneg(part, flags=flags_of(context)))
+    return _lower_unary(
+        context, builder, sig.args[0], args[0], lambda part: builder.fneg(part, flags=flags_of(context))
+    )
 
 
 @infer_global(operator.pow)
