@@ -197,8 +197,7 @@ def _terms_within(laws, at, places, r2):
             row, other = tables.row[at + lane], at + (lane + places) % WIDTH
             for k in range(own.shape[0]):
                 own[k, 0, lane] = tables.table[k, row, other]
-        return terms_at(
-            (like, like_at_cutoff, truncation, Tables(own, tables.pairs, tables.species, tables.row)), (0, 0), r2
-        )
+        spread = Tables(own, tables.pairs, tables.species, tables.row)
+        return terms_at((like, like_at_cutoff, truncation, spread), (0, 0), r2)
 
     return many_species

@@ -129,15 +129,15 @@ def _pair_terms(laws, i, place, r2):
     if isinstance(laws[3], types.NoneType):
         return lambda laws, i, place, r2: truncated_terms(laws[0], laws[1], laws[2], r2)
     if is_held(laws[3]):
-        if r2 != laws[3].types[1][0].lanes:  # other lanes than those of the loop, or duals
+        if r2 != laws[3].types[2][0].lanes:  # other lanes than those of the loop, or duals
             return lambda laws, i, place, r2: pair_terms(without_registers(laws), i, place, r2)
 
-        def in_registers(laws, i, place, r2):
+        def of_held(laws, i, place, r2):
             _, _, truncation, (tables, law, at_cutoff) = laws
             where = places_of(tables.row, i, tables.code, place, r2)
             return truncated_terms(placed(law, where), placed(at_cutoff, where), truncation, r2)
 
-        return in_registers
+        return of_held
     return lambda laws, i, place, r2: terms_at(laws, where_of(laws[3], i, place, r2), r2)
 
 
@@ -175,12 +175,8 @@ def _in_registers(laws, zero):
         like, like_at_cutoff, truncation, tables = laws
         where = places_of(tables.row, 0, tables.code, 0, zero)
         law = parameters_of(like, tables, 0, where, zero)
-        return (
-            like,
-            like_at_cutoff,
-            truncation,
-            Held(tables, law, parameters_of(like_at_cutoff, tables, rows_of(like), where, zero)),
-        )
+        at_cutoff = parameters_of(like_at_cutoff, tables, rows_of(like), where, zero)
+        return like, like_at_cutoff, truncation, Held(tables, law, at_cutoff)
 
     return held
 
