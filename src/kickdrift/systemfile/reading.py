@@ -268,6 +268,7 @@ def _start(
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):
-            found = read_structure(folder / particles.file, units, table.box.periodic, box is not None)
+            path, periodic = folder / particles.file, table.box.periodic
+            found = read_structure(path, units, periodic, box is not None, particles.atom_style)
         charges = charges_of(particles, found.species)
         return found if charges is None else found._replace(charges=charges)

@@ -102,6 +102,7 @@ class FileTable(Table):
     file: str
     charge: Charges = None
     charges: list[base.Charge] | None = None
+    atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files
 
 
 PARTICLES = ("lattice", "positions", "elements", "plummer", "file")

@@ -354,6 +354,38 @@ def test_face_centred_cubic_crystal():
     assert np.abs(measured.accelerations).max() < 1e-11
 
 
+@pytest.mark.parametrize("count", [2, 4, 5])  # whose parameters lie in one register, in two, and in memory
+def test_mixtures_of_any_number_of_species(count):
+    rng = np.random.default_rng(count)
+    x, box = fluid(rng, 300)
+    parameters = {name: {"epsilon": 1.0 + 0.1 * k, "sigma": 1.0 - 0.03 * k} for k, name in enumerate("ABCDE"[:count])}
+    force = LennardJones(cutoff=CUTOFF, truncation="force-shift", species=parameters)
+    system = System(x, box=box, forces=[force], species=rng.choice(list(parameters), 300).tolist())
+    exact = assert_right(system)
+    mixed = BoundForces(system, mixed=True).measure(0.0, system.state.phase)
+    np.testing.assert_allclose(mixed.potential, exact.potential, rtol=1e-6)
+    scale = np.abs(exact.accelerations).max()
+    np.testing.assert_allclose(mixed.accelerations, exact.accelerations, atol=3e-6 * scale)
+
+
+@pytest.mark.parametrize("options", [{}, {"mixed": True}, {"threads": 2}], ids=["float64", "mixed", "threads"])
+def test_sums_are_taken_again_only_at_the_same_positions(options):
+    system = make_system(*fluid(np.random.default_rng(1), 300))
+    start = system.state.phase
+    elsewhere = start.copy()
+    elsewhere[0, 2, 5] += 0.01  # less than the skin: the lists stay as they are at the start
+    places = (start, start, elsewhere, elsewhere, start)
+    bound = BoundForces(system, **options)
+    found = [bound.measure(0.0, y) for y in places]
+    for each, y in zip(found, places, strict=True):
+        fresh = BoundForces(system, **options)
+        fresh.measure(0.0, start)
+        wanted = fresh.measure(0.0, y)
+        np.testing.assert_array_equal(each.accelerations, wanted.accelerations)
+        assert (each.potential, each.virial, each.pairs) == (wanted.potential, wanted.virial, wanted.pairs)
+    assert found[0].potential == found[4].potential != found[2].potential
+
+
 def test_tail_of_a_mixture():
     x, edges = fluid(np.random.default_rng(2), 200)
     assert_right(make_system(x, edges, "cut", mixed=True, tail=True))

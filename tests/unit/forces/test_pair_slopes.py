@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.pairs.law import TRUNCATIONS
+from kickdrift.forces.pairs.law import TRUNCATIONS, pair_law
 from kickdrift.forces.slopes.variations import varied
 from kickdrift.model.starts.builders import lattice
 from tests.long import shortened
@@ -53,6 +54,56 @@ def test_slopes_are_those_of_the_oracle(case):
     for k in range(ALONG):
         wanted = pair_slopes(system, deviations[0, :, :, k].T).T / system.state.masses
         np.testing.assert_allclose(slopes[..., k], wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+
+
+@pair_law
+class Elementary(NamedTuple):
+    """U = a exp(-r / rho) + r^-n + log(1 + r^2)."""
+
+    a: float = 30.0
+    rho: float = 0.4
+    n: float = 7.5
+
+    def law(p, r2):
+        r = math.sqrt(r2)
+        wall, core = p.a * math.exp(-r / p.rho), r2 ** (-0.5 * p.n)
+        return wall + core + math.log(1.0 + r2), wall / (p.rho * r) + p.n * core / r2 - 2.0 * (1.0 + r2) ** -1
+
+
+def test_a_law_of_exponentials_and_powers_in_a_mixture():
+    still, numbers = (
+        system_of("cut", 1, 0, 0),
+        {"A": Elementary.Parameters(), "B": Elementary.Parameters(20.0, 0.5, 6.5)},
+    )
+    across = Elementary.Parameters(25.0, 0.45, 7.0)
+    force = Elementary(
+        cutoff=2.5, truncation="cut", species={name: each._asdict() for name, each in numbers.items()},
+        pairs={("A", "B"): across._asdict()},
+    )  # fmt: skip
+    species = ["A" if k % 3 else "B" for k in range(len(still))]
+    state = still.state
+    system = kd.System(state.positions, state.velocities, state.masses, still.box, [force], species=species)
+    energy, pull = 0.0, np.zeros((len(system), 3))
+    for i, j in itertools.combinations(range(len(system)), 2):
+        d = system.box.minimum_image(state.positions[i] - state.positions[j])
+        if (r2 := float(d @ d)) < 2.5**2:
+            u, over_r = (numbers[species[i]] if species[i] == species[j] else across).law(r2)
+            energy, pull[i], pull[j] = energy + u, pull[i] + over_r * d, pull[j] - over_r * d
+    plain = BoundForces(system).measure(0.0, system.state.phase)
+    assert plain.potential == pytest.approx(energy, rel=1e-13)
+    wanted = pull.T / system.state.masses
+    np.testing.assert_allclose(plain.accelerations, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+    along = np.random.default_rng(5).normal(size=(2, 3, len(system)))
+    made = varied(system, along)
+    slopes = BoundForces(made).measure(0.0, made.state.phase).accelerations[:, len(system) :]
+
+    def at(step: float) -> np.ndarray:
+        there = moved(system, step * along)
+        return BoundForces(there).measure(0.0, there.state.phase).accelerations
+
+    h = 1e-5
+    found = (8.0 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12.0 * h)
+    np.testing.assert_allclose(slopes, found, rtol=0, atol=1e-8 * np.abs(found).max())
 
 
 def moved(system: kd.System, along: np.ndarray, masses=None) -> kd.System:

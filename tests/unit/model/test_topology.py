@@ -250,3 +250,24 @@ def test_a_data_file_of_lammps(tmp_path):
     assert {frozenset(bond) for bond in found.bonds.tolist()} == set(types)
     assert dict(zip(map(frozenset, found.bonds.tolist()), found.bond_types, strict=True)) == types
     assert found.angles.tolist() in ([[1, 0, 2]], [[2, 0, 1]])
+
+
+def test_a_data_file_without_a_style_beside_its_atoms(tmp_path):
+    """As LAMMPS' own file of chains: neither the name nor the heading of the atoms says anything."""
+    plain = DATA.replace("Atoms # molecular", "Atoms")
+    (tmp_path / "start.data").write_text(DATA)
+    (tmp_path / "data.chain").write_text(plain)
+    text = 'units = "lj"\nforce = []\n[particles]\nfile = "%s"\n'
+    expected = loads(text % "start.data", folder=tmp_path)
+    for style in ("", 'atom_style = "bond"\n'):
+        found = loads(text % "data.chain" + style, folder=tmp_path)
+        np.testing.assert_array_equal(found.state.positions, expected.state.positions)
+        assert found.species == expected.species
+    (tmp_path / "data.chain").write_text(plain.replace("3 bonds", "0 bonds"))
+    with pytest.raises(kd.InputError, match="does not say its atom_style, such as charge"):
+        loads(text % "data.chain", folder=tmp_path)
+    with pytest.raises(kd.InputError, match="atom_style: expected 'atomic', 'charge'"):
+        loads(text % "data.chain" + 'atom_style = "bonds"\n', folder=tmp_path)
+    (tmp_path / "one.xyz").write_text("1\n\nAr 0 0 0\n")
+    with pytest.raises(kd.InputError, match="atom_style is for data files of LAMMPS"):
+        loads('units = "metal"\nforce = []\n[particles]\nfile = "one.xyz"\natom_style = "full"\n', folder=tmp_path)

@@ -131,6 +131,7 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
             tail_volume=float(volume_of.py_func(pairs.live)),
             inverse_masses=1.0 / system.coherent_masses,
             sums=np.zeros((chunks, 3)),
+            looks=np.zeros(4, np.int64),
             along=None,
             pairs=pairs,
             chunks=in_chunks(chunks, threads),

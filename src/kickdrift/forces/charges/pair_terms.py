@@ -15,12 +15,12 @@ from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.charges.radial import Radial
-from kickdrift.forces.lists.clusters import STRIDE
+from kickdrift.forces.lists.pair_rows import slot_of
 from kickdrift.forces.pairs import upkeep
 from kickdrift.forces.pairs.intra_cluster import terms_within
 from kickdrift.forces.pairs.kernel import PairKernel, add_forces, compute_for
-from kickdrift.forces.pairs.lanes import brings_terms, pair_terms
-from kickdrift.forces.pairs.upkeep import fill_tables
+from kickdrift.forces.pairs.lanes import pair_terms
+from kickdrift.forces.pairs.upkeep import brings_terms, fill_tables
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import inverse_sqrt, lanes_like, multiply_add
@@ -57,18 +57,18 @@ class ChargedPairKernel(PairKernel):
 
 
 @overload(pair_terms)
-def _pair_terms(laws, i, j, r2):
+def _pair_terms(laws, i, place, r2):
     if not brings_terms(laws[0]):
         return None
 
-    def terms(laws, i, j, r2):
-        slots = laws[3].slots
-        return with_charges(laws, own_terms(laws, i, j, r2), broadcast(slots, i, r2) * load_like(slots, j, r2), r2)
+    def terms(laws, i, place, r2):
+        slots, j = laws[3].slots, slot_of(place)
+        return with_charges(laws, own_terms(laws, i, place, r2), broadcast(slots, i, r2) * load_like(slots, j, r2), r2)
 
     return terms
 
 
-@overload(terms_within)
+@overload(terms_within, prefer_literal=True)
 def _terms_within(laws, at, places, r2):
     if not brings_terms(laws[0]):
         return None
@@ -83,18 +83,18 @@ def _terms_within(laws, at, places, r2):
     return terms
 
 
-def own_terms(laws: Any, i: int, j: int, r2: Any) -> Any:
+def own_terms(laws: Any, i: int, place: int, r2: Any) -> Any:
     """Return the terms of the pair law alone, zero beyond its own cutoff; None without one."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(own_terms)
-def _own_terms(laws, i, j, r2):
+def _own_terms(laws, i, place, r2):
     if isinstance(laws[0].types[0], types.NoneType):
-        return lambda laws, i, j, r2: None
+        return lambda laws, i, place, r2: None
 
-    def terms(laws, i, j, r2):
-        found = pair_terms((laws[0].own, laws[1], laws[2], laws[3].own), i, j, r2)
+    def terms(laws, i, place, r2):
+        found = pair_terms((laws[0].own, laws[1], laws[2], laws[3].own), i, place, r2)
         return below(r2 < laws[0].own_cutoff2, found)
 
     return terms
@@ -105,7 +105,7 @@ def own_terms_within(laws: Any, at: int, places: int, r2: Any) -> Any:
     raise NotImplementedError("for compiled code")
 
 
-@overload(own_terms_within)
+@overload(own_terms_within, prefer_literal=True)
 def _own_terms_within(laws, at, places, r2):
     if isinstance(laws[0].types[0], types.NoneType):
         return lambda laws, at, places, r2: None
@@ -212,7 +212,7 @@ def _spread(tables, pairs):
         tables.slots[:] = 0.0
         for i in range(pairs.place.size):
             p = pairs.place[i]
-            tables.slots[p // STRIDE * WIDTH + p % STRIDE] = tables.charges[i]
+            tables.slots[slot_of(p)] = tables.charges[i]
         upkeep.spread(tables.own, pairs)
 
     return spread_charges

@@ -217,7 +217,7 @@ def field_law(cls: type) -> Any:
     ``t``. It returns the potential energy, or None, and the force, a vector or three numbers.
 
     ``law`` is compiled for SIMD lanes. Vectors have ``+ -``, ``d @ e``, ``np.cross``, ``d[0]``, and products and
-    quotients with numbers. Numbers have ``+ - * / **`` with a whole power, ``math.sqrt``, ``exp``, ``log``, ``sin`` and
+    quotients with numbers. Numbers have ``+ - * / **``, ``math.sqrt``, ``exp``, ``log``, ``sin`` and
     ``cos``, ``abs``, ``max``, ``min``, and ``np.where`` with a comparison in place of ``if``.
 
     The class may say more:

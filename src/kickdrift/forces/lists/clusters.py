@@ -96,20 +96,21 @@ def table_place(per_row: int, shift: int, row: int) -> int:
     return 4 * STRIDE * shift + 2 * STRIDE * row
 
 
-def skins(bricks: Bricks, cutoff: float, stride: float) -> tuple[float, float]:
+def skins(bricks: Bricks, cutoff: float, stride: float, scale: float = 0.0) -> tuple[float, float]:
     """Return the cheapest inner and outer skin, if the fastest particle moves by ``stride`` between two evaluations.
 
-    Lengths are in cutoffs, costs in evaluations, and u is twice the stride. An inner skin s adds 2.5 s to the cost of
-    the forces, and needs a pruning every s / u evaluations, which costs 1.5: s = 0.77 u^(1/2). An outer skin that is
-    wider by d raises the cost of a pruning by 1 / (1 / 2 + d), and needs a search every d / u evaluations, which costs
-    1.6: d = 0.8 u^(1/4). The costs were measured in a Lennard-Jones liquid. Twice or half the skins cost a few percent
-    more.
+    Lengths are in cutoffs, or in the ``scale`` if that is longer. Costs are in evaluations, and u is twice the stride.
+    An inner skin s adds 2.5 s to the cost of the forces, and needs a pruning every s / u evaluations, which costs 1.5:
+    s = 0.77 u^(1/2). An outer skin that is wider by d raises the cost of a pruning by 1 / (1 / 2 + d), and needs a
+    search every d / u evaluations, which costs 1.6: d = 0.8 u^(1/4). The costs were measured in a Lennard-Jones liquid.
+    Twice or half the skins cost a few percent more.
     """
     slack = bricks.reach - cutoff  # shifts reach only to the next box
-    u = 2 * max(stride / cutoff, 0.25 * STRIDE_UNKNOWN)  # particles at rest may start to move
+    unit = max(cutoff, scale)
+    u = 2 * max(stride / unit, 0.25 * STRIDE_UNKNOWN)  # particles at rest may start to move
     inner = min(max(0.77 * u**0.5, 0.02), 0.3)
     outer = inner + min(0.8 * u**0.25, 0.5)
-    return min(inner * cutoff, slack / 2), min(outer * cutoff, slack)
+    return min(inner * unit, slack / 2), min(outer * unit, slack)
 
 
 def empty_rows(chunks: int, room: int, per_row: int, block: Block) -> NDArray[np.int32]:

@@ -57,15 +57,15 @@ def particle_rows(pairs, c):
             pairs.used[c, cluster] = 0
     for cluster in range(begin, end):
         filled = pairs.filled[cluster]
-        mark_special(pairs.special, pairs.place, c, cluster, filled, True)
+        mark_special(pairs.special, c, cluster, filled, True)
         reach2 = spread_rows(pairs, cluster, table)
         some = 0
         for k in range(span[cluster, 0], span[cluster, 1]):
             bits = pairs_within(x, shifts, cluster, near[k] >> SHIFT_BITS, near[k] & 31, reach2, table)
-            bits = without_special(pairs.special, pairs.place, c, cluster, near[k], bits, filled)
+            bits = without_special(pairs.special, c, cluster, near[k], bits, filled)
             within[some], met[some] = bits, near[k]
             some += int(bits != 0)  # overwritten unless one is
-        mark_special(pairs.special, pairs.place, c, cluster, filled, False)
+        mark_special(pairs.special, c, cluster, filled, False)
         add_members(pairs, c, cluster, within[:some], met, fill, found[made:], of[made:])
         made += some
     write_rows(pairs, c, found[:made], of, fill)
@@ -238,7 +238,7 @@ def write_tiles(pairs, c):
         if cluster < begin or cluster >= end:
             continue
         filled = pairs.filled[cluster]
-        mark_special(pairs.special, pairs.place, c, cluster, filled, True)
+        mark_special(pairs.special, c, cluster, filled, True)
         shifts = 0
         for k in range(span[cluster, 0], span[cluster, 1]):
             shifts |= 1 << (near[k] & 31)
@@ -258,7 +258,7 @@ def write_tiles(pairs, c):
             )
             if is_special(pairs.special, c, other):
                 bits = all_within(pairs, cluster, other, s)
-                without_special(pairs.special, pairs.place, c, cluster, near[first + k], bits, filled)
+                without_special(pairs.special, c, cluster, near[first + k], bits, filled)
                 members[k] = 0
             shifts |= int(members[k] != 0) << s
         used[cluster] = shifts
@@ -268,7 +268,7 @@ def write_tiles(pairs, c):
                 bit, place = 1 << (2 * row + block), PER_ROW * row << 32 | HALF * block
                 for at in range(0, count, WIDTH):
                     made += append_members(rows, made, listed, members, at, count - at, bit, place)
-        mark_special(pairs.special, pairs.place, c, cluster, filled, False)
+        mark_special(pairs.special, c, cluster, filled, False)
     start[2 * pairs.counts[N_CLUSTERS]] = made
     rows[made : made + LOOKED_AHEAD] = 0
 

@@ -20,19 +20,25 @@ from kickdrift.jit.lanes.vectors import WIDTH
 if TYPE_CHECKING:
     from kickdrift.model.molecules.topology import Topology
 
-OWN = 255  # code of a pair that the same entry meets from the other side, or of a particle with itself
+CODE_BITS = 3
+OWN = (1 << CODE_BITS) - 1  # code of a pair that the same entry meets from the other side, or of a particle with itself
 UNSHIFTED = SHIFTS // 2
+NEXT, OTHER, ROW, CODE = range(4)  # columns of a record
 
 
 class Special(NamedTuple):
     """Special pairs of n particles, and the entries that hold them. ``room`` is the room of the outer list."""
 
-    start: NDArray[np.int64]  # (n + 1,) partners of particle i: partner[start[i] : start[i + 1]]
-    partner: NDArray[np.int64]
-    code: NDArray[np.int64]  # index in ``factors``
-    factors: NDArray[np.float64]  # (256,) the first is 1
+    start: NDArray[np.int32]  # (n + 1,) partners of particle i: partner[start[i] : start[i + 1]]
+    partner: NDArray[np.int32]  # a particle << 3 | code, an index in ``factors``
+    slot_start: NDArray[np.int32]  # (slots + 1,) the same for the particle in each slot
+    met: NDArray[np.int64]  # a place << 3 | code
+    factors: NDArray[np.float64]  # (8,) the first is 1, the last, of `OWN`, is 0
     particle: NDArray[np.int64]  # (slots,) the particle in each slot, -1 for padding
-    marks: NDArray[np.int64]  # (chunks, clusters) special pairs of the present cluster with each other cluster
+    marks: NDArray[np.int64]  # (chunks, clusters) 1 + index of a record of the present cluster with another; 0 for none
+    records: NDArray[np.int64]  # (chunks, most, 4) special pairs of the present cluster: the mark of the next record of
+    # the same two clusters, the other cluster, the row, and the code in the other particle's byte
+    recorded: NDArray[np.int64]  # (chunks,) number of records
     inside: NDArray[np.bool_]  # (clusters,) whether a cluster has special pairs among its own particles
     number: NDArray[np.int64]  # (chunks,) entries
     entries: NDArray[np.int64]  # (chunks, room + clusters, 3) a cluster, the other << 5 | shift, bits of pairs in reach
@@ -45,19 +51,23 @@ def special_of(topology: Topology | None, n: int, slots: int, chunks: int, room:
         return None
     pairs, factors = topology.scaled
     values = np.unique(factors)
-    table = np.zeros(256)
-    table[0], table[1 : 1 + len(values)] = 1.0, values
+    table = np.zeros(WIDTH)
+    table[0], table[1 : 1 + len(values)] = 1.0, values  # three factors, and 0 for exclusions
     both = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.lexsort((both[:, 1], both[:, 0]))
+    codes = 1 + np.searchsorted(values, np.tile(factors, 2))
     count = np.bincount(both[:, 0], minlength=n)
     clusters = slots // WIDTH
     return Special(
-        start=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
-        partner=both[order, 1].copy(),
-        code=(1 + np.searchsorted(values, np.tile(factors, 2)[order])).astype(np.int64),
+        start=np.concatenate([[0], np.cumsum(count)]).astype(np.int32),
+        partner=(both[:, 1] << CODE_BITS | codes)[order].astype(np.int32),
+        slot_start=np.zeros(slots + 1, np.int32),
+        met=np.zeros(len(both), np.int64),
         factors=table,
         particle=np.full(slots, -1, np.int64),
         marks=np.zeros((chunks, clusters), np.int64),
+        records=np.empty((chunks, WIDTH * int(count.max()), 4), np.int64),
+        recorded=np.zeros(chunks, np.int64),
         inside=np.zeros(clusters, np.bool_),
         number=np.zeros(chunks, np.int64),
         **rooms(chunks, room + clusters),
@@ -78,7 +88,7 @@ def with_special_room(special: Special | None, room: int) -> Special | None:
 
 
 def place_special(special: Any, place: Any) -> None:
-    """After a sort, note the particle of each slot."""
+    """After a sort, note the particle of each slot, and the places of its partners in the order of the slots."""
 
 
 @overload(place_special)
@@ -90,6 +100,16 @@ def _place_special(special, place):
         special.particle[:] = -1
         for i in range(place.size):
             special.particle[place[i] // STRIDE * WIDTH + place[i] % STRIDE] = i
+        made = 0
+        for slot in range(special.particle.size):
+            special.slot_start[slot] = made
+            i = special.particle[slot]
+            if i >= 0:
+                for k in range(special.start[i], special.start[i + 1]):
+                    partner = special.partner[k]
+                    special.met[made] = place[partner >> CODE_BITS] << CODE_BITS | partner & OWN
+                    made += 1
+        special.slot_start[special.particle.size] = made
 
     return note
 
@@ -109,38 +129,46 @@ def _clear_special(special, c):
     return clear
 
 
-def mark_special(special: Any, place: Any, c: int, cluster: int, filled: int, on: bool) -> None:
-    """Mark the clusters that have special pairs with this cluster, and make the entry of its own pairs; or, without
-    ``on``, remove the marks."""
+def mark_special(special: Any, c: int, cluster: int, filled: int, on: bool) -> None:
+    """Record the special pairs of this cluster, mark the other clusters, and make the entry of its own pairs; or,
+    without ``on``, remove the marks."""
 
 
 @overload(mark_special)
-def _mark_special(special, place, c, cluster, filled, on):
+def _mark_special(special, c, cluster, filled, on):
     if isinstance(special, types.NoneType):
-        return lambda special, place, c, cluster, filled, on: None
+        return lambda special, c, cluster, filled, on: None
 
-    def mark(special, place, c, cluster, filled, on):
-        marks, particle, start, partner = special.marks[c], special.particle, special.start, special.partner
-        for lane in range(filled):
-            i = particle[WIDTH * cluster + lane]
-            for k in range(start[i], start[i + 1]):
-                other = place[partner[k]] // STRIDE
-                marks[other] = marks[other] + 1 if on else 0
-        if on:
-            special.inside[cluster] = marks[cluster] > 0
-            if marks[cluster] > 0:
-                add_entry(special, place, c, cluster, cluster << SHIFT_BITS | UNSHIFTED, -1, filled)
+    def mark(special, c, cluster, filled, on):
+        marks, records, number = special.marks[c], special.records[c], 0
+        if not on:
+            for k in range(special.recorded[c]):
+                marks[records[k, OTHER]] = 0
+            return
+        for row in range(filled):
+            slot = WIDTH * cluster + row
+            for k in range(special.slot_start[slot], special.slot_start[slot + 1]):
+                there, code = special.met[k] >> CODE_BITS, special.met[k] & OWN
+                other = there // STRIDE
+                records[number, NEXT], records[number, OTHER], records[number, ROW] = marks[other], other, row
+                records[number, CODE] = code << (WIDTH * (there - STRIDE * other))
+                number += 1
+                marks[other] = number
+        special.recorded[c] = number
+        special.inside[cluster] = marks[cluster] > 0
+        if marks[cluster] > 0:
+            add_entry(special, c, cluster, cluster << SHIFT_BITS | UNSHIFTED, -1, filled)
 
     return mark
 
 
-def add_entry(special: Any, place: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> None:
+def add_entry(special: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> None:
     """Append the entry of a pair of clusters, with pairs in reach at ``bits``."""
 
 
 @overload(add_entry)
-def _add_entry(special, place, c, cluster, met, bits, filled):
-    def add(special, place, c, cluster, met, bits, filled):
+def _add_entry(special, c, cluster, met, bits, filled):
+    def add(special, c, cluster, met, bits, filled):
         at, other = special.number[c], met >> SHIFT_BITS
         entry, codes = special.entries[c, at], special.codes[c, at]
         particles = 0
@@ -149,14 +177,13 @@ def _add_entry(special, place, c, cluster, met, bits, filled):
         entry[0], entry[1], entry[2] = cluster, met, bits & particles
         for lane in range(WIDTH):
             codes[lane] = 0
-        within = other == cluster and met & 31 == UNSHIFTED
-        for lane in range(filled):
-            i = special.particle[WIDTH * cluster + lane]
-            for k in range(special.start[i], special.start[i + 1]):
-                there = place[special.partner[k]]
-                if there // STRIDE == other:
-                    codes[lane] |= special.code[k] << (WIDTH * (there % STRIDE))
-            if within:
+        mark = special.marks[c, other]
+        while mark > 0:
+            record = special.records[c, mark - 1]
+            codes[record[ROW]] |= record[CODE]
+            mark = record[NEXT]
+        if other == cluster and met & 31 == UNSHIFTED:
+            for lane in range(filled):
                 for before in range(lane + 1):
                     codes[lane] |= OWN << (WIDTH * before)
         special.number[c] = at + 1
@@ -164,20 +191,20 @@ def _add_entry(special, place, c, cluster, met, bits, filled):
     return add
 
 
-def without_special(special: Any, place: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> int:
+def without_special(special: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> int:
     """Return the bits of pairs within reach for the rows of the list: 0 if the pair of clusters becomes an entry."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(without_special)
-def _without_special(special, place, c, cluster, met, bits, filled):
+def _without_special(special, c, cluster, met, bits, filled):
     if isinstance(special, types.NoneType):
-        return lambda special, place, c, cluster, met, bits, filled: bits
+        return lambda special, c, cluster, met, bits, filled: bits
 
-    def moved(special, place, c, cluster, met, bits, filled):
+    def moved(special, c, cluster, met, bits, filled):
         if bits == 0 or special.marks[c, met >> SHIFT_BITS] == 0:
             return bits
-        add_entry(special, place, c, cluster, met, bits, filled)
+        add_entry(special, c, cluster, met, bits, filled)
         return 0
 
     return moved

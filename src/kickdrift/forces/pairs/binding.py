@@ -14,13 +14,15 @@ from kickdrift.forces.lists.row_lanes import row_lanes
 from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
 from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, Shift, Switch
-from kickdrift.forces.pairs.upkeep import Tables
+from kickdrift.forces.pairs.upkeep import tables_of
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the lanes that a law takes
-from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.threads.chunks import in_chunks
+from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from kickdrift.model.subject import Subject
 
 
@@ -60,30 +62,16 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
     lanes = row_lanes(mixed)
     cls = law_class(force)
     n, names = len(system), system.species
-    laws = [[force.pair_law(a, b) for b in names] for a in names]
-    cutoff = float(force.cutoff or 0.0)
-    at_cutoff = [[AtCutoff(*(float(u) for u in p.law(cutoff**2))) for p in row] for row in laws]
+    cutoff, numbers = float(force.cutoff or 0.0), pair_numbers(force, names)
+    law, at_cutoff = numbers[:-2, 0, 0].tolist(), numbers[-2:, 0, 0].tolist()
     pairs = cluster_list(n, system.box, cutoff, lanes, threads, single=mixed)
     special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
     pairs = pairs._replace(special=special)
-    tables = None
-    if len(names) > 1:
-        law_pairs = np.array(laws, dtype=float).transpose(2, 0, 1).copy()
-        at_cutoff_pairs = np.array(at_cutoff).transpose(2, 0, 1).copy()
-        slots = pairs.x.size // 3
-        tables = Tables(
-            law=aligned((len(law_pairs), len(names), slots), 1.0),
-            at_cutoff=aligned((2, len(names), slots)),
-            law_pairs=law_pairs,
-            at_cutoff_pairs=at_cutoff_pairs,
-            species=system.species_index.astype(np.int64),
-            row=np.zeros(slots, np.int64),
-        )
     chunks = pairs.force.shape[0]
     work = PairWork(
-        law=cls(*(float(value) for value in laws[0][0])),
-        at_cutoff=at_cutoff[0][0],
-        tables=tables,
+        law=cls(*law),
+        at_cutoff=AtCutoff(*at_cutoff),
+        tables=tables_of(numbers, system.species_index, pairs.x.size // 3),
         truncation=truncation_of(force),
         mixed=float(system.coherent_masses.sum()) if mixed else None,
         lanes=lanes,
@@ -92,11 +80,19 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
         tail_volume=float(volume_of.py_func(pairs.live)),
         inverse_masses=1.0 / system.coherent_masses,
         sums=np.zeros((chunks, 3)),
+        looks=np.zeros(4, np.int64),
         along=None,
         pairs=pairs,
         chunks=in_chunks(chunks, threads),
     )
     return PairKernel(work)
+
+
+def pair_numbers(force: PairPotential, names: Sequence[str]) -> Floats:
+    """Numbers (rows, species, species) of all pairs of species, with the rows of `Tables`."""
+    laws = [[force.pair_law(a, b) for b in names] for a in names]
+    numbers = [[(*law, *law.law(float(force.cutoff or 0.0) ** 2)) for law in row] for row in laws]
+    return np.array(numbers, dtype=float).transpose(2, 0, 1)
 
 
 def truncation_of(force: PairPotential) -> Any:

@@ -11,12 +11,14 @@ from kickdrift.forces.lists.along import add_along
 from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
 from kickdrift.forces.lists.pair_rows import displacements
 from kickdrift.forces.lists.special_pairs import is_inside
-from kickdrift.forces.pairs.lanes import brings_terms, pair_terms, parameters_of, truncated_terms
+from kickdrift.forces.pairs.lanes import is_held, pair_terms, terms_at, without_registers
+from kickdrift.forces.pairs.upkeep import Tables, brings_terms, is_small
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.single import off_diagonal
+from kickdrift.jit.lanes.tabled import places_within
 from kickdrift.jit.lanes.vectors import WIDTH, single_type
 
 UNSHIFTED = SHIFTS // 2
@@ -64,8 +66,7 @@ def _row_start(zero, laws, pairs, table, cluster, row, cutoff2):
             r2 = dx * dx + dy * dy + dz * dz
             if block == row:
                 r2 = off_diagonal(r2, 4.0 * cutoff2)
-            first = WIDTH * cluster
-            _, force_over_r = pair_terms(laws, first + WIDTH // 2 * row, first + WIDTH // 2 * block, r2)
+            _, force_over_r = pair_terms(laws, WIDTH * cluster + WIDTH // 2 * row, other, r2)
             g = select(r2 < cutoff2, force_over_r, 0.0)
             fx, fy, fz = multiply_add(g, dx, fx), multiply_add(g, dy, fy), multiply_add(g, dz, fz)
         return fx, fy, fz
@@ -126,24 +127,30 @@ def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
     on."""
 
 
-@overload(terms_within)
+@overload(terms_within, prefer_literal=True)
 def _terms_within(laws, at, places, r2):
     if brings_terms(laws[0]):
         return None
     if isinstance(laws[3], types.NoneType):
         return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
+    if is_held(laws[3]):
+        return lambda laws, at, places, r2: terms_within(without_registers(laws), at, places, r2)
+    if is_small(laws[3]):
+
+        def permuted(laws, at, places, r2):
+            tables = laws[3]
+            return terms_at(laws, places_within(tables.row, at, tables.code, STRIDE // WIDTH * at, places), r2)
+
+        return permuted
 
     def many_species(laws, at, places, r2):
         like, like_at_cutoff, truncation, tables = laws
-        own = np.empty((tables.law.shape[0], 1, WIDTH))
-        own_at_cutoff = np.empty((2, 1, WIDTH))
+        own = np.empty((tables.table.shape[0], 1, WIDTH))
         for lane in range(WIDTH):
             row, other = tables.row[at + lane], at + (lane + places) % WIDTH
             for k in range(own.shape[0]):
-                own[k, 0, lane] = tables.law[k, row, other]
-            for k in range(2):
-                own_at_cutoff[k, 0, lane] = tables.at_cutoff[k, row, other]
-        at_cutoff = parameters_of(like_at_cutoff, own_at_cutoff, 0, 0, r2)
-        return truncated_terms(parameters_of(like, own, 0, 0, r2), at_cutoff, truncation, r2)
+                own[k, 0, lane] = tables.table[k, row, other]
+        spread = Tables(own, tables.pairs, tables.species, tables.row)
+        return terms_at((like, like_at_cutoff, truncation, spread), (0, 0), r2)
 
     return many_species

@@ -20,12 +20,13 @@ from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
 from kickdrift.forces.pairs.lanes import AtCutoff
+from kickdrift.forces.pairs.sampled import SUMMED, WITH_SUMS, gather_again, is_summed, note_look, sum_forces
 from kickdrift.forces.pairs.sorted_steps import take_steps
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
 from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
-from kickdrift.jit.threads.chunks import Chunks, each_chunk
+from kickdrift.jit.threads.chunks import Chunks
 from kickdrift.model.state import Floats
 
 
@@ -43,6 +44,7 @@ class PairWork(NamedTuple):
     tail_volume: float  # of the box that these belong to
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
+    looks: NDArray[np.int64]  # (4,) what is known of samples; see `sampled`
     along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
     pairs: ClusterList
     chunks: Chunks
@@ -142,13 +144,18 @@ def remake(force, built_at, pruned_at):
 def add_forces(force, wanted, x, a, sums):
     """Add the accelerations (3, n) to a and, if ``wanted``, energy, virial and pairs to sums. Return a status."""
     pairs, chunks = force.pairs, force.chunks
-    status = refresh_force(force, x)
-    if status != OK:
-        return status
-    if not wanted:
-        each_chunk(force, chunks, "chunk_forces")
+    if wanted and is_summed(force, x):
+        gather_again(force, a)
     else:
-        each_chunk(force, chunks, "chunk_forces_and_sums")
+        force.looks[SUMMED] = 0
+        status = refresh_force(force, x)
+        if status != OK:
+            return status
+        sum_forces(force, wanted)
+        add_accelerations(force, a)
+        force.looks[SUMMED] = force.looks[WITH_SUMS]
+    if wanted:
+        note_look(force)
         for c in range(chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
@@ -156,5 +163,4 @@ def add_forces(force, wanted, x, a, sums):
         scaled = scaled_tail(pairs, force.tail_volume)
         sums[0] += scaled * force.tail[0]
         sums[1] += scaled * force.tail[1]
-    add_accelerations(force, a)
     return OK

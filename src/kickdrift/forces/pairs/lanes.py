@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from kickdrift.forces.lists.pair_rows import slot_of
+from kickdrift.forces.pairs.upkeep import brings_terms, is_small
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import dual, dual_fields, of_lanes
 from kickdrift.jit.duals.operators import dual_like
-from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lanes_like
 from kickdrift.jit.lanes.masks import select
@@ -23,6 +24,7 @@ from kickdrift.jit.lanes.memory import named_lanes
 from kickdrift.jit.lanes.single import (
     named_lanes_single,
 )
+from kickdrift.jit.lanes.tabled import Places, Tabled, all_taken, placed, places_of, tabled
 from kickdrift.jit.lanes.vectors import Lanes, single_type
 
 
@@ -116,33 +118,91 @@ class LawSlope(NamedTuple):
     cutoff2: float
 
 
-def brings_terms(kind: Any) -> bool:
-    """Tell whether a law's class, or that of its tables, has terms of its own; see `charges.pair_terms`."""
-    kind = kind.kind if isinstance(kind, Handle) else kind
-    return getattr(getattr(kind, "instance_class", None), "brings_terms", False)
-
-
-def pair_terms(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> Any:
-    """Return truncated energy and force over r of particle i with the particles in the slots from j on.
+def pair_terms(laws: tuple[Any, ...], i: int, place: int, r2: Any) -> Any:
+    """Return truncated energy and force over r of the particle in slot i with the particles whose x begin at ``place``.
 
     With 16 lanes, i + 1, i + 2 and i + 3 take part as well. The cutoff is not yet applied."""
 
 
 @overload(pair_terms)
-def _pair_terms(laws, i, j, r2):
+def _pair_terms(laws, i, place, r2):
     if brings_terms(laws[0]):
         return None
     if isinstance(laws[3], types.NoneType):
-        return lambda laws, i, j, r2: truncated_terms(laws[0], laws[1], laws[2], r2)
+        return lambda laws, i, place, r2: truncated_terms(laws[0], laws[1], laws[2], r2)
+    if is_held(laws[3]):
+        if r2 != laws[3].types[2][0].lanes:  # other lanes than those of the loop, or duals
+            return lambda laws, i, place, r2: pair_terms(without_registers(laws), i, place, r2)
 
-    def many_species(laws, i, j, r2):
+        def of_held(laws, i, place, r2):
+            _, _, truncation, (tables, law, at_cutoff) = laws
+            where = places_of(tables.row, i, tables.code, place, r2)
+            return truncated_terms(placed(law, where), placed(at_cutoff, where), truncation, r2)
+
+        return of_held
+    return lambda laws, i, place, r2: terms_at(laws, where_of(laws[3], i, place, r2), r2)
+
+
+@as_written
+def terms_at(laws, where, r2):
+    """Return what `pair_terms` does, with parameters from the tables."""
+    like, like_at_cutoff, truncation, tables = laws
+    parameters = parameters_of(like, tables, 0, where, r2)
+    return truncated_terms(parameters, parameters_of(like_at_cutoff, tables, rows_of(like), where, r2), truncation, r2)
+
+
+class Held(NamedTuple):
+    """Tables of a mixture, and the parameters of all its pairs of species in registers."""
+
+    tables: Any
+    law: Any
+    at_cutoff: Any
+
+
+def is_held(tables: Any) -> bool:
+    """Tell of the type of a mixture's tables whether their numbers are in registers."""
+    return isinstance(tables, types.NamedTuple) and tables.instance_class is Held
+
+
+def in_registers(laws: tuple[Any, ...], zero: Any) -> Any:
+    """Return the laws with the tables of a mixture in registers, if they fit, for a loop with the lanes of ``zero``."""
+
+
+@overload(in_registers)
+def _in_registers(laws, zero):
+    if not is_small(laws[3]) or _slope(laws[0]):
+        return lambda laws, zero: laws
+
+    def held(laws, zero):
         like, like_at_cutoff, truncation, tables = laws
-        rows = species_of(tables.row, i, r2)
-        parameters = parameters_of(like, tables.law, rows, j, r2)
-        at_cutoff = parameters_of(like_at_cutoff, tables.at_cutoff, rows, j, r2)
-        return truncated_terms(parameters, at_cutoff, truncation, r2)
+        where = places_of(tables.row, 0, tables.code, 0, zero)
+        law = parameters_of(like, tables, 0, where, zero)
+        at_cutoff = parameters_of(like_at_cutoff, tables, rows_of(like), where, zero)
+        return like, like_at_cutoff, truncation, Held(tables, law, at_cutoff)
 
-    return many_species
+    return held
+
+
+@as_written
+def without_registers(laws):
+    """Return the laws with the tables of a mixture in memory."""
+    return laws[0], laws[1], laws[2], laws[3].tables
+
+
+def _slope(like: Any) -> bool:
+    """Tell of the type of a law whether it is a `LawSlope`."""
+    return bool(like.instance_class is LawSlope)
+
+
+def rows_of(like: Any) -> int:
+    """Number of a law's rows in the tables."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(rows_of)
+def _rows_of(like):
+    rows = 2 * len(like.types[0]) if _slope(like) else len(like)
+    return lambda like: rows
 
 
 def truncated_terms(parameters: Any, at_cutoff: Any, truncation: Any, r2: Any) -> Any:
@@ -152,7 +212,7 @@ def truncated_terms(parameters: Any, at_cutoff: Any, truncation: Any, r2: Any) -
 
 @overload(truncated_terms)
 def _truncated_terms(parameters, at_cutoff, truncation, r2):
-    of_slope = parameters.instance_class is LawSlope
+    of_slope = _slope(parameters)
     law = (parameters.types[0] if of_slope else parameters).instance_class.compiled_law
     like_r2 = dual_like if of_slope or of_lanes(r2) else lanes_like
 
@@ -172,49 +232,79 @@ def _truncated_terms(parameters, at_cutoff, truncation, r2):
     return slopes if of_slope else terms
 
 
-def pair_slopes(laws: tuple[Any, ...], i: int, j: int, r2: Any) -> tuple[Any, Any]:
+def pair_slopes(laws: tuple[Any, ...], i: int, place: int, r2: Any) -> tuple[Any, Any]:
     """Return the truncated force over r of the pairs of `pair_terms`, and twice its derivative by the squared
     distance."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(pair_slopes)
-def _pair_slopes(laws, i, j, r2):
-    def slopes(laws, i, j, r2):
-        _, force_over_r = pair_terms(laws, i, j, dual(r2, lanes_like(2.0, r2)))
+def _pair_slopes(laws, i, place, r2):
+    def slopes(laws, i, place, r2):
+        _, force_over_r = pair_terms(laws, i, place, dual(r2, lanes_like(2.0, r2)))
         return force_over_r.value, force_over_r.slope
 
     return slopes
 
 
-def species_of(species: Any, i: int, r2: Any) -> Any:
-    """Return the species in the slot i, or with 16 lanes the four species from i on."""
+def where_of(tables: Any, i: int, place: int, r2: Any) -> Any:
+    """Return where the parameters of the pairs of `pair_terms` are in the tables: places in small tables, else the
+    species of i, or with 16 lanes those of the four from i on, and the slot of the others."""
     raise NotImplementedError("for compiled code")
 
 
-@overload(species_of)
-def _species_of(species, i, r2):
+@overload(where_of)
+def _where_of(tables, i, place, r2):
+    if is_small(tables):
+        if of_lanes(r2):
+            return lambda tables, i, place, r2: places_of(tables.row, i, tables.code, place, r2.value)
+        return lambda tables, i, place, r2: places_of(tables.row, i, tables.code, place, r2)
     if r2 == single_type:
-        return lambda species, i, r2: (species[i], species[i + 1], species[i + 2], species[i + 3])
-    return lambda species, i, r2: species[i]
+
+        def of_four(tables, i, place, r2):
+            row = tables.row
+            return (row[i], row[i + 1], row[i + 2], row[i + 3]), slot_of(place)
+
+        return of_four
+    return lambda tables, i, place, r2: (tables.row[i], slot_of(place))
 
 
-def parameters_of(like: Any, table: Any, rows: Any, j: int, r2: Any) -> Any:
-    """Return parameters, in the form of ``like``, of the species ``rows`` with the slots from j on."""
+def parameters_of(like: Any, tables: Any, first: int, where: Any, r2: Any) -> Any:
+    """Return parameters, in the form of ``like``, from the rows of the tables from ``first`` on; see `where_of`."""
 
 
 @overload(parameters_of)
-def _parameters_of(like, table, rows, j, r2):
-    if r2 == single_type:
-        return lambda like, table, rows, j, r2: named_lanes_single(like, table, rows, j)
-    if of_lanes(r2):
-        return lambda like, table, rows, j, r2: named_lanes(like, table, rows, j, r2.value)
-    if like.instance_class is LawSlope:
+def _parameters_of(like, tables, first, where, r2):
+    if _slope(like):
         count = len(like.types[0])
 
-        def of_slope(like, table, rows, j, r2):
-            law, by = named_lanes(like.law, table, rows, j, r2), named_lanes(like.by, table[count:], rows, j, r2)
+        def of_slope(like, tables, first, where, r2):
+            law = lanes_of(parameters_of(like.law, tables, first, where, r2))
+            by = lanes_of(parameters_of(like.by, tables, first + count, where, r2))
             return LawSlope(law, by, like.cutoff2)
 
         return of_slope
-    return lambda like, table, rows, j, r2: named_lanes(like, table, rows, j, r2)
+    if isinstance(where, Places):
+        if r2 == single_type:
+            return lambda like, tables, first, where, r2: tabled(like, tables.single, first, where, tables.wide)
+        if of_lanes(r2):
+            return lambda like, tables, first, where, r2: lanes_of(
+                tabled(like, tables.table, first, where, tables.wide)
+            )
+        return lambda like, tables, first, where, r2: tabled(like, tables.table, first, where, tables.wide)
+    if r2 == single_type:
+        return lambda like, tables, first, where, r2: named_lanes_single(like, tables.table[first:], *where)
+    if of_lanes(r2):
+        return lambda like, tables, first, where, r2: named_lanes(like, tables.table[first:], *where, r2.value)
+    return lambda like, tables, first, where, r2: named_lanes(like, tables.table[first:], *where, r2)
+
+
+def lanes_of(parameters: Any) -> Any:
+    """Return parameters as lanes."""
+
+
+@overload(lanes_of)
+def _lanes_of(parameters):
+    if isinstance(parameters[0], Tabled):
+        return lambda parameters: all_taken(parameters)
+    return lambda parameters: parameters

@@ -264,7 +264,7 @@ def pair_law(cls: type) -> Any:
     """Make a force of a NamedTuple class whose ``law(p, r2)`` returns energy and force over r, -U'(r) / r.
 
     The class's fields are the law's parameters, the force has them and those of ``PairForce``. ``law`` is compiled for
-    SIMD lanes: ``+ - * / **`` with a whole power, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An
+    SIMD lanes: ``+ - * / **``, comparisons, ``math.sqrt``, ``math.exp`` and ``math.log`` work. An
     optional ``dimensions`` names the kind of each parameter ("length", "energy", …) for system files with units.
 
     A law must not keep state between calls, such as a counter or a random number: its code is compiled once and called

@@ -21,6 +21,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 
+LONGEST_SCALE = 2.0  # in cutoffs
 THIN = 1e-3  # part of the cutoff: a skin for rounding alone
 
 
@@ -51,8 +52,18 @@ def tuned(bound: Any, stride: float) -> Any:
     evaluations."""
     if not isinstance(bound, PairKernel):
         return bound
-    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride)
+    inner, outer = skins(bound.pairs.bricks, bound.pairs.cutoff, stride, _scale(bound))
     return bound.with_list(inner_skin=inner, outer_skin=outer)
+
+
+def _scale(bound: PairKernel) -> float:
+    """Edge of a cluster of a pair law in a periodic box, up to twice the cutoff; 0 for others. The cost of a list grows
+    with the volume around clusters, so a skin in units of a cutoff shorter than a cluster would be too thin."""
+    pairs = bound.pairs
+    if type(bound) is not PairKernel or not pairs.live.all():
+        return 0.0
+    edge = float(WIDTH * pairs.live.prod() / len(pairs.place)) ** (1 / 3)
+    return min(edge, LONGEST_SCALE * pairs.cutoff)
 
 
 def with_room(bound: PairKernel, room: int) -> PairKernel:
@@ -103,7 +114,7 @@ def recalled(bound: PairKernel, memory: dict[str, Any]) -> PairKernel:
     if "inner_skin" not in memory:  # from a version with other lists
         return bound
     pairs = bound.pairs
-    _, most = skins(pairs.bricks, pairs.cutoff, np.inf)
+    _, most = skins(pairs.bricks, pairs.cutoff, np.inf, LONGEST_SCALE * pairs.cutoff)
     room, built_at, pruned_at = memory["room"], memory["built_at"], memory["pruned_at"]
     row_room = memory.get("row_room", 0)
     shapes = [(built_at, pairs.built_at), (pruned_at, pairs.inner_reference)] if built_at is not None else []

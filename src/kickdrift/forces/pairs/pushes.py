@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.pairs.beside_pairs import BesidePairs, accelerations_of_own
+from kickdrift.forces.pairs.binding import pair_numbers
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lanes import LawSlope
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.upkeep import tables_of
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import jit
-from kickdrift.jit.lanes.memory import aligned
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -45,10 +46,9 @@ def bind(force: PairForce, key: str, system: System, threads: int, column: int, 
     n, bound, by = len(system), force.bind(system, threads), _by(force, key, system)
     work = bound.parts
     law = LawSlope(work.law, type(work.law)(*(float(each) for each in by[:, 0, 0])), work.cutoff**2)
-    tables = work.tables
-    if tables is not None:
-        shape = (2 * len(by), *tables.law.shape[1:])
-        tables = tables._replace(law=aligned(shape), law_pairs=np.concatenate([tables.law_pairs, by]))
+    numbers = pair_numbers(force, system.species)
+    numbers = np.concatenate([numbers[:-2], by, numbers[-2:]])
+    tables = tables_of(numbers, system.species_index, work.pairs.x.size // 3)
     own = PairKernel(work._replace(law=law, tables=tables, tail=(0.0, 0.0)))
     return PairPushKernel(PairPush(own.parts, 0, 0, np.zeros((2, 3, n)), np.zeros((3, n)), column, size), own)
 

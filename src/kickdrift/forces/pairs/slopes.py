@@ -30,7 +30,6 @@ from kickdrift.forces.lists.pair_rows import (
     displacements,
     fill_table,
     rows_in_one_loop,
-    slot_of,
     store_row_force,
     working_arrays,
 )
@@ -48,6 +47,7 @@ from kickdrift.forces.pairs.beside_pairs import (
 )
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lanes import pair_slopes
+from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.pairs.sum import sum_pairs
 from kickdrift.forces.pairs.upkeep import refresh_force
 from kickdrift.forces.pairs.variation import (
@@ -138,6 +138,7 @@ def add_one(force, wanted, t, x, v, a, sums):
         return status
     force.number[0] = 1
     place_deviations(force, x, 1, 0)
+    own.looks[SUMMED] = 0
     each_chunk(force, force.chunks, "chunk_forces_and_slopes")
     if not wanted:
         add_accelerations(own, force.a)
@@ -260,7 +261,7 @@ def sum_slopes(force, u, s, number, c):
                     after = load_like(lanes, lane, zero) - float(row)  # each pair once
                 dx, dy, dz = displacements(zero, x, table, other, place)
                 r2 = select(after > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                g, h = pair_slopes(laws, first + row, slot_of(other), r2)
+                g, h = pair_slopes(laws, first + row, other, r2)
                 g, h = select(r2 < cutoff2, g, 0.0), select(r2 < cutoff2, h, 0.0)
                 gx, gy, gz = react(u, s, other, ux, uy, uz, g, h, dx, dy, dz)
                 fx, fy, fz = fx + gx, fy + gy, fz + gz

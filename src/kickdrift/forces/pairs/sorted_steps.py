@@ -21,6 +21,7 @@ from kickdrift.forces.lists.list_code import outlasts
 from kickdrift.forces.lists.load import AT_ONCE, add_moves, note_moves, total_move
 from kickdrift.forces.lists.pair_rows import copy_to_single
 from kickdrift.forces.lists.sums import add_collected, collected_mean, forces_on, no_mean_yet
+from kickdrift.forces.pairs.sampled import SUMMED, WITH_SUMS, sum_forces
 from kickdrift.forces.pairs.upkeep import refresh_force
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
@@ -84,6 +85,7 @@ def take_steps(force, plan, x, v, a):
     fresh, stage, taken, evaluated, steps, dt = plan[HOLDS] != 0.0, 0, 0, 0, int(plan[STEPS]), plan[DT]
     if not pairs.counts[BUILT]:
         return OK
+    force.looks[SUMMED] = 0
     crossing = handle(Crossing(pairs, chunks, force.inverse_masses, x, v, a))
     each_chunk(crossing, chunks, "enter_chunk")
     if fresh:
@@ -99,7 +101,7 @@ def take_steps(force, plan, x, v, a):
                 if refresh_force(force, x) != OK:
                     return OK
                 each_chunk(crossing, chunks, "enter_chunk")
-            each_chunk(force, chunks, "chunk_forces")
+            sum_forces(force, False)
             mean = collected_mean(force.mixed, pairs, chunks)
             fresh, source, evaluated = True, GIVEN, evaluated + 1
         kicked, drift = 0, 0.0
@@ -121,6 +123,7 @@ def take_steps(force, plan, x, v, a):
     if fresh and evaluated:
         set_zero(a)
         add_collected(force, mean, a)
+        force.looks[SUMMED] = force.looks[WITH_SUMS]
     note(plan, taken, evaluated, stage, fresh)
     return OK
 

@@ -28,7 +28,6 @@ from kickdrift.forces.lists.pair_rows import (
     row_forces,
     row_of,
     rows_in_one_loop,
-    slot_of,
     store_row_force,
     streams,
     subtract_reactions,
@@ -38,7 +37,7 @@ from kickdrift.forces.lists.row_lanes import nothing
 from kickdrift.forces.lists.special_pairs import is_inside
 from kickdrift.forces.lists.sums import hand_over
 from kickdrift.forces.pairs.intra_cluster import own_pairs, row_start
-from kickdrift.forces.pairs.lanes import pair_terms
+from kickdrift.forces.pairs.lanes import in_registers, pair_terms
 from kickdrift.forces.pairs.variation import (
     add_row_slopes,
     deviation_at,
@@ -51,8 +50,9 @@ from kickdrift.forces.pairs.variation import (
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
-from kickdrift.jit.lanes.masks import select
-from kickdrift.jit.lanes.memory import broadcast, entry, load, sums_of_rows
+from kickdrift.jit.lanes.masks import bytes_with_bits, lowest_bit, select
+from kickdrift.jit.lanes.memory import broadcast, entry, sums_of_rows
+from kickdrift.jit.lanes.tabled import by_bytes
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
 
@@ -71,45 +71,57 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
     def add(special, laws, pairs, forces, c, cutoff2, totals):
         energies, virials, counts, along = totals
         x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
-        lanes, row_sums = np.empty(WIDTH), np.empty(WIDTH * STRIDE)
+        row_sums, present = np.zeros(WIDTH * STRIDE), -1
         for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]
+            if cluster != present:  # all entries of a cluster are side by side
+                add_special_rows(forces, row_sums, present)
+                present = cluster
             other, s = met >> SHIFT_BITS, met & 31
             xj, yj, zj = load_vector(x, other)
             xj, yj, zj = xj + shifts[0, s], yj + shifts[1, s], zj + shifts[2, s]
             hx, hy, hz = zero, zero, zero
-            for row in range(WIDTH):
-                fx, fy, fz = zero, zero, zero
-                if (within >> (WIDTH * row)) & 255:
-                    p, word = STRIDE * cluster + row, special.codes[c, e, row]
-                    for lane in range(WIDTH):
-                        lanes[lane] = special.factors[(word >> (WIDTH * lane)) & 255]
-                    factor = load(lanes, 0)
-                    dx, dy, dz = (
-                        broadcast(x, p, zero) - xj,
-                        broadcast(x, p + WIDTH, zero) - yj,
-                        broadcast(x, p + 2 * WIDTH, zero) - zj,
-                    )
-                    r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                    energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, WIDTH * other, r2)
-                    inside = r2 < cutoff2
-                    g = select(inside, factor * force_over_r, 0.0)
-                    fx, fy, fz = g * dx, g * dy, g * dz
-                    hx, hy, hz = hx + fx, hy + fy, hz + fz
-                    energies = energies + select(inside, factor * energy, 0.0)
-                    virials = virials + g * select(inside, r2, 0.0)
-                    counts = counts + select(inside, zero + 1.0, 0.0)
-                    along = add_along(along, fx * dx, fy * dy, fz * dz)
-                store_vector(row_sums, row, fx, fy, fz)
-            ax, ay, az = load_vector(forces, cluster)
-            ax = ax + sums_of_rows(row_sums, 0, STRIDE)
-            ay = ay + sums_of_rows(row_sums, WIDTH, STRIDE)
-            store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+            rows = bytes_with_bits(within)
+            while rows:
+                row = lowest_bit(rows)
+                rows &= rows - 1
+                p = STRIDE * cluster + row
+                factor = by_bytes(special.factors, special.codes[c, e, row])
+                dx, dy, dz = (
+                    broadcast(x, p, zero) - xj,
+                    broadcast(x, p + WIDTH, zero) - yj,
+                    broadcast(x, p + 2 * WIDTH, zero) - zj,
+                )
+                r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
+                energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
+                inside = r2 < cutoff2
+                g = select(inside, factor * force_over_r, 0.0)
+                fx, fy, fz = g * dx, g * dy, g * dz
+                hx, hy, hz = hx + fx, hy + fy, hz + fz
+                energies = energies + select(inside, factor * energy, 0.0)
+                virials = virials + g * select(inside, r2, 0.0)
+                counts = counts + select(inside, zero + 1.0, 0.0)
+                along = add_along(along, fx * dx, fy * dy, fz * dz)
+                sx, sy, sz = load_vector(row_sums, row)
+                store_vector(row_sums, row, sx + fx, sy + fy, sz + fz)
             ax, ay, az = load_vector(forces, other)
             store_vector(forces, other, ax - hx, ay - hy, az - hz)
+        add_special_rows(forces, row_sums, present)
         return energies, virials, counts, along
 
     return add
+
+
+@as_written
+def add_special_rows(forces, row_sums, cluster):
+    """Add the sums of a cluster's rows to its forces, and set them to zero; nothing for cluster -1."""
+    if cluster < 0:
+        return
+    ax, ay, az = load_vector(forces, cluster)
+    ax, ay = ax + sums_of_rows(row_sums, 0, STRIDE), ay + sums_of_rows(row_sums, WIDTH, STRIDE)
+    store_vector(forces, cluster, ax, ay, az + sums_of_rows(row_sums, 2 * WIDTH, STRIDE))
+    for row in range(WIDTH):
+        store_vector(row_sums, row, splat(0.0), splat(0.0), splat(0.0))
 
 
 @chunk_task
@@ -141,7 +153,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
             if deviation is not None:
                 store_vector(deviation.s, cluster, splat(0.0), splat(0.0), splat(0.0))
     cutoff2 = force.cutoff**2
-    laws = force.law, force.at_cutoff, force.truncation, force.tables
+    laws = in_registers((force.law, force.at_cutoff, force.truncation, force.tables), zero)
     energy_sum, virial_sum, pair_count = splat(0.0), splat(0.0), splat(0.0)
     along_sum = zeros_along(force.along, sums)
     begin, end = chunk_clusters(pairs, c)
@@ -162,10 +174,10 @@ def sum_pairs(force, sums, deviation, together, c, thread):
         other, place = entry(rows, at, 0), entry(rows, at, 1)
         dx, dy, dz = displacements(zero, x, table, other, place)
         r2 = dx * dx + dy * dy + dz * dz
-        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), slot_of(other), r2)
+        energy, force_over_r = pair_terms(laws, own + particle_of(zero, place), other, r2)
         g = select(r2 < cutoff2, force_over_r, 0.0)
         if deviation is not None:
-            h = slope_within(laws, own + particle_of(zero, place), slot_of(other), r2, cutoff2)
+            h = slope_within(laws, own + particle_of(zero, place), other, r2, cutoff2)
         next_other, next_place = entry(rows, at + 1, 0), entry(rows, at + 1, 1)
         next_dx, next_dy, next_dz = displacements(zero, x, table, next_other, next_place)
         next_r2 = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz
@@ -179,8 +191,8 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                 later_other, later_place = entry(rows, k + 2, 0), entry(rows, k + 2, 1)
                 later_dx, later_dy, later_dz = displacements(zero, x, table, later_other, later_place)
                 later_r2 = later_dx * later_dx + later_dy * later_dy + later_dz * later_dz
-                i, j = own + particle_of(zero, next_place), slot_of(next_other)
-                next_energy, force_over_r = pair_terms(laws, i, j, next_r2)
+                i = own + particle_of(zero, next_place)
+                next_energy, force_over_r = pair_terms(laws, i, next_other, next_r2)
                 next_g = select(next_r2 < cutoff2, force_over_r, 0.0)
                 if together is not None:
                     fx, fy, fz = of_row((fx, fy, fz), place, before)
@@ -194,7 +206,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                     varied = varied_row(deviation, varied, other, g, h, dx, dy, dz)
                     if together is not None:
                         store_row_slope(deviation, row_of(place), varied)
-                    h = slope_within(laws, i, j, next_r2, cutoff2)
+                    h = slope_within(laws, i, next_other, next_r2, cutoff2)
                 if sums is not None:
                     inside = r2 < cutoff2
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))

@@ -10,28 +10,71 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
 from kickdrift.forces.lists.list_code import refresh
-from kickdrift.forces.pairs.lanes import brings_terms
+from kickdrift.forces.lists.pair_rows import slot_of
+from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.jit.compile import jit
+from kickdrift.jit.compile import features, jit
+from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes.memory import aligned
+from kickdrift.jit.lanes.tabled import ENTRIES
 from kickdrift.jit.lanes.vectors import WIDTH
+
+MOST = 4  # species of small tables
 
 
 class Tables(NamedTuple):
-    """Numbers per pair of species, spread over the slots: ``law[k, species of i, slot of j]`` for the k-th
-    parameter."""
+    """Numbers per pair of species, spread over the slots: ``table[k, species of i, slot of j]``. The rows k are the
+    parameters of the law, then energy and force over r at the cutoff."""
 
-    law: NDArray[np.float64]  # (parameters, species, slots)
-    at_cutoff: NDArray[np.float64]  # (2, species, slots)
-    law_pairs: NDArray[np.float64]  # (parameters, species, species)
-    at_cutoff_pairs: NDArray[np.float64]  # (2, species, species)
+    table: NDArray[np.float64]  # (rows, species, slots)
+    pairs: NDArray[np.float64]  # (rows, species, species)
     species: NDArray[np.int64]  # (n,)
     row: NDArray[np.int64]  # (slots,) species in each slot
+
+
+class SmallTables(NamedTuple):
+    """Numbers per pair of two to four species, for permutations: ``table[k, MOST * species of i + species of j]``, with
+    the rows of `Tables`."""
+
+    table: NDArray[np.float64]  # (rows, ENTRIES)
+    single: NDArray[np.float32]  # the same
+    species: NDArray[np.int64]  # (n,)
+    row: NDArray[np.int64]  # (slots,) MOST times the species in each slot
+    code: NDArray[np.uint8]  # (3 slots,) species at each place
+    wide: Any  # None for two species, whose numbers lie in the first eight entries; else True
+
+
+def tables_of(pairs: NDArray[np.float64], species: NDArray[Any], slots: int) -> Any:
+    """Return tables of the numbers (rows, species, species) of all pairs of species; None for one species."""
+    rows, count, _ = pairs.shape
+    if count == 1:
+        return None
+    species, row = species.astype(np.int64), np.zeros(slots, np.int64)
+    if count > MOST or "avx512f" not in features():
+        return Tables(aligned((rows, count, slots), 1.0), np.ascontiguousarray(pairs), species, row)
+    table = aligned((rows, ENTRIES), 1.0)
+    table.reshape(rows, MOST, MOST)[:, :count, :count] = pairs
+    code = aligned((STRIDE // WIDTH * slots,), dtype=np.uint8)
+    return SmallTables(table, table.astype(np.float32), species, row, code, None if count == 2 else True)
+
+
+def is_small(tables: Any) -> bool:
+    """Tell of the type of tables, or of a handle of tables, whether they are small."""
+    kind = tables.kind if isinstance(tables, Handle) else tables
+    return isinstance(kind, types.NamedTuple) and kind.instance_class is SmallTables
+
+
+def brings_terms(kind: Any) -> bool:
+    """Tell whether a law's class, or that of its tables, has terms of its own; see `charges.pair_terms`."""
+    kind = kind.kind if isinstance(kind, Handle) else kind
+    return getattr(getattr(kind, "instance_class", None), "brings_terms", False)
 
 
 @jit
 def fill_tables(force):
     """Write the parameters of each pair of species to the slots of a new list; return a status."""
+    force.looks[SUMMED] = 0
     spread(force.tables, force.pairs)
     return OK
 
@@ -48,7 +91,7 @@ def refresh_force(force, x):
 
 
 def spread(tables: Any, pairs: ClusterList) -> None:
-    """After a sort, write the parameters of each pair of species to the slots."""
+    """After a sort, write the species, or the parameters of each pair of species, to the slots."""
 
 
 @overload(spread)
@@ -57,17 +100,22 @@ def _spread(tables, pairs):
         return lambda tables, pairs: None
     if brings_terms(tables):
         return None
+    if is_small(tables):
+
+        def spread_species(tables, pairs):
+            for i in range(pairs.place.size):
+                p = pairs.place[i]
+                tables.row[slot_of(p)] = MOST * tables.species[i]
+                tables.code[p] = tables.species[i]
+
+        return spread_species
 
     def spread_tables(tables, pairs):
         for i in range(pairs.place.size):
-            p = pairs.place[i]
-            s = p // STRIDE * WIDTH + p % STRIDE
-            of_i = tables.species[i]
+            s, of_i = slot_of(pairs.place[i]), tables.species[i]
             tables.row[s] = of_i
-            for row in range(tables.law.shape[1]):
-                for k in range(tables.law.shape[0]):
-                    tables.law[k, row, s] = tables.law_pairs[k, row, of_i]
-                for k in range(2):
-                    tables.at_cutoff[k, row, s] = tables.at_cutoff_pairs[k, row, of_i]
+            for row in range(tables.table.shape[1]):
+                for k in range(tables.table.shape[0]):
+                    tables.table[k, row, s] = tables.pairs[k, row, of_i]
 
     return spread_tables

@@ -23,7 +23,8 @@ from kickdrift.jit.duals.dual import dual
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, rotated, splat
 from kickdrift.jit.lanes.masks import select
-from kickdrift.jit.lanes.memory import broadcast, load, load_like, store
+from kickdrift.jit.lanes.memory import broadcast, load_like, store
+from kickdrift.jit.lanes.tabled import by_bytes
 from kickdrift.jit.lanes.vectors import WIDTH
 
 
@@ -78,7 +79,6 @@ def _add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
 
     def add(special, laws, pairs, u, s, number, c, cutoff2):
         x, shifts, zero, size = pairs.x, pairs.shifts, splat(0.0), pairs.x.size
-        lanes = np.empty(WIDTH)
         for e in range(special.number[c]):
             cluster, met, within = special.entries[c, e]
             other, shift = met >> SHIFT_BITS, met & 31
@@ -87,14 +87,11 @@ def _add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
             for row in range(WIDTH):
                 if (within >> (WIDTH * row)) & 255 == 0:
                     continue
-                p, word = STRIDE * cluster + row, special.codes[c, e, row]
-                for lane in range(WIDTH):
-                    lanes[lane] = special.factors[(word >> (WIDTH * lane)) & 255]
-                factor = load(lanes, 0)
+                p, factor = STRIDE * cluster + row, by_bytes(special.factors, special.codes[c, e, row])
                 dx, dy, dz = broadcast_vector(x, p, zero)
                 dx, dy, dz = dx - xj, dy - yj, dz - zj
                 r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                g, h = pair_slopes(laws, WIDTH * cluster + row, WIDTH * other, r2)
+                g, h = pair_slopes(laws, WIDTH * cluster + row, STRIDE * other, r2)
                 g, h = select(r2 < cutoff2, factor * g, 0.0), select(r2 < cutoff2, factor * h, 0.0)
                 for q in range(number):
                     at = q * size + p
@@ -116,9 +113,9 @@ class Deviation(NamedTuple):
 
 
 @as_written
-def slope_within(laws, i, j, r2, cutoff2):
+def slope_within(laws, i, place, r2, cutoff2):
     """Return twice the derivative by r^2 of the force over r of the pairs of `pair_terms`, zero beyond the cutoff."""
-    _, h = pair_slopes(laws, i, j, r2)
+    _, h = pair_slopes(laws, i, place, r2)
     return select(r2 < cutoff2, h, 0.0)
 
 

@@ -15,7 +15,7 @@ from numba import types
 from numba.extending import lower_builtin
 
 from kickdrift.jit.duals.dual import SINGLE, Dual, made, of_lanes
-from kickdrift.jit.lanes.vectors import Lanes, added, copied, divided, flags_of, subtracted, whole_power
+from kickdrift.jit.lanes.vectors import LARGEST_POWER, Lanes, added, copied, divided, flags_of, subtracted, whole_power
 from kickdrift.jit.numba_private import AbstractTemplate, infer_global, signature
 
 _PLAIN = (types.Number, types.Boolean, Lanes)
@@ -120,11 +120,11 @@ def _negative(context, builder, sig, args):
 
 @infer_global(operator.pow)
 class _WholePower(AbstractTemplate):
-    """``x**k`` for a literal whole k from 1 to 32, as of lanes."""
+    """``x**k`` for a literal whole k, as of lanes."""
 
     def generic(self, args: Any, kws: Any) -> Any:
         whole = len(args) == 2 and of_lanes(args[0]) and isinstance(args[1], types.IntegerLiteral)
-        return signature(args[0], *args) if whole and 1 <= args[1].literal_value <= 32 else None
+        return signature(args[0], *args) if whole and abs(args[1].literal_value) <= LARGEST_POWER else None
 
 
 @lower_builtin(operator.pow, Dual, types.IntegerLiteral)

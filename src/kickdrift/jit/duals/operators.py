@@ -143,7 +143,9 @@ def _whole_power(a, b):
 def _power(a, b):
     if a == DUAL and isinstance(b, types.Integer):
         return _whole_power
-    return _calculated(a, b, _power_of_power, _power_of_number, _number_to_power)
+    if lanes_of(a, b) and isinstance(b, types.Integer):
+        return None  # which `lane_operators` knows
+    return _chosen(a, b, _power_of_power, _power_of_number, _number_to_power)
 
 
 for _raise in (operator.pow, operator.ipow):

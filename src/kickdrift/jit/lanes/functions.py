@@ -29,7 +29,6 @@ from kickdrift.jit.lanes.vectors import (
     F64X8,
     I32,
     WIDTH,
-    Lanes,
     as_lanes,
     constant,
     copied,
@@ -60,7 +59,7 @@ def lanes_like(typingctx, value, like):
     def codegen(context, builder, sig, args):
         return as_lanes(builder, args[0], sig.args[0], sig.args[1].vector)
 
-    return like(value if isinstance(value, Lanes) else types.float64, like), codegen
+    return like(types.float64 if isinstance(value, types.Number) else like, like), codegen
 
 
 @intrinsic

@@ -18,6 +18,7 @@ from numba import types
 from numba.extending import intrinsic, lower_builtin
 
 from kickdrift.jit.inner import overload
+from kickdrift.jit.lanes import elementary as elementary  # exponential, logarithm and powers of lanes
 from kickdrift.jit.lanes.vector3 import Vector3, components, cross, dot, vector3
 from kickdrift.jit.lanes.vectors import KINDS, Lanes, Mask, as_lanes, suffix
 from kickdrift.jit.numba_private import AbstractTemplate, ConcreteTemplate, cgutils, infer_global, signature
@@ -89,7 +90,7 @@ def _chosen(typingctx, mask, yes, no):
         first, second = (as_lanes(builder, args[k], sig.args[k], kind.vector) for k in (1, 2))
         return builder.select(args[0], first, second)
 
-    given = [each if isinstance(each, Lanes) else types.float64 for each in (yes, no)]
+    given = [types.float64 if isinstance(each, types.Number) else kind for each in (yes, no)]
     return kind(mask, *given), codegen
 
 

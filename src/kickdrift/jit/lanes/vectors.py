@@ -23,6 +23,7 @@ from kickdrift.jit.compile import features
 from kickdrift.jit.numba_private import AbstractTemplate, ConcreteTemplate, cgutils, infer_global, signature
 
 WIDTH = 8
+LARGEST_POWER = 64  # that is a product; other powers are exponentials of logarithms
 F64 = ir.DoubleType()
 F32 = ir.FloatType()
 F64X8 = ir.VectorType(F64, WIDTH)
@@ -175,7 +176,7 @@ def subtracted(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, flags: tuple[str
     return builder.fsub(a, b, flags=flags)
 
 
-_ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
+ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
     operator.add: added,
     operator.sub: subtracted,
     operator.mul: lambda builder, a, b, flags: builder.fmul(a, b, flags=flags),
@@ -184,8 +185,6 @@ _ARITHMETIC: dict[Callable[..., Any], Callable[..., ir.Value]] = {
 _COMPARISONS = {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "=="}
 _FUNCTIONS: dict[Callable[..., Any], str] = {
     math.sqrt: "sqrt",
-    math.exp: "exp",
-    math.log: "log",
     abs: "fabs",
     math.fabs: "fabs",
 }
@@ -229,7 +228,7 @@ def _calling(name: str) -> Callable[..., ir.Value]:
     return lowered
 
 
-for _function, _emit in _ARITHMETIC.items():
+for _function, _emit in ARITHMETIC.items():
     _lower_binary(_function, _emit, False)
 for _function, _sign in _COMPARISONS.items():
     _lower_binary(_function, lambda builder, a, b, flags, sign=_sign: builder.fcmp_ordered(sign, a, b), True)
@@ -245,11 +244,11 @@ def _negative(context, builder, sig, args):
 
 @infer_global(operator.pow)
 class _WholePower(AbstractTemplate):
-    """``x**k`` for a literal whole k from 1 to 32. SIMD lanes have no other exponents."""
+    """``x**k`` for a literal whole k from -LARGEST_POWER to LARGEST_POWER. For other exponents see `elementary`."""
 
     def generic(self, args: Any, kws: Any) -> Any:
         whole = len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], types.IntegerLiteral)
-        return signature(args[0], *args) if whole and 1 <= args[1].literal_value <= 32 else None
+        return signature(args[0], *args) if whole and abs(args[1].literal_value) <= LARGEST_POWER else None
 
 
 @lower_builtin(operator.pow, Lanes, types.IntegerLiteral)
@@ -258,7 +257,10 @@ def _whole_power(context, builder, sig, args):
 
 
 def whole_power(builder: ir.IRBuilder, x: ir.Value, exponent: int, flags: tuple[str, ...]) -> ir.Value:
-    """Emit x to a whole power from 1 on."""
+    """Emit x to a whole power."""
+    if exponent <= 0:
+        one = constant(1.0, x.type)
+        return divided(builder, one, whole_power(builder, x, -exponent, flags), flags) if exponent else one
     square, result = x, None
     while exponent:
         if exponent & 1:

@@ -168,7 +168,11 @@ class Structure(NamedTuple):
 
 
 def read_structure(
-    path: Path, units: UnitSystem, periodic: bool | Sequence[bool] | None = None, boxed: bool = False
+    path: Path,
+    units: UnitSystem,
+    periodic: bool | Sequence[bool] | None = None,
+    boxed: bool = False,
+    atom_style: str | None = None,
 ) -> Structure:
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta and charges
     if any.
@@ -182,6 +186,7 @@ def read_structure(
     ----------
     periodic : axes along which the box is to be periodic, default those of the file
     boxed : whether the box is known from elsewhere; positions then stay as they are in the file
+    atom_style : style of the atoms in a data file of LAMMPS, default the one in the file or a guess from its columns
     """
     lammps = is_lammps_data(path)
     if units.name not in (("metal", "lj", "si") if lammps else ("metal",)):
@@ -190,6 +195,8 @@ def read_structure(
         raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
     if why := unfit(path):
         raise InputError(f"{why}: {path}")
+    if atom_style and not lammps:
+        raise InputError(f"atom_style is for data files of LAMMPS, and {path} is none")
     try:
         from ase.io import read
     except ImportError:
@@ -199,10 +206,14 @@ def read_structure(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
-            more = {"format": "lammps-data"} if lammps else {}
+            style = atom_style or (_style_with_bonds(path) if lammps else None)
+            more = {"format": "lammps-data", "atom_style": style} if lammps else {}
             atoms = read(path.absolute(), **more)  # ASE would take a name such as postgres… for a database
     except Exception as error:  # each of ASE's readers raises errors of its own
-        raise InputError(f"ASE cannot read {path}: {shown(str(error) or type(error).__name__)}") from None
+        why = shown(str(error) or type(error).__name__)
+        if "atom_style cannot be guessed" in why:
+            raise InputError(f"{path} does not say its atom_style, such as charge; give it beside file") from None
+        raise InputError(f"ASE cannot read {path}: {why}") from None
     if len(atoms) == 0:
         raise InputError(f"{path} holds no atoms")
     along = tuple(bool(there) for there in atoms.pbc)
@@ -232,6 +243,22 @@ def read_structure(
     charges = charges if charges is not None and charges.any() else None
     periodic_along = along if len(set(along)) > 1 else along[0]
     return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges)
+
+
+def _style_with_bonds(path: Path) -> str | None:
+    """Atom style "molecular" for a data file of LAMMPS with bonds whose atoms have one column more than "atomic": they
+    name a molecule, since style "charge" has no bonds. Else None, and where the file says its style."""
+    bonds = False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            words, _, style = line.partition("#")
+            match words.split():
+                case [count, "bonds"]:
+                    bonds = count != "0"
+                case ["Atoms"]:
+                    first = next((row.partition("#")[0].split() for row in file if row.strip()), [])
+                    return "molecular" if bonds and not style.strip() and len(first) in (6, 9) else None
+    return None
 
 
 def _names_of_types(path: Path) -> dict[int, str]:

@@ -1,0 +1,79 @@
+"""Samples that cost little: the sum of the pairs before a sample carries energy and virial along.
+
+A force counts its evaluations from one sample to the next, and expects the next sample after as many. The last
+evaluation before then sums energy and virial too. The sample finds these sums, if its positions are those of the
+evaluation. Forces have the same bits with and without sums, so a sample changes nothing in a run.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import types
+
+from kickdrift.forces.lists.clusters import BUILT, LANES, unsigned
+from kickdrift.forces.lists.sums import Gathering, mean_acceleration
+from kickdrift.jit.compile import jit
+from kickdrift.jit.handle import handle
+from kickdrift.jit.inner import overload
+from kickdrift.jit.threads.chunks import each_chunk
+
+# slots of `PairWork.looks`: evaluations since the last sample, evaluations between the two samples before, whether the
+# last evaluation had sums, whether its accelerations were added up
+SINCE, BETWEEN, WITH_SUMS, SUMMED = range(4)
+
+
+@jit
+def sum_forces(force, wanted):
+    """Sum the forces of all chunks; if a sample is ``wanted`` or expected, also their energies and virials."""
+    looks = force.looks
+    looks[SINCE] += int(not wanted)
+    looks[WITH_SUMS] = wanted or looks[SINCE] == looks[BETWEEN]
+    if looks[WITH_SUMS]:
+        each_chunk(force, force.chunks, "chunk_forces_and_sums")
+    else:
+        each_chunk(force, force.chunks, "chunk_forces")
+
+
+@jit
+def note_look(force):
+    """Begin to count the evaluations after a sample."""
+    looks = force.looks
+    looks[BETWEEN], looks[SINCE] = looks[SINCE], 0
+
+
+@jit
+def is_summed(force, x):
+    """Tell whether the last evaluation has energy and virial at the positions x (3, n), in a box of the same edges."""
+    pairs = force.pairs
+    if force.looks[SUMMED] == 0 or pairs.counts[BUILT] == 0:
+        return False
+    for k in range(3):
+        if pairs.live[k] != pairs.cell.matrix[k, k]:
+            return False
+    own, offset, same = pairs.x, pairs.offset, True
+    for i in range(pairs.place.size):
+        p = unsigned(pairs.place[i])
+        y, z = p + LANES, p + LANES + LANES
+        same &= x[0, i] - offset[p] == own[p] and x[1, i] - offset[y] == own[y] and x[2, i] - offset[z] == own[z]
+    return same
+
+
+@jit
+def gather_again(force, a):
+    """Add the accelerations of the last evaluation once more."""
+    mean = mean_again(force.mixed, force.pairs)
+    gathering = Gathering(force.pairs, force.chunks, force.inverse_masses, a, mean)
+    each_chunk(handle(gathering), force.chunks, "gather_chunk")
+
+
+def mean_again(mixed: Any, pairs: Any) -> Any:
+    """Return None; in mixed precision, the mean acceleration from the sums of all chunks."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(mean_again)
+def _mean_again(mixed, pairs):
+    if isinstance(mixed, types.NoneType):
+        return lambda mixed, pairs: None
+    return lambda mixed, pairs: mean_acceleration(mixed, pairs)
