@@ -27,7 +27,7 @@ from kickdrift.integrators.options import COUPLING, Options
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.model.starts.builders import lattice
 from kickdrift_validation.docs_tables import deliver, outputs, table
-from kickdrift_validation.example_forces import crystal, example, topology
+from kickdrift_validation.example_forces import charges, crystal, example, topology
 
 BEGIN, END = "<!-- what_composes.py writes from here -->", "<!-- what_composes.py: to here -->"
 BOXES = ("open", "periodic", "leaning", "plane")
@@ -47,12 +47,13 @@ REASONS = {  # words by the text of a refusal
     r"which has no volume": "open space has no volume",
     r"does not scale with the box": "the force has no virial",
     r"needs a rectangular box": "a leaning box keeps its shape",
-    r"returns its virial as one number": "the virial is one number",
+    r"returns its virial as one number|give only their whole virial": "the virial is one number",
     r"takes neither mixed precision nor a barostat": "spins turn in open space",
     r"mixed needs pair forces": "no pairs to sum",
-    r"mixed is for pair forces": "pairs alone, as yet",
     r"(ASE|LAMMPS|OpenMM|rebound) (takes|has no)|rebound: |force '.*': ": "the program lacks this force",
-    r"cannot use a leaning box|two dimensions|periodic along": "the program lacks this box",
+    r"the device takes": "the program lacks this force",
+    r"the device has no bonds": "the program lacks bonds",
+    r"cannot use a leaning box|two dimensions|periodic along|perpendicular edges": "the program lacks this box",
 }  # fmt: skip
 FAMILIES = {"splitting": "velocity-verlet", "Kepler splitting": "wisdom-holman", "Runge-Kutta": "dormand-prince45"}
 NAMED = {"heat bath": "csvr", "multiple time steps": "respa"}  # other kinds of splittings
@@ -91,7 +92,7 @@ def system_of(name: str, box: str) -> kd.System:
     lists = topology(force)
     return kd.System(
         x, v, masses, None if box == "open" else matrix, [force], units, species=species * len(x), topology=lists,
-        dimensions=2 if box == "plane" else 3,
+        dimensions=2 if box == "plane" else 3, charges=charges(force, len(x)),
     )  # fmt: skip
 
 
