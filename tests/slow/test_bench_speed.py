@@ -237,8 +237,23 @@ def test_lammps_own_benchmarks_begin_with_equal_energies(name):
     assert found.style in published.STYLES
 
 
+@pytest.mark.parametrize(
+    ("name", "multiples", "wanted"),
+    [
+        ("lj", (0.0, 1.0, 1.0), "a positive multiple of 0.05"),
+        ("lj", (1.0, float("nan"), 1.0), "a positive multiple of 0.05"),
+        ("eam", (1.03, 1.0, 1.0), "a positive multiple of 0.05"),
+        ("chain", (1.5, 1.0, 1.0), "a whole number, 1 or more"),
+        ("chain", (1.0, 1.0, -1.0), "a whole number, 1 or more"),
+    ],
+)
+def test_multiples_without_a_box_are_refused(name, multiples, wanted):
+    with pytest.raises(kd.InputError, match=f"multiples: {name} needs {wanted} along each axis, got "):
+        published.measure(name, multiples)
+
+
 def test_benchmarks_that_are_out_of_scope_are_named(monkeypatch, capsys):
-    for name, why in (("rhodo", "waits for charges"), ("chute", "is out of scope"), ("melt", "'melt' is no benchmark")):
+    for name, why in (("rhodo", "is out of reach"), ("chute", "is out of scope"), ("melt", "'melt' is no benchmark")):
         monkeypatch.setattr(sys, "argv", ["kickdrift", "bench", "lammps", "--only", name])
         with pytest.raises(SystemExit) as caught:
             cli.main()

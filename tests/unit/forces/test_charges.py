@@ -316,6 +316,14 @@ def test_energy_is_conserved_and_the_report_says_what_was_chosen():
     assert json.dumps(report.as_json()["charges"])
 
 
+def test_charges_that_are_all_zero_have_no_forces_and_no_error():
+    system = ions(UPRIGHT, special=False).remade(charges=0.0)
+    sim = kd.Simulation(system, dt=1e-3)
+    report = sim.run(2)
+    assert report.charges.predicted_error == 0.0
+    assert not sim.forces().any()
+
+
 def test_threads_cuts_and_restarts_keep_the_bits():
     whole, cut, threaded = (kd.Simulation(salt(), dt=0.002, threads=threads) for threads in (1, 1, 2))
     whole.run(60)
@@ -355,6 +363,7 @@ REFUSED = [
     (lambda: kd.Coulomb(accuracy=0.0), "coulomb: accuracy must be from 1e-13 to 0.5, got 0.0"),
     (lambda: kd.Coulomb("direct", cutoff=2.0), 'coulomb: cutoff goes with method "ewald" and'),
     (lambda: kd.Coulomb(surroundings=3.0), 'coulomb: surroundings goes with method "reaction-field", not "ewald"'),
+    (lambda: kd.Coulomb("direct", accuracy=1e-6), 'coulomb: accuracy goes with method "ewald", not "direct"'),
     (lambda: kd.Coulomb(cutoff=-1.0), "coulomb: cutoff must be positive, got -1.0"),
     (lambda: ions(UPRIGHT).remade(charges=None), "coulomb: the particles have no charges; give charge in"),
     (lambda: ions(UPRIGHT).remade(charges=[1.0, math.nan] * 32), "charges: particle 1 has charge nan"),

@@ -25,9 +25,10 @@ from kickdrift_validation.performance.turns import Missing, Native, Phase, Ratio
 
 AGREE = 1e-6  # relative difference of the potential energies
 STYLES = ("", "opt")
+CELLS = 20  # of the lattice along each edge, in the scripts of a crystal
 QUIET = ("-log", "none", "-screen", "none", "-nocite")
 OUT = {
-    "rhodo": "waits for charges: kickdrift has no Coulomb forces yet",
+    "rhodo": "is out of reach: kickdrift has no rigid bonds, no mesh for charges and no CHARMM truncation",
     "chute": "is out of scope: granular particles with friction",
 }
 
@@ -171,9 +172,19 @@ def chosen(names: Sequence[str]) -> list[str]:
     return list(names or BENCHMARKS)
 
 
+def check_multiples(name: str, multiples: Sequence[float]) -> None:
+    """Refuse multiples that give no whole number of lattice cells, or of copies of the chains, along an edge."""
+    parts = 1 if BENCHMARKS[name].scaled else CELLS
+    for each in multiples:
+        if not (np.isfinite(each) and each > 0 and abs(parts * each - round(parts * each)) < AGREE):
+            wanted = "a whole number, 1 or more" if parts == 1 else f"a positive multiple of {1 / parts:g}"
+            raise InputError(f"bench lammps: multiples: {name} needs {wanted} along each axis, got {each:g}")
+
+
 def measure(name: str, multiples: Sequence[float] = (1.0, 1.0, 1.0), count: int = 7, seconds: float = 1.0) -> Found:
     """Measure a benchmark of 32,000 atoms, times the multiples along the axes. Raises `Missing` without LAMMPS, and
-    InputError if the potential energies differ."""
+    InputError for multiples without a box, and if the potential energies differ."""
+    check_multiples(name, multiples)
     benchmark, runners = BENCHMARKS[name], list[Runner]()
     try:
         theirs = [Lammps(benchmark, style, multiples) for style in STYLES]

@@ -61,10 +61,10 @@ class Coulomb(Grouped):
     ----------
     method : "ewald", "direct", "reaction-field" or "damped-shifted"
     accuracy : float
-        Of Ewald's sum: root-mean-square error of the forces, relative to the typical force, 0.5 C q^2 / d^2 for the
-        mean square q^2 of the charges and d^3 = V / n.
+        Root-mean-square error of the forces by Ewald's sum, relative to the typical force 0.5 C q^2 / d^2. Here q^2 is
+        the mean square of the charges, and d^3 = V / n.
     cutoff : float, optional
-        Of the near part. Ewald's sum chooses the cheapest one; a pair force gives the default of other methods.
+        Cutoff of the near part. Ewald's sum chooses the cheapest one; a pair force gives the default of other methods.
     alpha : float, optional
         Splitting parameter of Ewald's sum, or damping, in an inverse length. The default follows from the accuracy, and
         without damping it is 0.
@@ -94,8 +94,8 @@ class Coulomb(Grouped):
             raise InputError(f"{self.name}: method {shown(self.method)} is not one of {', '.join(METHODS)}")
         for key in ("accuracy", "dielectric"):
             object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
-        for key in ("cutoff", "alpha", "waves", "surroundings"):
-            if (value := getattr(self, key)) is None:
+        for key in ("accuracy", "cutoff", "alpha", "waves", "surroundings"):
+            if (value := getattr(self, key)) is None or (key == "accuracy" and value == Coulomb.accuracy):
                 continue
             if key not in KEYS[self.method]:
                 owners = " and ".join(f'"{method}"' for method in METHODS if key in KEYS[method])

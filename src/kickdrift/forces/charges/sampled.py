@@ -57,9 +57,11 @@ def errors_of(force: Summed, system: Subject) -> Errors:
     """Errors of the forces at the System's positions. Nothing is measured beyond ``LARGEST`` particles."""
     charges, split, n = force.scaled_charges(system), force.split(system), len(system)
     charged = Charged.of(charges, system.volume)
-    predicted = split.error(charged)
     some = np.flatnonzero(charges)
-    if not len(some) or n > LARGEST:
+    if not len(some):
+        return Errors(0.0, None, None, 0)
+    predicted = split.error(charged)
+    if n > LARGEST:
         return Errors(predicted, None, None, 0)
     rows = some[np.linspace(0, len(some) - 1, min(SAMPLE, len(some))).astype(int)]
     wanted = max(FINER * min(predicted, 1.0), LEAST)

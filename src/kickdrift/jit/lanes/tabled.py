@@ -1,4 +1,4 @@
-"""Numbers from a small table in registers, of which each lane takes one: parameters of a mixture.
+"""Parameters of a mixture: each lane takes a number from a small table in registers.
 
 A parameter has a value for each pair of species. `Tabled` holds them all in a vector, with the place of the value that
 each lane takes. Sums and products of such numbers are made in the table, so they leave the loop over the pairs. Where a
