@@ -1,8 +1,8 @@
 """Metals, silicon, polymers and calculators at constant pressure: mean pressures, volumes, and copper beside LAMMPS.
 
 Each barostat holds the pressure of each kind of force: the mean pressure of a run is the pressure that was asked for,
-within three standard errors. Runs at two neighbouring pressures give the ratio of the two distributions of the volume,
-which is exp(-(P1 - P2) V / k_B T) in the right ensemble whatever the forces are (Shirts 2013, doi:10.1021/ct300688p).
+within three standard errors. Runs at two neighbouring pressures give the ratio of the two distributions of the volume.
+In the right ensemble this is exp(-(P1 - P2) V / k_B T) for all forces (Shirts 2013, doi:10.1021/ct300688p).
 The two runs have other random numbers.
 
 Copper of Zhou, Johnson & Wadley 2004 has its lattice constant at 300 K and at 0 and 10 GPa beside LAMMPS' ``fix npt``.

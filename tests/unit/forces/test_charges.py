@@ -18,6 +18,7 @@ from kickdrift.forces.charges.sampled import errors_of, forces_on
 from kickdrift.jit.compile import driver
 from kickdrift.jit.lanes.memory import load, store
 from kickdrift.model.box.box import Box
+from kickdrift.model.live_box import LiveBox
 from kickdrift.model.units import constants
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from tests.folders import DATA
@@ -170,6 +171,29 @@ def test_the_error_of_the_forces_is_the_one_asked(box, accuracy):
     errors = errors_of(system.forces[0], system)
     assert 0.65 * accuracy < errors.predicted < accuracy
     assert 0.2 * accuracy < errors.measured < accuracy
+
+
+@pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside a pair force"])
+@pytest.mark.parametrize("box", [UPRIGHT, LEANING], ids=["upright", "leaning"])
+def test_ewalds_sum_follows_a_box_that_changes(box, beside):
+    """Sums and accelerations are those of the force bound anew to the same waves."""
+    start = ions(box, net=0.5)
+    others = [kd.LennardJones(sigma=0.7, cutoff=2.0, truncation="cut", tail=True)] if beside else []
+
+    def system_at(scale: float) -> kd.System:
+        coulomb = kd.Coulomb(alpha=1.3, cutoff=2.2, waves=8.0 / scale)
+        there = start.remade(box=Box.of(scale * start.box.matrix), forces=[*others, coulomb])
+        return there.at(start.state.phase * scale, 0.0)
+
+    system = system_at(1.0)
+    live = LiveBox(system.box)
+    bound, lengths = BoundForces(system, live=live), live.lengths.copy()
+    for scale in (1.0, 0.97, 1.06, 1.0):
+        live.lengths[:] = scale * lengths
+        fresh = system_at(scale)
+        found, wanted = bound.measure(0.0, fresh.state.phase), measured(fresh)
+        assert (found.potential, found.virial) == pytest.approx((wanted.potential, wanted.virial), rel=1e-12)
+        np.testing.assert_allclose(found.accelerations, wanted.accelerations, rtol=0, atol=1e-12)
 
 
 def test_a_pair_force_takes_the_near_part_into_its_sum():

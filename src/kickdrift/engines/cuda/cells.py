@@ -78,8 +78,8 @@ def counting_of(grid: Grid) -> Code:
 
 @lru_cache(maxsize=1)
 def scan_of(threads: int) -> Code:
-    """Kernel of one block that writes the sums ``starts`` (m + 1,) of the counts (m,) before each, and
-    sets these, the marks and the largest number of neighbours to zero."""
+    """Kernel of one block that writes ``starts`` (m + 1,), the sums of the counts (m,) before each cell. It then sets
+    the counts, the marks and the largest number of neighbours to zero."""
 
     @cuda.jit
     def scan(counts, starts, marks, most):

@@ -17,8 +17,8 @@ MARKS = 3
 def move_of(write: Code) -> Code:
     """Kernel of two kicks and a drift; the first ``kick`` ends a step, and the second begins the next.
 
-    Arguments: x, v, a and the positions ``at`` of the last list (3, n), the places to write, the marks, and the times
-    of the two kicks and of the drift. ``write`` writes a place, see `Places`."""
+    Arguments: x, v, a and the positions ``at`` of the last list (3, n), the places and marks to write, and the times of
+    the kicks and the drift. ``write`` writes a place, see `Places`."""
 
     @cuda.jit
     def move(x, v, a, at, written, marks, last_kick, kick, drift):

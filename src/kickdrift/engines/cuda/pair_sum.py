@@ -1,6 +1,6 @@
 """Sums of a pair law over lists of neighbours: each pair twice, and no two threads write to one place.
 
-Several threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits, so their bits do
+Several threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits. So their bits do
 not depend on the order of neighbours, and the sum of all forces is zero.
 """
 

@@ -1,8 +1,8 @@
 """The part of Coulomb's law that the list of pairs sums: 1 / r less a smooth function of the squared distance.
 
 Ewald's near part, a reaction field and the damped shifted force all have this form. The smooth function is a polynomial
-of r^2, so a pair costs a square root, a division and a polynomial, and no exponential. For Ewald's near part
-erf(a r) / r is an entire function of r^2, so its Chebyshev series converges faster than any geometric series (Trefethen
+of r^2, so a pair costs a square root, a division and a polynomial, and no exponential. In Ewald's near part,
+erf(a r) / r is an entire function of r^2. So its Chebyshev series converges faster than any geometric series (Trefethen
 2013, Approximation Theory and Approximation Practice, theorem 8.2).
 """
 

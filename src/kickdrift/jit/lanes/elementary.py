@@ -2,8 +2,8 @@
 
 In float64 the exponential and the logarithm are within 1 unit in the last place, in float32 within 2. A power x^y that
 is no small whole power is the exponential of y log x. Its relative error is below 2^-52 (2 + |y log x|), and a negative
-x gives nan. An exponential below twice the smallest normal number is zero. The bits are the same wherever lanes of one kind
-run, since no library takes part.
+x gives nan. An exponential below twice the smallest normal number is zero. The bits are the same wherever lanes of one
+kind run, since no library takes part.
 
 Source of the logarithm: FreeBSD's msun, e_log.c of Sun Microsystems. With s = f / (2 + f),
 log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).

@@ -219,7 +219,7 @@ ROOT_HALF = 0.7071067811865476
 
 
 def _form(vector: ir.VectorType) -> tuple[Any, ir.Constant, ir.Constant]:
-    """Vector of whole numbers as large as the lanes, and for each lane the bits of a fraction and an exponent of 0."""
+    """Type of whole numbers as wide as the lanes, the number of a fraction's bits, and the bias of an exponent."""
     size, fraction, bias = (64, 52, 1023) if vector.element == F64 else (32, 23, 127)
     whole = ir.VectorType(ir.IntType(size), vector.count)
     return whole, ir.Constant(whole, [fraction] * vector.count), ir.Constant(whole, [bias] * vector.count)
