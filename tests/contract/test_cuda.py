@@ -77,7 +77,7 @@ def python_sums(system: kd.System) -> np.ndarray:
 
 
 def step_forces(sim: kd.Simulation) -> np.ndarray:
-    """Accelerations (3, n) that steps use, which those of samples are not in mixed precision."""
+    """Accelerations (3, n) of steps; in mixed precision, samples have others."""
     session = session_of(sim)
     session.forces.evaluate(session.particles)
     return session.particles.in_order(session.particles.a)

@@ -125,7 +125,7 @@ def below(inside, terms):
 
 
 def with_charges(laws: Any, own: Any, product: Any, r2: Any) -> Any:
-    """Return the terms ``own`` with those of the charges, whose product is given."""
+    """Return the terms ``own`` plus the terms of two charges with this ``product``."""
     raise NotImplementedError("for compiled code")
 
 

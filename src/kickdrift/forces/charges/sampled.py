@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 SAMPLE = 64  # particles whose forces are compared
-LARGEST = 50_000  # particles in a System whose error is measured
+LARGEST = 10_000  # particles in a System whose error is measured: beyond, the exact sum would take many seconds
 FINER = 0.02  # error of the reference, in wanted errors
 AT_ONCE = 2_000_000  # phases of waves in memory
 

@@ -249,7 +249,7 @@ def _pair_slopes(laws, i, place, r2):
 
 def where_of(tables: Any, i: int, place: int, r2: Any) -> Any:
     """Return where the parameters of the pairs of `pair_terms` are in the tables: places in small tables, else the
-    species of i, or with 16 lanes those of the four from i on, and the slot of the others."""
+    species of i, or with 16 lanes the species of the four slots from i on, and the slot of the others."""
     raise NotImplementedError("for compiled code")
 
 
