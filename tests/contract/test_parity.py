@@ -30,9 +30,9 @@ TWINS = {
 }  # fmt: skip
 # Options with another name in Python: a parameter, or a name from `kickdrift` on.
 OTHERS: dict[str, dict[str, str]] = {
-    "run": {"--equilibrate": "Simulation.equilibrate", "--json": "Report.as_json"},
+    "run": {"--equilibrate": "Simulation.equilibrate", "--frame": "open().system", "--json": "Report.as_json"},
     "resume": {"file": "resume(path)", "--json": "Report.as_json"},
-    "relax": {"--output": "System.to_toml", "--json": "Minimum.as_json"},
+    "relax": {"--output": "System.to_toml", "--frame": "open().system", "--json": "Minimum.as_json"},
     "compare": {
         "system": "compare(subject)", "--integrator": "compare(integrators)", "--json": "Comparison.as_json",
         "--plot": "Comparison.plot",

@@ -109,7 +109,7 @@ def bench_lammps(
     ] = None,
     multiples: Annotated[
         tuple[float, float, float],
-        typer.Option("--multiples", help="Box of 32,000 atoms times these, along each axis."),
+        typer.Option("--multiples", metavar="X Y Z", help="Box of 32,000 atoms times these, along each axis."),
     ] = (1.0, 1.0, 1.0),
     turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
     seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 1.0,

@@ -137,9 +137,8 @@ def _type(option: Option, units: bool) -> Any:
     if option.choices:
         return Literal[option.choices]
     if option.dimension and units:
-        return (
-            Time if option.dimension == "time" else Annotated[float, BeforeValidator(In(option.dimension, "positive"))]
-        )
+        sign: Literal["positive", "any"] = "positive" if option.above == 0.0 else "any"
+        return Annotated[float, BeforeValidator(In(option.dimension, sign))]
     one: Any = option.type
     if option.type in (float, int):
         bounds: dict[str, Any] = {"gt": option.above, "le": option.most}

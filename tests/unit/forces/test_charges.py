@@ -334,6 +334,8 @@ def test_energy_is_conserved_and_the_report_says_what_was_chosen():
     assert report.energy.verdict != "secular drift"
     assert report.charges.method == "ewald"
     assert report.charges.measured_error < 1e-4
+    errors = errors_of(sim.system.forces[1], sim.system.at(sim.state.phase, sim.time))  # of the end, not of the lattice
+    assert report.charges.measured_error == errors.measured / errors.size
     text = str(report)
     assert "ewald, cutoff = " in text
     assert "measured for" in text

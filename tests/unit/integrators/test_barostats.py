@@ -15,6 +15,7 @@ from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting.barostats.barostat import check_pressed
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import LiveBox, in_box
+from kickdrift.systemfile.reading import loads
 from tests.long import rest
 from tests.systems import SPECIES, liquid, needed
 
@@ -334,3 +335,14 @@ def test_pressure_and_compressibility_have_units():
     )  # fmt: skip
     assert sim.options["pressure"] == pytest.approx(6.241509074e-7)  # 1 bar in eV per cubic angstrom
     assert sim.options["pressure"] * sim.options["compressibility"] == pytest.approx(2e-4)
+
+
+@pytest.mark.parametrize(("given", "found"), [("0", 0.0), ("-0.001", -0.001), ('"-1 GPa"', -1.0 / 160.2176634)])
+def test_a_file_may_ask_for_no_pressure_or_a_pull(given, found):
+    text = f"""
+        units = "metal"
+        particles = {{ lattice = "fcc", count = 256, density = "0.0846 angstrom^-3", mass = "63.546 u" }}
+        force = [{{ type = "lennard-jones", cutoff = "5 angstrom", epsilon = "0.4 eV", sigma = "2.3 angstrom" }}]
+        run = {{ integrator = "csvr", dt = "1 fs", temperature = "300 K", tau = "1 ps", pressure = {given} }}
+    """
+    assert loads(text).run.options["pressure"] == pytest.approx(found, rel=1e-9)

@@ -106,7 +106,7 @@ def add_far(force, x, a, sums):
         virial += 3.0 * force.background / volume
         if force.waves.kept.shape[0] > 0:
             into_fractions(force, x)
-            each_chunk(force, force.chunks, "chunk_densities")
+            each_chunk(force, force.chunks, "chunk_waves")
             found = collect_densities(force)
             energy += found[0]
             virial += found[1]
@@ -206,7 +206,7 @@ def blocks_of(force, c):
 
 
 @chunk_task
-def chunk_densities(force, chunk):
+def chunk_waves(force, chunk):
     """Sum the four real products of each column and power of the third axis over the particles of a chunk."""
     never_inline()
     own, partial, waves = force.tables[chunk], force.partial[chunk], force.waves

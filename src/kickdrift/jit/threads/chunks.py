@@ -283,7 +283,8 @@ def in_chunks(count: int, threads: int) -> Chunks:
 
 
 def chunk_task(function: Any) -> Any:
-    """Register a task under its function's name."""
+    """Register a task under its function's name, which no other task may have."""
+    assert function.__name__ not in TASKS, f"two tasks are named {function.__name__}"
     TASKS[function.__name__] = as_written(function)
     return TASKS[function.__name__]
 

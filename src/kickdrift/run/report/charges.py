@@ -10,20 +10,22 @@ from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.text import measured
 
 CRYSTAL = 0.05  # size of the forces, in typical forces, below which errors are relative to the typical force
 TYPICAL, SIZE = "the typical force", "the root-mean-square force"
-_FOUND: WeakKeyDictionary[System, ChargeReport] = WeakKeyDictionary()
+_FOUND: WeakKeyDictionary[System, tuple[float, ChargeReport]] = WeakKeyDictionary()  # by the System, at a time
 
 
 @dataclass(frozen=True)
 class ChargeReport:
     """Method and parameters of the forces between charges, in the System's units, and root-mean-square errors.
 
-    ``predicted_error`` follows from the parameters, ``measured_error`` from an exact sum at the start for
-    ``measured_particles``; both are ``relative_to`` the size of the forces. Only Ewald's sum has these, and waves."""
+    ``predicted_error`` follows from the parameters. ``measured_error`` is the difference from an exact sum for
+    ``measured_particles`` at the end of the run, or at its start if the box has changed. Both are ``relative_to`` the
+    size of the forces. Only Ewald's sum has these, and waves."""
 
     method: str
     accuracy: float | None = None
@@ -54,14 +56,15 @@ class ChargeReport:
         return lines
 
 
-def charge_report(system: Any) -> ChargeReport | None:
-    """The ChargeReport of a System; None without a force between charges."""
+def charge_report(system: Any, state: State) -> ChargeReport | None:
+    """The ChargeReport of a System whose run has come to a state; None without a force between charges."""
     force = next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)
     if force is None:
         return None
-    if system not in _FOUND:
-        _FOUND[system] = _made(force, system)
-    return _FOUND[system]
+    if system not in _FOUND or _FOUND[system][0] != state.time:
+        present = system.at(state.phase, state.time) if state.box == system.box else system
+        _FOUND[system] = state.time, _made(force, present)
+    return _FOUND[system][1]
 
 
 def _made(force: Coulomb, system: System) -> ChargeReport:

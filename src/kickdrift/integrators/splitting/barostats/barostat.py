@@ -188,6 +188,8 @@ class Barostat:
     def trouble(self) -> str:
         """Why the barostat stopped."""
         cause, which, value = self.piston.trouble
+        if not np.isfinite(value):
+            return "the barostat would make an edge of the box infinite; give a longer pressure_tau, or a shorter step"
         if cause == TOO_SHORT:
             reach, axis = self._reach, int(which)
             advice = (
