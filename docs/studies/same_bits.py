@@ -170,8 +170,9 @@ def cases(long: bool) -> list[Case]:
 
 @cache
 def has_pairs(name: str) -> bool:
-    """Whether a system has pair forces, which come in two precisions."""
-    return any(isinstance(force, PairForce) for force in systems()[name](True).forces)
+    """Whether a system has pair forces without charges, which come in two precisions."""
+    system = systems()[name](True)
+    return system.charges is None and any(isinstance(force, PairForce) for force in system.forces)
 
 
 def bits(sim: kd.Simulation) -> str:

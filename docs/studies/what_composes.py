@@ -38,6 +38,7 @@ REASONS = {  # words by the text of a refusal
     r"semi-isotropic needs three dimensions": "a plane has two edges",
     r"in three dimensions|needs three dimensions": "three dimensions alone",
     r"depends on velocity": "the force depends on velocity",
+    r"out of the system's two dimensions": "it pushes out of planes",
     r"needs one force 'hill'": "Hill's frame alone",
     r"needs one force 'gravity'": "gravity alone",
     r"needs the time derivative": "the force has no time derivative",
@@ -90,10 +91,13 @@ def system_of(name: str, box: str) -> kd.System:
     v = rng.normal(0.0, 1.0 / np.sqrt(masses)[:, None], x.shape)
     v -= masses @ v / masses.sum()
     lists = topology(force)
-    return kd.System(
+    made = kd.System(
         x, v, masses, None if box == "open" else matrix, [force], units, species=species * len(x), topology=lists,
         dimensions=2 if box == "plane" else 3, charges=charges(force, len(x)),
     )  # fmt: skip
+    if box == "plane" and lists is not None:  # whether bonds push particles out of it
+        kd.Simulation(made, "velocity-verlet", 0.001).energy()
+    return made
 
 
 def usual(name: str) -> kd.System:

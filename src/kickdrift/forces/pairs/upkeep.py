@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.pair_rows import slot_of
+from kickdrift.forces.lists.row_lanes import RowLanes, Wide, WideSingle
 from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import features, jit
@@ -45,13 +46,14 @@ class SmallTables(NamedTuple):
     wide: Any  # None for two species, whose numbers lie in the first eight entries; else True
 
 
-def tables_of(pairs: NDArray[np.float64], species: NDArray[Any], slots: int) -> Any:
-    """Return tables of the numbers (rows, species, species) of all pairs of species; None for one species."""
+def tables_of(pairs: NDArray[np.float64], species: NDArray[Any], slots: int, lanes: RowLanes) -> Any:
+    """Return tables of the numbers (rows, species, species) of all pairs of species; None for one species. Small tables
+    need lanes of 512 bits together."""
     rows, count, _ = pairs.shape
     if count == 1:
         return None
     species, row = species.astype(np.int64), np.zeros(slots, np.int64)
-    if count > MOST or "avx512f" not in features():
+    if count > MOST or not isinstance(lanes, Wide | WideSingle) or "avx512f" not in features():
         return Tables(aligned((rows, count, slots), 1.0), np.ascontiguousarray(pairs), species, row)
     table = aligned((rows, ENTRIES), 1.0)
     table.reshape(rows, MOST, MOST)[:, :count, :count] = pairs

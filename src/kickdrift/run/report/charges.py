@@ -10,7 +10,6 @@ from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
-from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.text import measured
 
@@ -56,11 +55,12 @@ class ChargeReport:
         return lines
 
 
-def charge_report(system: Any, state: State) -> ChargeReport | None:
-    """The ChargeReport of a System whose run has come to a state; None without a force between charges."""
+def charge_report(system: Any, sim: Any) -> ChargeReport | None:
+    """The ChargeReport of a System that a Simulation runs; None without a force between charges."""
     force = next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)
     if force is None:
         return None
+    state = sim.state
     if system not in _FOUND or _FOUND[system][0] != state.time:
         present = system.at(state.phase, state.time) if state.box == system.box else system
         _FOUND[system] = state.time, _made(force, present)

@@ -262,7 +262,7 @@ def report(sim: Any) -> Report:
             *melted,
             *(line for line in doubts if line and line not in record.warnings),
         ],
-        charges=charge_report(system, sim.integration.state),
+        charges=charge_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 
