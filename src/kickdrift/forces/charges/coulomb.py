@@ -24,7 +24,7 @@ from kickdrift.forces.charges.radial import (
 )
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.arguments import number
-from kickdrift.forces.seam.group import Grouped
+from kickdrift.forces.seam.group import Grouped, refuse_massless
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
@@ -126,11 +126,7 @@ class Coulomb(Grouped):
                 f"forces: {self.name} is given twice, and would count the same charges twice; give it once"
             )
         self._check_box(system)
-        massless = np.flatnonzero(system.state.masses == 0)
-        if massless.size:
-            raise InputError(
-                f"{self.name}: particle {massless[0]} has no mass, and this force would move it infinitely fast"
-            )
+        refuse_massless(self.name, system)
         if system.topology is not None and (far := system.topology.far_special(system.box, system.state.phase[0])):
             raise InputError(f"{self.name}: {far}")
         if self.method != DIRECT:

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from kickdrift.errors import InputError
 from kickdrift.forces.many_body.entries import checked_entries, elements_of, entry_of, read_entries
-from kickdrift.forces.seam.group import Grouped, ListedForce
+from kickdrift.forces.seam.group import Grouped, ListedForce, refuse_massless
 from kickdrift.model.checks.values import path_text
 from kickdrift.text import shown
 
@@ -65,11 +63,7 @@ class ManyBodyForce(ListedForce, Grouped):
         if system.topology is not None and len(system.topology.scaled.pairs):
             raise InputError(f"{self.name}: acts on all particles; a topology can leave out or scale only pair forces")
         system.box.check_cutoff(self.name, self.cutoff)
-        massless = np.flatnonzero(system.state.masses == 0)
-        if massless.size:
-            raise InputError(
-                f"{self.name}: particle {massless[0]} has no mass, and this force would move it infinitely fast"
-            )
+        refuse_massless(self.name, system)
 
     def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
         """Bind this force to a System, with its list of neighbours. ``mixed`` is its precision."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
-from kickdrift.forces.seam.group import Grouped, ListedForce
+from kickdrift.forces.seam.group import Grouped, ListedForce, refuse_massless
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
 
@@ -205,11 +205,7 @@ class PairForce(ListedForce, Grouped):
         system.box.check_cutoff(self.name, self.cutoff)
         if self.tail and not math.isfinite(system.volume):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
-        massless = np.flatnonzero(system.state.masses == 0)
-        if massless.size:
-            raise InputError(
-                f"{self.name}: particle {massless[0]} has no mass, and a pair force would move it infinitely fast"
-            )
+        refuse_massless(self.name, system, "a pair force")
         if system.topology is not None and (far := system.topology.far_special(system.box, system.state.phase[0])):
             raise InputError(f"{self.name}: {far}")
         for a in system.species:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from kickdrift.errors import InputError
 from kickdrift.model.units.quantities import UnitSystem, has_unit, quantity
 
@@ -128,6 +130,13 @@ class ListedForce:
     def fixes_box(self, system: Subject) -> str:
         """See Grouped: pairs scale with the box."""
         return ""
+
+
+def refuse_massless(name: str, system: Subject, what: str = "this force") -> None:
+    """Refuse a System with a particle without mass, for a force that accelerates particles by their inverse mass."""
+    massless = np.flatnonzero(system.state.masses == 0)
+    if massless.size:
+        raise InputError(f"{name}: particle {massless[0]} has no mass, and {what} would move it infinitely fast")
 
 
 def reach_of(system: Any) -> float:
