@@ -16,10 +16,8 @@ from kickdrift.forces.charges.far_kernel import Far, add_far
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
 from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD, Radial
 from kickdrift.forces.charges.waves import waves_of
-from kickdrift.forces.lists.clusters import cluster_list
 from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
-from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs import binding as pair_binding
 from kickdrift.forces.pairs.beside_pairs import BesidePairs
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
@@ -110,10 +108,9 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     radial = force.radial(split := force.split(system))
     own: Any = None if host is None else pair_binding.bind(host, system, threads).parts
     reach = split.cutoff if own is None else max(own.cutoff, split.cutoff)
-    n, lanes = len(system), row_lanes(mixed=False)
-    pairs = cluster_list(n, system.box, reach, lanes, threads)
+    lanes = row_lanes(mixed=False)
+    pairs = pair_binding.list_of(system, reach, lanes, threads)
     slots, chunks = pairs.x.size // 3, pairs.force.shape[0]
-    pairs = pairs._replace(special=special_of(system.topology, n, slots, chunks, pairs.near.shape[1]))
     law = ChargedPairs(own and own.law, own.cutoff**2 if own else 0.0, radial)
     tables = ChargedTables(own and own.tables, force.scaled_charges(system), aligned((slots,)))
     if own is not None:

@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from kickdrift.forces.lists.clusters import (
-    cluster_list,
-)
+from kickdrift.forces.lists.clusters import ClusterList, cluster_list
 from kickdrift.forces.lists.load import volume_of
-from kickdrift.forces.lists.row_lanes import row_lanes
+from kickdrift.forces.lists.row_lanes import RowLanes, row_lanes
 from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
 from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, Shift, Switch
@@ -61,12 +59,10 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
     """Bind a pair force to a System, on this number of threads."""
     lanes = row_lanes(mixed)
     cls = law_class(force)
-    n, names = len(system), system.species
+    names = system.species
     cutoff, numbers = float(force.cutoff or 0.0), pair_numbers(force, names)
     law, at_cutoff = numbers[:-2, 0, 0].tolist(), numbers[-2:, 0, 0].tolist()
-    pairs = cluster_list(n, system.box, cutoff, lanes, threads, single=mixed)
-    special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
-    pairs = pairs._replace(special=special)
+    pairs = list_of(system, cutoff, lanes, threads, mixed)
     chunks = pairs.force.shape[0]
     work = PairWork(
         law=cls(*law),
@@ -86,6 +82,14 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
         chunks=in_chunks(chunks, threads),
     )
     return PairKernel(work)
+
+
+def list_of(system: Subject, cutoff: float, lanes: RowLanes, threads: int, mixed: bool = False) -> ClusterList:
+    """Return an empty list of a System's pairs, which knows the pairs that the topology leaves out or scales."""
+    n = len(system)
+    pairs = cluster_list(n, system.box, cutoff, lanes, threads, single=mixed)
+    special = special_of(system.topology, n, pairs.x.size // 3, pairs.force.shape[0], pairs.near.shape[1])
+    return pairs._replace(special=special)
 
 
 def pair_numbers(force: PairPotential, names: Sequence[str]) -> Floats:
