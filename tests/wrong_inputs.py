@@ -102,7 +102,11 @@ PYTHON = [
         'kd.Simulation(L, "nvt")',
         "integrator 'nvt' is unknown; methods of constant temperature are baoab, csvr and nose-hoover",
     ),
-    ("kd.Simulation(kd.System(X, forces=[kd.LennardJones()]))", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL, 'pefrl')", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).run(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).advance(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).steps_to(until=1.0)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).equilibrate(1.0, steps=10)", "dt is needed: system 'system' has no dt in [run]"),
     ('kd.Simulation(L, dt="fast")', "dt must be a positive finite time, got 'fast'"),
     ("kd.Simulation(L, dt=0)", "dt must be a positive finite time, got 0"),
     (
