@@ -87,7 +87,8 @@ class Report(ShownReport):
     that collisions and removed bodies took out, None without such events; the energy's error excludes it.
     ``angular_momentum_taken`` (3 numbers) is the angular momentum that went from orbits into spins, and that of removed
     bodies. ``stopped``
-    names the event that ended the run, "" if none did.
+    names the event that ended the run, "" if none did. ``equilibrated`` tells how the run was equilibrated before its
+    record began, "" if it was not.
     """
 
     system: str
@@ -130,6 +131,7 @@ class Report(ShownReport):
     warnings: list[str]
     about: About = field(compare=False)
     charges: ChargeReport | None = None
+    equilibrated: str = ""
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -263,6 +265,7 @@ def report(sim: Any) -> Report:
             *(line for line in doubts if line and line not in record.warnings),
         ],
         charges=charge_report(system, sim),
+        equilibrated=record.equilibrated,
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 
