@@ -213,7 +213,7 @@ def test_a_mixture_takes_the_near_part_too():
         {"alpha": 1.2, "cutoff": 2.2, "waves": 6.0},
         {"A": {"sigma": 0.8}, "B": {"sigma": 0.6, "epsilon": 0.5}},
     )
-    mixture = kd.LennardJones(species=kinds, cutoff=2.5, truncation="switch")
+    mixture = kd.LennardJones(species=kinds, cutoff=2.5, truncation="cut")  # a loop that NIST's water compiles
     alone = ions(UPRIGHT, **given).remade(species=["AB"[k % 2] for k in range(64)])
     found = measured(alone.with_forces(mixture, kd.Coulomb(**given)))
     parts = [measured(alone.with_forces(mixture)), measured(alone)]
@@ -371,9 +371,9 @@ def test_a_far_part_in_a_slower_group():
 
 
 def test_warnings_of_a_net_charge_and_of_charges_without_a_force():
-    system = ions(UPRIGHT, net=0.5, special=False)
+    system = ions(UPRIGHT, net=0.5)
     assert any("the net charge is 0.5" in line for line in kd.Simulation(system, dt=1e-4).run(1).warnings)
-    alone = system.with_forces(kd.LennardJones(sigma=0.5, cutoff=2.0))
+    alone = ions(UPRIGHT, special=False).with_forces(kd.LennardJones(sigma=0.5, cutoff=2.0))
     assert any("charges have no effect" in line for line in kd.Simulation(alone, dt=1e-4).run(1).warnings)
 
 
