@@ -56,6 +56,8 @@ class Method:
     slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
+    float64_because : why pair forces cannot be in mixed precision; "" if they can
+    stops_in_lanes : whether a batch with this method watches events
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
     tunable : names of these options
     choices : allowed values of some options, the default first (None: it depends)
@@ -66,7 +68,8 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = False
+    separable = overdamped = stops_in_lanes = False
+    float64_because = ""
 
     @property
     def evaluations(self) -> int:
@@ -107,11 +110,6 @@ class Method:
     @property
     def rescalable(self) -> bool:
         return False
-
-    @property
-    def float64_because(self) -> str:
-        """Reason why pair forces cannot be in mixed precision; "" if they can."""
-        return ""
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:
@@ -164,11 +162,6 @@ class Method:
     @property
     def batched(self) -> bool:
         """Whether a batch can use this method (see ``kickdrift.batch``)."""
-        return False
-
-    @property
-    def stops_in_lanes(self) -> bool:
-        """Whether a batch with this method watches events."""
         return False
 
     def check(self, system: System) -> None:
