@@ -39,12 +39,20 @@ def unit_masses() -> kd.System:
     return kd.System(x, v, masses=rng.uniform(0.5, 2.0, 600), forces=[kd.Gravity(softening=0.05)], units="nbody")
 
 
+def tree_of_masses() -> kd.System:
+    own = unit_masses().state
+    force = kd.GravityTree(softening=0.05)
+    return kd.System(own.positions, own.velocities, masses=own.masses, forces=[force], units="nbody")
+
+
 RUNS = {
     "splitting": (planets, "leapfrog", {"dt": 0.01}),
     "drift first": (planets, "leapfrog-dkd", {"dt": 0.01}),
     "corrected": (planets, "wisdom-holman", {"dt": 0.01, "corrector": 11}),
     "lists": (liquid, "velocity-verlet", {"dt": 0.004}),
     "lists, mixed": (liquid, "velocity-verlet", {"dt": 0.004, "precision": "mixed"}),
+    "many bodies": (unit_masses, "leapfrog", {"dt": 0.001}),
+    "a tree": (tree_of_masses, "leapfrog", {"dt": 0.001}),
     "python's steps": (planets, "gauss-legendre4", {"dt": 0.05}),
     "whole numbers": (planets, "leapfrog-exact", {"dt": 0.01}),
 }

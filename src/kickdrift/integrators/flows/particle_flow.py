@@ -146,7 +146,7 @@ class ParticleFlow(ParticleStates):
         apart = coupling in APART
         self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
-        self._shared = self._listed and not mixed
+        self._shared = (self._listed or self.forces.sums_before_samples) and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
         self.others: BoundForces | None = None  # forces that a method has bound by itself
