@@ -177,6 +177,8 @@ COMMANDS = [
     ),
     ("run lj-1000 --steps ten", "kickdrift: --steps: 'ten' is not a whole number, 0 or more…"),
     ("run lj-1000 --steps -1", "kickdrift: --steps: '-1' is not a whole number, 0 or more…"),
+    ("bench lammps --seconds inf", "kickdrift: --seconds: 'inf' is no number of seconds, 0.001 or more…"),
+    ("bench speed --seconds nan", "kickdrift: --seconds: 'nan' is no number of seconds, 0.001 or more…"),
     ("run lj-1000 --steps 10 --time 1", "kickdrift: give --steps or --time, not both"),
     (
         "run lj-1000 --step 10",

@@ -270,7 +270,7 @@ class Simulation(Present):
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
-        but at least 16000 / bodies and at least 50, as far as there are steps.
+        but at least 16000 / bodies. It has at least 50 if these take a tenth of the time of the steps or less.
 
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
