@@ -10,17 +10,17 @@ import kickdrift as kd
 from kickdrift.engines.lammps_world import lammps_class
 from kickdrift.model.starts.builders import lattice
 
-DT, STEPS, EDGE, LOW, HIGH = 0.004, 20, 8.0, -0.4, 8.1
+DT, STEPS, EDGE, LOW, HIGH = 0.004, 20, 8.0, 0.4, 7.7
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 FLOOR, CEILING = (0.0, 0.0, LOW), (0.0, 0.0, HIGH)
 CASES = {
     "wall/lj93": (
-        [kd.LennardJonesWall(UP, 2.5, FLOOR, 0.9, 1.1), kd.LennardJonesWall(DOWN, 0.9, CEILING)],
-        [f"fix low all wall/lj93 zlo {LOW} 0.9 1.1 2.5", f"fix high all wall/lj93 zhi {HIGH} 1.0 1.0 0.9"],
+        [kd.LennardJonesWall(UP, 2.5, FLOOR, 90.0, 0.2), kd.LennardJonesWall(DOWN, 0.25, CEILING, 50.0, 0.3)],
+        [f"fix low all wall/lj93 zlo {LOW} 90.0 0.2 2.5", f"fix high all wall/lj93 zhi {HIGH} 50.0 0.3 0.25"],
     ),
     "wall/harmonic": (
-        [kd.HarmonicWall(50.0, UP, FLOOR, 1.5), kd.HarmonicWall(30.0, DOWN, CEILING, 1.0)],
-        [f"fix low all wall/harmonic zlo {LOW} 25.0 0.0 1.5", f"fix high all wall/harmonic zhi {HIGH} 15.0 0.0 1.0"],
+        [kd.HarmonicWall(400.0, UP, FLOOR, 1.5), kd.HarmonicWall(500.0, DOWN, CEILING, 1.0)],
+        [f"fix low all wall/harmonic zlo {LOW} 200.0 0.0 1.5", f"fix high all wall/harmonic zhi {HIGH} 250.0 0.0 1.0"],
     ),
     "wall/reflect": (
         [kd.ReflectingWall(UP, FLOOR), kd.ReflectingWall(DOWN, CEILING)],
