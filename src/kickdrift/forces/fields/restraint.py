@@ -126,7 +126,7 @@ class Restraint(Field):
         """See Field."""
         from kickdrift.forces.fields.restraint_kernel import bind
 
-        return bind(self.begun(system).particles, self.stiffness, self.places(system)[1], system)
+        return bind(self.begun(system).particles, self.stiffness, self.places(system)[1], self.scales, system)
 
 
 def _ids(name: str, given: Any) -> tuple[int, ...]:

@@ -24,11 +24,12 @@ class RestraintKernel(NamedTuple):
     stiffness: Floats  # (3,)
     fractions: Floats  # (3, m) reference positions in edge vectors of the box, and as lengths along open axes
     inverse_masses: Floats  # (m,)
+    scales: bool  # whether the places move with the box, so that there is a virial
     cell: Cell
     along: Any = None  # (1, 3) virial along each axis, for a barostat; else None
 
 
-def bind(particles: Any, stiffness: Any, fractions: Floats, system: Subject) -> RestraintKernel:
+def bind(particles: Any, stiffness: Any, fractions: Floats, scales: bool, system: Subject) -> RestraintKernel:
     """Bind a restraint whose reference positions are these fractions (m, 3) of the box."""
     held = np.array(particles, np.int64)
     return RestraintKernel(
@@ -36,6 +37,7 @@ def bind(particles: Any, stiffness: Any, fractions: Floats, system: Subject) -> 
         np.array(np.broadcast_to(stiffness, 3), float),
         np.ascontiguousarray(fractions.T),
         1.0 / system.coherent_masses[held],
+        scales,
         cell_of(system.box),
     )
 
@@ -64,5 +66,5 @@ def restraint_forces(force, t, x, v, a, sums):
                 note_along(force.along, axis, -pull * d[axis])
     if sums is not None:
         sums[0] += energy
-        sums[1] += virial
+        sums[1] += virial if force.scales else 0.0
     return OK
