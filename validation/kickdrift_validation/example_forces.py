@@ -55,7 +55,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "harmonic-improper": {"stiffness": 2.0, "rest": 20.0},
     "periodic-improper": {"barrier": 2.0, "multiplicity": 2.0, "phase": 30.0},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
-    "restraint": {"stiffness": 2.0, "particles": [0, 5, 3]},
+    "restraint": {"stiffness": 2.0, "particles": [0, 5], "positions": [(0.3, 0.2, 0.0), (-0.5, 1.0, 0.0)]},
     "harmonic-wall": {"stiffness": 2.0, "normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0), "reach": 4.5},
     "lennard-jones-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0), "cutoff": 6.0},
     "reflecting-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0)},

@@ -37,6 +37,7 @@ def virial_of(system: System, x: Floats) -> float:
 
 HARMONIC = "0.5*(kx*dx^2+ky*dy^2+kz*dz^2)"
 FROM_WALL = "; s=nx*x+ny*y+nz*z-offset"
+OF_WALLS = {"k": "stiffness", "reach": "reach", "e": "epsilon", "l": "sigma", "cutoff": "cutoff"}
 TERMS: dict[Any, str] = {
     UniformField: "-m*(gx*x+gy*y+gz*z)",
     HarmonicWall: f"0.5*k*max(0,reach-s)^2{FROM_WALL}",
@@ -55,36 +56,30 @@ def openmm_fields(system: System) -> list[Any]:
 def _external(system: System, force: Any) -> Any:
     import openmm
 
+    count = len(system)
+    held: Any
+    values: Any
     if isinstance(force, HarmonicTrap | Restraint):
         edges = zip("xyz", np.diag(system.box.matrix).tolist(), system.box.periodic_axes, strict=True)
-        made = openmm.CustomExternalForce(HARMONIC + "".join(_apart(*each) for each in edges))
-        _globals(made, dict(zip(("kx", "ky", "kz"), np.broadcast_to(force.stiffness, 3).tolist(), strict=True)))
-        for key in ("x0", "y0", "z0"):
-            made.addPerParticleParameter(key)
+        energy, keys = HARMONIC + "".join(_apart(*each) for each in edges), ["x0", "y0", "z0"]
+        values = zip(("kx", "ky", "kz"), np.broadcast_to(force.stiffness, 3).tolist(), strict=True)
+        held, places = range(count), [list(force.centre)] * count if isinstance(force, HarmonicTrap) else []
         if isinstance(force, Restraint):
-            held, places = list(force.particles or ()), force.places(system)[0].tolist()
-        else:
-            held, places = list(range(len(system))), [list(force.centre)] * len(system)
-        for i, place in zip(held, places, strict=True):
-            made.addParticle(i, place)
-        return made
-    made = openmm.CustomExternalForce(TERMS[type(force)])
-    if isinstance(force, UniformField):
-        _globals(made, dict(zip(("gx", "gy", "gz"), force.acceleration, strict=True)))
-        made.addPerParticleParameter("m")
+            held, places = force.particles, force.places(system)[0].tolist()
+    elif isinstance(force, UniformField):
+        energy, keys, values = TERMS[UniformField], ["m"], zip(("gx", "gy", "gz"), force.acceleration, strict=True)
+        held, places = range(count), system.coherent_masses[:, None].tolist()
     else:
-        normal = unit(force)
-        _globals(made, dict(zip(("nx", "ny", "nz"), normal.tolist(), strict=True)))
-        made.addGlobalParameter("offset", float(normal @ np.array(force.point)))
-        lennard_jones = isinstance(force, LennardJonesWall)
-        keys = (
-            {"e": "epsilon", "l": "sigma", "cutoff": "cutoff"}
-            if lennard_jones
-            else {"k": "stiffness", "reach": "reach"}
-        )
-        _globals(made, {key: getattr(force, name) for key, name in keys.items()})
-    for i, mass in enumerate(system.coherent_masses.tolist()):
-        made.addParticle(i, [mass] if isinstance(force, UniformField) else [])
+        normal, energy, keys = unit(force), TERMS[type(force)], []
+        own = {key: getattr(force, name) for key, name in OF_WALLS.items() if hasattr(force, name)}
+        offset = float(normal @ np.array(force.point))
+        values = (own | {"nx": normal[0], "ny": normal[1], "nz": normal[2], "offset": offset}).items()
+        held, places = range(count), [[]] * count
+    made = openmm.CustomExternalForce(energy + "".join(f"; {key}={float(value)!r}" for key, value in values))
+    for key in keys:
+        made.addPerParticleParameter(key)
+    for i, place in zip(held, places, strict=True):
+        made.addParticle(i, place)
     return made
 
 
@@ -92,11 +87,6 @@ def _apart(axis: str, edge: float, periodic: bool) -> str:
     """Component of a displacement from the nearest image of a place."""
     apart = f"{axis}-{axis}0"
     return f"; d{axis}={apart}" + (f"-{edge!r}*floor(({apart})/{edge!r}+0.5)" if periodic else "")
-
-
-def _globals(made: Any, values: dict[str, float]) -> None:
-    for key, value in values.items():
-        made.addGlobalParameter(key, value)
 
 
 # --- LAMMPS: commands of fixes ---

@@ -275,7 +275,7 @@ class World:
             f"dimension {model.dimensions}",
             f"atom_style {model_style(model)}",
             f"boundary {' '.join(boundary)}",
-            *(["atom_modify map array"] if model.ewald else []),  # by which charges find their particles
+            *(["atom_modify map array"] if model.ewald or model.held else []),  # by which numbers find their particles
         )
         if model.bonded:
             self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))

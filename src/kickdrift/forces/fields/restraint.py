@@ -13,7 +13,16 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.fields.shipped import Field
-from kickdrift.forces.seam.arguments import Vector, check_alike, check_massive, is_one, items, number, vector
+from kickdrift.forces.seam.arguments import (
+    Vector,
+    check_alike,
+    check_massive,
+    check_place_in_plane,
+    is_one,
+    items,
+    number,
+    vector,
+)
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.text import counted, shown
 
@@ -87,11 +96,15 @@ class Restraint(Field):
         return replace(self, particles=held, positions=places, box=box)
 
     def check(self, system: Subject) -> None:
-        """Refuse particles that do not exist or have no mass, and three stiffnesses in a leaning box."""
+        """Refuse particles that do not exist or have no mass, places out of a plane, and three stiffnesses in a leaning
+        box."""
         held = self.begun(system).particles
         assert held is not None
         self._check_ids(held, system)
         check_massive(self.name, system, held)
+        if np.broadcast_to(self.stiffness, 3)[2]:
+            for k, place in enumerate(self.positions or ()):
+                check_place_in_plane(self.name, f"positions[{k}]", place, system)
         try:
             check_alike("stiffness", self.stiffness, system)
         except InputError as error:
