@@ -10,6 +10,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
+from kickdrift_validation.walls import bounced, folded, room, wedge
 
 UP = (0.0, 0.0, 1.0)
 
@@ -18,17 +19,6 @@ def gas(forces, n=12, box=None, seed=2) -> kd.System:
     rng = np.random.default_rng(seed)
     x = rng.uniform(0.5, 3.5, (n, 3))
     return kd.System(x, rng.normal(size=(n, 3)), rng.uniform(0.5, 2.0, n), box=box, forces=forces)
-
-
-def room(edge: float = 4.0) -> list:
-    """Six hard walls around a cube."""
-    ways = [(tuple(sign * row), tuple(np.full(3, 0.5 * edge * (1 - sign)))) for row in np.eye(3) for sign in (1, -1)]
-    return [kd.ReflectingWall(normal, point) for normal, point in ways]
-
-
-def folded(x: np.ndarray, edge: float = 4.0) -> np.ndarray:
-    """Places in a cube of mirrors of particles that fly straight."""
-    return edge - np.abs(np.mod(x, 2 * edge) - edge)
 
 
 @pytest.mark.parametrize("name", ["velocity-verlet", "leapfrog-dkd", "forest-ruth", "yoshida4", "respa"])
@@ -46,28 +36,10 @@ def test_free_particles_between_mirrors_are_where_straight_lines_fold(name, dt):
 
 def test_bounces_in_a_wedge_come_in_the_order_of_the_way():
     """Between mirrors at 50 degrees a billiard is no map of one mirror after the other; against bounces one by one."""
-    angle = math.radians(50.0)
-    walls = [kd.ReflectingWall((0.0, 1.0, 0.0)), kd.ReflectingWall((math.sin(angle), -math.cos(angle), 0.0))]
-    normals = np.array([[0.0, 1.0, 0.0], [math.sin(angle), -math.cos(angle), 0.0]])
-    x = np.array([[2.0, 0.4, 0.0], [3.0, 1.0, 0.0], [1.5, 1.0, 0.0]])
-    v = np.array([[-1.0, 0.3, 0.1], [-2.0, -0.2, 0.0], [-1.0, -2.0, 0.2]])
-    system = kd.System(x, v, forces=walls)
+    system, normals = wedge()
+    x, v, bounces = bounced(system, normals, 5.0)
     sim = kd.Simulation(system, "velocity-verlet", 5.0)
     sim.run(1)
-    bounces = 0
-    for place, speed in zip(x, v, strict=True):
-        left = 5.0
-        while True:
-            rates, s = normals @ speed, normals @ place
-            times = np.where(rates < 0, -s / np.where(rates < 0, rates, 1.0), np.inf)
-            times[times < 1e-12] = np.inf
-            k = int(times.argmin())
-            if times[k] > left:
-                break
-            place += times[k] * speed
-            speed -= 2.0 * rates[k] * normals[k]
-            left, bounces = left - times[k], bounces + 1
-        place += left * speed
     assert bounces >= 5
     np.testing.assert_allclose(sim.state.positions, x, atol=1e-12)
     np.testing.assert_allclose(sim.state.velocities, v, atol=1e-12)
