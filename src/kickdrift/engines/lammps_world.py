@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
+from kickdrift.engines.fields import Held
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
 from kickdrift.model.box.box import Box
@@ -211,6 +212,9 @@ class Model(NamedTuple):
     fixes : commands of the fixes that take a step
     bonded : bonds, angles and dihedrals, if any
     ewald : charges, if any
+    walls : commands of each wall
+    held : position restraints
+    linear : whether the energy is less its tangent at the cutoff, which makes the force zero there
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
@@ -227,6 +231,9 @@ class Model(NamedTuple):
     bonded: Bonded | None = None
     many_body: tuple[str, str, tuple[str, ...]] | None = None
     ewald: Ewald | None = None
+    walls: tuple[tuple[str, ...], ...] = ()
+    held: tuple[Held, ...] = ()
+    linear: bool = False
 
 
 def model_style(model: Model) -> str:
@@ -268,7 +275,7 @@ class World:
             f"dimension {model.dimensions}",
             f"atom_style {model_style(model)}",
             f"boundary {' '.join(boundary)}",
-            *(["atom_modify map array"] if model.ewald else []),  # by which charges find their particles
+            *(["atom_modify map array"] if model.ewald or model.held else []),  # by which numbers find their particles
         )
         if model.bonded:
             self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
@@ -282,7 +289,7 @@ class World:
         if model.many_body:
             self._many_body(*model.many_body)
         else:
-            style = f"lj/cut {model.cutoff!r}"
+            style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
                 style = f"lj/cut/coul/long {model.cutoff!r} {model.ewald.cutoff!r}"
             self._commands(
@@ -318,7 +325,22 @@ class World:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         if model.ewald:
             self.lmp.scatter_atoms("q", 1, 1, np.ctypeslib.as_ctypes(np.ascontiguousarray(model.ewald.charges)))
+        self._commands(*(line for wall in model.walls for line in wall))
+        self._hold(model)
         self.lmp.command("run 0 post no")
+
+    def _hold(self, model: Model) -> None:
+        """Make the springs of restraints, which begin at the positions of the particles at that time."""
+        for k, (ids, stiffness, axes, places) in enumerate(model.held):
+            start = self._gathered("x")
+            there = start.copy()
+            row = ids - 1
+            there[row] = start[row] - model.box.minimum_image(start[row] - places)
+            for at in range(0, len(ids), 1000):
+                self.lmp.command(f"group held{k} id {' '.join(map(str, ids[at : at + 1000].tolist()))}")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(there)))
+            self._commands(f"fix held{k} held{k} spring/self {stiffness!r} {axes}", f"fix_modify held{k} energy yes")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(start)))
 
     def _commands(self, *lines: str) -> None:
         for line in lines:

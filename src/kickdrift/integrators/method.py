@@ -49,6 +49,7 @@ class Method:
     carries : whether deviations can be integrated as additional massless particles with their own forces, without
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
+    reflects : whether the method bounces particles off hard walls
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
@@ -68,7 +69,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = stops_in_lanes = False
+    separable = overdamped = stops_in_lanes = reflects = False
     float64_because = ""
 
     @property

@@ -84,6 +84,8 @@ class Composition(Lettered, Protocol):
 
     def timed(self, options: Options) -> Any: ...
 
+    def mirrored(self) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -108,7 +110,8 @@ class SplittingStepper(FixedStepper):
 
     def _word(self, flow: Flow, options: Options) -> Word:
         """Bind the further flows and the barostat with these options."""
-        method, rows = self._method, [FLOWS[letter] for letter in self._method.further]
+        method = self._method.mirrored() if _walled(flow) else self._method
+        rows = [FLOWS[letter] for letter in method.further]
         acting, _, which = method.further_stages
         self._bound = [
             row.bind(flow, options, np.where(which == k, acting, 0.0)).ready() for k, row in enumerate(rows) if row.bind
@@ -209,6 +212,11 @@ class SplittingStepper(FixedStepper):
     @property
     def fresh(self) -> bool:  # type: ignore[override]
         return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _walled(flow: Flow) -> bool:
+    """Whether the flow's System has hard walls."""
+    return isinstance(flow.subject, System) and bool(flow.subject.acting("reflects"))
 
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
