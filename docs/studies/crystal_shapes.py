@@ -18,7 +18,7 @@ from docs.studies.crystal_pressures import ASKED, BAROSTATS, EVERY, GPA, SIGMAS,
 from kickdrift.analysis.certify.certifying import ensemble_checks
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.model.live_box import LiveBox
+from kickdrift.model.live_box import LiveBox, in_box
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main, not_run
 from kickdrift_validation.example_forces import EXAMPLES, crystal, example
@@ -61,6 +61,12 @@ class Tensor:
         self.edges.append(state.box.matrix)
 
 
+def strained(system: kd.System, box: np.ndarray) -> kd.System:
+    """The crystal with other edge vectors, and the same fractional coordinates."""
+    places = system.box.fractional(system.state.positions) @ box
+    return in_box(system.at(np.array([places.T, system.state.phase[1]]), 0.0), kd.Box(matrix=box))
+
+
 def watched(system: kd.System, bath: str, barostat: str, dt: float, steps: int, **options: Any) -> Tensor:
     """The pressures and edges of an equilibrated run."""
     sim, _ = run_of(system, bath, barostat, "full", dt, 2000, **options)
@@ -81,11 +87,7 @@ def component_claims(long: bool) -> Iterator[Claim]:
                     wanted = wanted - stress
                     first = watched(system, bath, barostat, 0.002, STEPS // 4, **given)
                     box = np.mean(first.edges, axis=0)
-                    places = system.box.fractional(system.state.positions) @ box
-                    start = kd.System(
-                        places, system.state.velocities, system.state.masses, box, system.forces, "metal",
-                        species=system.species,
-                    )  # fmt: skip
+                    start = strained(system, box)
                 seen = watched(start, bath, barostat, 0.002, STEPS * (5 if long else 1), **given)
                 means = [block_average(each) for each in np.array(seen.parts).T]
                 off = [(each.value - w) / each.error for each, w in zip(means, wanted, strict=True)]
@@ -124,10 +126,7 @@ def shear_claims(long: bool) -> Iterator[Claim]:
         edge = np.diag(system.box.matrix)
         box = np.diag(edge)
         box[1, 0], box[2, 0], box[2, 1] = 0.05 * edge[0], -0.04 * edge[0], 0.03 * edge[1]
-        places = system.box.fractional(system.state.positions) @ box
-        sheared = kd.System(
-            places, system.state.velocities, system.state.masses, box, system.forces, "metal", species=system.species,
-        )  # fmt: skip
+        sheared = strained(system, box)
         for barostat, bath in BAROSTATS:
             steps = STEPS * (5 if long else 1)
             found = [watched(each, bath, barostat, 0.002, steps, **options) for each in (system, sheared)]
