@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import isfinite
@@ -139,6 +140,9 @@ def _options_table(name: str, base: type[Table], options: tuple[Option, ...], un
 
 def _type(option: Option, units: bool) -> Any:
     """Type of an option's values in a system file."""
+    if option.count > 1:
+        each: Any = _type(replace(option, count=1), units)
+        return Annotated[list[each], Field(min_length=option.count, max_length=option.count)]
     if option.choices:
         return Literal[option.choices]
     if option.dimension and units:

@@ -15,7 +15,7 @@ from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
-from kickdrift.integrators.options import APART
+from kickdrift.integrators.options import APART, FULL
 from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.observers import Looks, Sample
@@ -148,7 +148,7 @@ class ParticleFlow(ParticleStates):
 
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
-        self.live = LiveBox(system.box) if coupling else None
+        self.live = LiveBox(system.box, coupling == FULL) if coupling else None
         under = self._under(system)
         apart = coupling in APART
         self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)

@@ -94,11 +94,11 @@ class SplittingStepper(FixedStepper):
         self._method, self._options = method, options
         self.barostat: Barostat | None = None
         word = self._word(flow, options)
-        self.warnings = bath_warnings(options.dt, options) if self._baths else []
+        self._warned = bath_warnings(options.dt, options) if self._baths else []
         if self.barostat:
-            self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
+            self._warned = [*self._warned, *pressure_warnings(options.dt, options, flow.subject)]
         if groups := word.groups:
-            self.warnings += [
+            self._warned += [
                 f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
                 for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
             ]
@@ -107,6 +107,15 @@ class SplittingStepper(FixedStepper):
             flow, splitting_loop, word, lambda shape: np.zeros((*some, *shape[1:])), options, kept=True,
         )  # fmt: skip
         self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
+
+    @property
+    def warnings(self) -> list[str]:
+        """One line for each doubtful choice, and for what the run has shown of it."""
+        return [*self._warned, *(self.barostat.warnings if self.barostat else [])]
+
+    @warnings.setter
+    def warnings(self, lines: list[str]) -> None:
+        self._warned = lines
 
     def _word(self, flow: Flow, options: Options) -> Word:
         """Bind the further flows and the barostat with these options."""

@@ -14,7 +14,7 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.seam.group import ListedForce
-from kickdrift.integrators.options import PRESSURE, TEMPERATURE
+from kickdrift.integrators.options import TEMPERATURE, mean_pressure
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks.values import unwarned
@@ -167,7 +167,7 @@ class Report(ShownReport):
         """The mean pressure beside the pressure of the barostat, in words; None without a barostat."""
         if self.volume is None or self.pressure is None:
             return None
-        return verdict(self.pressure, self.pressure_error, self.options[PRESSURE.name])
+        return verdict(self.pressure, self.pressure_error, mean_pressure(self.options))
 
     def _error(self, values: Floats | None) -> float | None:
         if values is None:
