@@ -62,7 +62,7 @@ def test_transforms_are_those_of_numpy(n):
 def test_a_fine_mesh_gives_ewalds_sum(box, net):
     exact = measured(ions(box, net, accuracy=1e-12))
     found = measured(ions(box, net, method="pme", accuracy=1e-6))
-    assert (found.potential, found.virial) == pytest.approx((exact.potential, exact.virial), rel=1e-7)
+    assert (found.potential, found.virial) == pytest.approx((exact.potential, exact.virial), rel=3e-7)
     np.testing.assert_allclose(found.accelerations, exact.accelerations, rtol=0, atol=2e-6)
 
 

@@ -225,8 +225,8 @@ class Coulomb(Grouped):
         charged = self.charged(system)
         least = float(system.box.heights.min())
         if charged.squares == 0:
-            mesh = {"mesh": 3 * (SMALLEST,), "order": ORDERS[0]} if self.method == PME else {}
-            return Split(1.0 / least, self.cutoff or 0.25 * least, 0.0, **mesh)
+            mesh = 3 * (SMALLEST,) if self.method == PME else ()
+            return Split(1.0 / least, self.cutoff or 0.25 * least, 0.0, mesh, ORDERS[0])
         longest = LONGEST * least
         shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
         if self.method == PME:

@@ -21,7 +21,7 @@ IMAGES = 8  # images of a wave on the mesh whose splines count
 def moduli(n: int, order: int) -> Floats:
     """Factors (n,) by which the influence of a wave corrects splines of this order; 0 for the wave of shortest
     length."""
-    own, squares = spline_waves(np.fft.fftfreq(n), order)
+    own, squares = spline_waves(np.asarray(np.fft.fftfreq(n), np.float64), order)
     found = own**2 / squares**2
     if n % 2 == 0:
         found[n // 2] = 0.0
