@@ -78,6 +78,7 @@ def model_of(job: Job, seed: int) -> Model:
     system, dt = job.system, job.options.dt
     assert dt is not None
     force, ewald = beside_charges(system), ewald_of(system)
+    cut: Any = force or ewald
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
@@ -92,7 +93,7 @@ def model_of(job: Job, seed: int) -> Model:
         }  # fmt: skip
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
-        ewald=ewald, cutoff=float((force or ewald).cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
+        ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
         **given,
     )  # fmt: skip
 
