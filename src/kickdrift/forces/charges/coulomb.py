@@ -152,7 +152,8 @@ class Coulomb(Grouped):
             raise InputError(f"{self.name}: the particles have no charges; give charge in [particles], or charges")
         if system.units.coulomb is None:
             raise InputError(
-                f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal and si have one"
+                f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal, real, gromacs and si "
+                "have one"
             )
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
