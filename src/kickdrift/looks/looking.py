@@ -69,7 +69,8 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan
     asked = collide or np.isfinite(system.volume)  # else neither temperature nor pressure needs the heat
     desk[APART] = apart_of(system, drags) if asked else NONE
-    desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
+    held = system.constraints is not None  # their forces are not in the virial
+    desk[VOLUMES] = np.nan if held or not np.isfinite(system.volume) else system.dimensions * system.volume
     desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses
     return desk

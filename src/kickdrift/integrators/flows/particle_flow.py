@@ -24,6 +24,7 @@ from kickdrift.model.body_checks import check_plane
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import check_state, no_overflow, unwarned
 from kickdrift.model.live_box import LiveBox, in_box
+from kickdrift.model.molecules.constraints import on_manifold
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
@@ -97,7 +98,13 @@ class ParticleStates:
             raise InputError("state: positions and velocities must be finite")
         if self.subject.dimensions == 2:
             check_plane(state.phase)
-        return np.array(state.phase, dtype=float, order="C")
+        held = self.subject.constraints
+        phase = (
+            state.phase
+            if held is None
+            else on_manifold(self.subject, held, self.subject.coherent_masses, state.phase)[0]
+        )
+        return np.array(phase, dtype=float, order="C")
 
     def begin(self, record: Record, y: Floats) -> None:
         """Begin a record of conservation here."""
