@@ -234,7 +234,7 @@ class ParticleFlow(ParticleStates):
         if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
             return None
         n = len(self.subject)
-        return self._desk[HEAD + n :].reshape(3, n).copy()
+        return self._desk[HEAD + n : HEAD + 4 * n].reshape(3, n).copy()
 
     def prepare(self, y: Floats, time: float) -> None:
         """Compile the code for samples."""
