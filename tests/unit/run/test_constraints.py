@@ -7,6 +7,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.looks.molecules import Molecules
 
 
 def triangles(scale: float = 1.0) -> kd.System:
@@ -61,6 +62,35 @@ def test_start_velocities_have_the_temperature():
     system = triangles()
     assert kd.Simulation(system, dt=0.001).run(0).temperature == pytest.approx(1.5, rel=1e-12)
     assert system.degrees_of_freedom == 6 * 27 - 3
+
+
+def test_a_report_has_the_temperatures_of_the_motions_of_molecules():
+    """Drawn velocities have one temperature; a molecule's parts add up to its kinetic energy."""
+    system = triangles()
+    sim = kd.Simulation(system, "baoab", dt=0.005, temperature=1.5, friction=2.0)
+    report = sim.run(1000, every=10)
+    found = report.molecules
+    assert found.constraints == 81
+    assert found.error < 1e-13
+    assert (found.moved, found.lost) == (0.0, 0.0)
+    assert set(found.temperatures) == {"translation", "rotation"}
+    samples = sim.record.samples
+    for sample in (samples[3], samples[-1]):
+        parts = 81 * sample.columns["translation_temperature"] + 81 * sample.columns["rotation_temperature"]
+        assert parts == pytest.approx(2.0 * sample.energies.kinetic, rel=1e-12)
+    assert "rigid distances" in str(report)
+    for kind, mean in found.temperatures.items():
+        assert abs(mean - 1.5) < 5.0 * (found.errors[kind] or 0.1)
+
+
+def test_a_flexible_part_vibrates():
+    """A chain of three with rigid bonds has one vibration besides three translations and three rotations."""
+    x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.5, 0.8, 0.0]]
+    x = np.concatenate([np.array(x) + 6.0 * k * np.eye(3)[0] for k in range(3)])
+    pairs = [(3 * k + a, 3 * k + a + 1) for k in range(3) for a in range(2)]
+    system = kd.System(x, None, box=[18.0] * 3, constraints=[kd.Constraint(pairs=pairs)])
+    assert system.degrees_of_freedom == 18
+    assert Molecules(system).freedoms == (6, 9, 3)
 
 
 def test_a_file_keeps_the_constraints_and_a_resumed_run_the_bits(tmp_path):

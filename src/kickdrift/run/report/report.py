@@ -24,6 +24,7 @@ from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
+from kickdrift.run.report.molecules import MoleculeReport, molecule_report
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
@@ -130,6 +131,7 @@ class Report(ShownReport):
     warnings: list[str]
     about: About = field(compare=False)
     charges: ChargeReport | None = None
+    molecules: MoleculeReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -187,7 +189,11 @@ class Report(ShownReport):
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
         own |= {name: getattr(self, name) for name in DERIVED}
-        parts = {"energy": self.energy and asdict(self.energy), "charges": self.charges and asdict(self.charges)}
+        parts: dict[str, Any] = {
+            "energy": self.energy and asdict(self.energy),
+            "charges": self.charges and asdict(self.charges),
+        }
+        parts |= {"molecules": self.molecules and asdict(self.molecules)}
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -263,6 +269,7 @@ def report(sim: Any) -> Report:
             *(line for line in doubts if line and line not in record.warnings),
         ],
         charges=charge_report(system, sim),
+        molecules=molecule_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

@@ -35,6 +35,8 @@ class ShownReport(Shown):
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
         if units and self.charges is not None:
             lines += self.charges.lines(units.symbol("length"))
+        if units and self.molecules is not None:
+            lines += self.molecules.lines(units.symbol("length"), units.symbol("temperature"))
         steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
         lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))
