@@ -24,6 +24,7 @@ from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
+from kickdrift.run.report.molecules import MoleculeReport, molecule_report
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
@@ -132,6 +133,7 @@ class Report(ShownReport):
     about: About = field(compare=False)
     charges: ChargeReport | None = None
     equilibrated: str = ""
+    molecules: MoleculeReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -189,7 +191,11 @@ class Report(ShownReport):
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
         own |= {name: getattr(self, name) for name in DERIVED}
-        parts = {"energy": self.energy and asdict(self.energy), "charges": self.charges and asdict(self.charges)}
+        parts: dict[str, Any] = {
+            "energy": self.energy and asdict(self.energy),
+            "charges": self.charges and asdict(self.charges),
+        }
+        parts |= {"molecules": self.molecules and asdict(self.molecules)}
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -266,6 +272,7 @@ def report(sim: Any) -> Report:
         ],
         charges=charge_report(system, sim),
         equilibrated=record.equilibrated,
+        molecules=molecule_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 
