@@ -79,6 +79,7 @@ DEVELOPERS = {
     "bench lj-energy": "kickdrift.analysis.compare.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
     "bench lammps": "kickdrift_validation.performance.published.measure",
+    "bench compile": "kickdrift_validation.performance.compiling.measure",
     "validate": "kickdrift_validation.runner.validate",
 }
 
