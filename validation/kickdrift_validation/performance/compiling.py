@@ -25,16 +25,16 @@ from kickdrift.text import choices, suggestion
 
 COMBINATIONS = {
     "lj-1000": "run lj-1000 --steps 100",
-    "lj-1000, mixed": "run lj-1000 --steps 100 -o precision=mixed",
-    "lj-1000, baoab": "run lj-1000 --steps 100 --integrator baoab -o temperature=1 -o friction=1",
+    "lj-1000-mixed": "run lj-1000 --steps 100 -o precision=mixed",
+    "lj-1000-baoab": "run lj-1000 --steps 100 --integrator baoab -o temperature=1 -o friction=1",
     "lj-binary-1000": "run lj-binary-1000 --steps 100",
     "kremer-grest-1000": "run kremer-grest-1000 --steps 100",
     "copper-864": "run copper-864 --steps 100",
     "silicon-512": "run silicon-512 --steps 100",
     "molten-salt": "run molten-salt --steps 100",
     "solar-system": "run solar-system --steps 100",
-    "solar-system, gauss-radau15": "run solar-system --time 1yr --integrator gauss-radau15",
-    "solar-system, chaos": "chaos solar-system --time 100yr",
+    "solar-system-radau": "run solar-system --time 1yr --integrator gauss-radau15",
+    "solar-system-chaos": "chaos solar-system --time 100yr",
     "plummer-1000": "run plummer-1000 --steps 10",
 }
 COLUMNS = ("command", "CPU s", "importing", "functions", "overloads", "LLVM", "largest contributors")
