@@ -98,7 +98,8 @@ def disc(forces: list[Any], few: bool = False) -> kd.System:
 def other(name: str, few: bool) -> kd.System:
     """A registered force that is no pair law: beside gravity where it is of a central body, else in a liquid."""
     softening, few = {"softening": 0.01} if name == "gravity-tree" else {}, few or name in ON_ONE_THREAD
-    force = example(FORCES[name], G=1.0, **softening)
+    near = {"point": (0.0, 0.0, -0.1)} if name == "reflecting-wall" else {}
+    force = example(FORCES[name], G=1.0, **softening, **near)
     if isinstance(force, ManyBodyForce):
         return crystal(force, few)
     if force.stands_for == kd.Gravity.stands_for:
