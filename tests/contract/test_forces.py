@@ -82,10 +82,10 @@ def test_a_law_is_the_slope_of_its_energy(name):
         return law.law(s * s if paired else s)[0]
 
     angles = () if paired or FORCES[name].kind == "bonds" else (-1.3, 2.9)
-    for s in (0.9, 1.0, 1.3, 2.0, *angles):
+    for s in (0.95, 1.0, 1.3, 2.0, *angles):
         slopes = [(energy(s + d) - energy(s - d)) / (2 * d) for d in (h, h / 2)]
         slope = (4 * slopes[1] - slopes[0]) / 3
-        size = max(abs(slope), abs(energy(s)), abs(energy(s + h)) / h)
+        size = max(abs(slope), abs(energy(s)))
         found = -s * law.law(s * s)[1] if paired else law.law(s)[1]
         assert math.isclose(slope, found, abs_tol=1e-7 * size)
 
