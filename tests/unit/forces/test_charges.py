@@ -319,11 +319,12 @@ def test_shifted_laws_vanish_at_the_cutoff(radial: Radial):
 
 
 def salt(**given: Any) -> kd.System:
-    """A small molten salt in reduced units."""
+    """A small molten salt in reduced units, of two species as the shipped one."""
     sites = np.indices((6, 6, 6)).reshape(3, -1).T
     charges, x = np.where(sites.sum(axis=1) % 2, -1.0, 1.0), 1.1 * (sites + 0.5)
-    lennard_jones = kd.LennardJones(cutoff=2 ** (1 / 6))
-    start = kd.System(x, box=[6.6] * 3, charges=charges, forces=[lennard_jones, kd.Coulomb(**given)])
+    lennard_jones = kd.LennardJones(cutoff=2 ** (1 / 6), species={"A": {}, "B": {}})
+    species = ["B" if charge < 0.0 else "A" for charge in charges]
+    start = kd.System(x, box=[6.6] * 3, charges=charges, species=species, forces=[lennard_jones, kd.Coulomb(**given)])
     return start.with_velocities(temperature=0.5, seed=2)
 
 
