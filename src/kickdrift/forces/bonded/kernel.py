@@ -142,34 +142,18 @@ def prepare(listed, sums):
         clear_along(listed.along)
 
 
-def clear_along(along: Any) -> None:
+@inlined
+def clear_along(along):
     """Set the virial along each axis to zero, if it is asked."""
-
-
-@overload(clear_along, forceinline=True)
-def _clear_along(along):
-    if isinstance(along, types.NoneType):
-        return lambda along: None
-
-    def clear(along):
+    if along is not None:
         along[:] = 0.0
 
-    return clear
 
-
-def note_along(along: Any, axis: int, virial: Any) -> None:
+@inlined
+def note_along(along, axis, virial):
     """Add to the virial along an axis, if it is asked."""
-
-
-@overload(note_along, forceinline=True)
-def _note_along(along, axis, virial):
-    if isinstance(along, types.NoneType):
-        return lambda along, axis, virial: None
-
-    def note(along, axis, virial):
+    if along is not None:
         along[0, axis] += virial
-
-    return note
 
 
 @inlined

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED, kernel
-from kickdrift.jit.compile import is_finite, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.model.box.box import Box
 from kickdrift.model.box.cell import Cell, cell_of, follow
 from kickdrift.model.memory import Memory
@@ -127,20 +126,12 @@ def external_forces(force, t, x, v, a, sums):
     return OK
 
 
-def put_along(along: Any, answer: Any) -> None:
+@jit
+def put_along(along, answer):
     """Write the virial along each axis, if it is asked."""
-
-
-@overload(put_along)
-def _put_along(along, answer):
-    if isinstance(along, types.NoneType):
-        return lambda along, answer: None
-
-    def put(along, answer):
+    if along is not None:
         for k in range(3):
             along[0, k] = answer[ALONG + k]
-
-    return put
 
 
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64)
