@@ -12,26 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, kernel
-from kickdrift.forces.tree.build import (
-    BEYOND,
-    BOUND,
-    CHUNKS,
-    COLUMNS,
-    CX,
-    FIRST,
-    GM,
-    GROUPS,
-    RADIUS,
-    TRACE,
-    XX,
-    XY,
-    XZ,
-    YY,
-    YZ,
-    ZZ,
-    build,
-    find_groups,
-)
+from kickdrift.forces.tree import build as tree
 from kickdrift.forces.tree.cut import SHARE_COLUMNS
 from kickdrift.jit.compile import as_written, never_inline
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_max, lane_numbers, splat
@@ -57,19 +38,20 @@ def add_nodes(force, potential, first, last, found, count):
         phi = splat(0.0)
         for f in range(count):
             row = force.nodes[found[f]]
-            d = x - numbers3(row, CX, 1)
+            d = x - numbers3(row, tree.CX, 1)
             u = inverse_sqrt(dot(d, d) + softening2)
             u2 = u * u
             u3 = u2 * u
             u5 = u2 * u3
-            moments_x, moments_y = vector3(row[XX], row[XY], row[XZ]), vector3(row[XY], row[YY], row[YZ])
-            moments_z = vector3(row[XZ], row[YZ], row[ZZ])
+            moments_x = vector3(row[tree.XX], row[tree.XY], row[tree.XZ])
+            moments_y = vector3(row[tree.XY], row[tree.YY], row[tree.YZ])
+            moments_z = vector3(row[tree.XZ], row[tree.YZ], row[tree.ZZ])
             moments = vector3(dot(moments_x, d), dot(moments_y, d), dot(moments_z, d))  # 3 S D
             q = dot(moments, d)
-            w = u5 * (row[TRACE] - 2.5 * q * u2) - row[GM] * u3
+            w = u5 * (row[tree.TRACE] - 2.5 * q * u2) - row[tree.GM] * u3
             a = a + (u5 * moments + w * d)
             if potential is not None:
-                phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
+                phi = phi - (row[tree.GM] * u + 0.5 * q * u5 - row[tree.TRACE] / 3.0 * u3)
         store3(force.a, s, stride, a)
         if potential is not None:
             store(potential, s, load(potential, s) + phi)
@@ -123,13 +105,13 @@ def walk(force, potential, group):
     k = 0
     while k < nodes.shape[0]:
         row = nodes[k]
-        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
-        if row[GM] == 0.0:
+        cluster, beyond = int(row[tree.FIRST]), int(row[tree.BEYOND])
+        if row[tree.GM] == 0.0:
             k = beyond
             continue
         d2 = distance2(row, low, high)
-        d, radius = math.sqrt(d2), row[RADIUS]
-        if d > radius and row[BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
+        d, radius = math.sqrt(d2), row[tree.RADIUS]
+        if d > radius and row[tree.BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
             found[n_found] = k
             n_found += 1
             if n_found == BUFFER:
@@ -167,7 +149,7 @@ def distance2(row, low, high):
     """Squared distance from a node's centre of mass to the nearest point of a box."""
     total = 0.0
     for k in range(3):
-        c = row[CX + k]
+        c = row[tree.CX + k]
         d = max(low[k] - c, c - high[k], 0.0)
         total += d * d
     return total
@@ -189,17 +171,17 @@ def least_acceleration(force, first, last, low, high):
     k = 0
     while k < nodes.shape[0]:
         row = nodes[k]
-        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
-        if row[GM] == 0.0:
+        cluster, beyond = int(row[tree.FIRST]), int(row[tree.BEYOND])
+        if row[tree.GM] == 0.0:
             k = beyond
             continue
         alone = beyond == k + 1
-        radius = row[RADIUS]
+        radius = row[tree.RADIUS]
         if alone or radius * radius < OPENING_ANGLE * OPENING_ANGLE * distance2(row, low, high):
-            d = numbers3(row, CX, 1) - x
+            d = numbers3(row, tree.CX, 1) - x
             spread = radius * radius + softening2 if alone else softening2
             inverse = inverse_sqrt(dot(d, d) + spread)
-            w = row[GM] * inverse * inverse * inverse
+            w = row[tree.GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
                 w = select(lane_numbers() >= float(last - first), zero, w)
@@ -257,23 +239,23 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         a=aligned((3, slots)),
         potential=aligned((slots,)),
         span=np.zeros((nodes, 2), np.int64),
-        nodes=aligned((nodes, COLUMNS)),
+        nodes=aligned((nodes, tree.COLUMNS)),
         tasks=np.zeros(clusters, np.int64),
         groups=np.zeros(clusters, np.int64),
         counts=np.zeros(2, np.int64),
         cut=np.zeros(5),
-        shares=aligned((CHUNKS, SHARE_COLUMNS)),
-        chunks=in_chunks(CHUNKS, threads),
+        shares=aligned((tree.CHUNKS, SHARE_COLUMNS)),
+        chunks=in_chunks(tree.CHUNKS, threads),
     )
 
 
 @kernel(TreeKernel)
 def tree_forces(force, t, x, v, a, sums):
-    if not build(force, x):
+    if not tree.build(force, x):
         return BLOWN_UP
     each_chunk(force, force.chunks, "subtrees")
     each_chunk(force, force.chunks, "upper_moments")
-    find_groups(force, GROUP_CLUSTERS)
+    tree.find_groups(force, GROUP_CLUSTERS)
     if sums is None:
         each_chunk(force, force.chunks, "group_accelerations")
     else:
@@ -291,7 +273,7 @@ def in_order_of_ids(force, c):
     """Write some of the accelerations in the order of the particles' ids."""
     never_inline()
     n = force.rows.shape[0]
-    for s in range(n * c // CHUNKS, n * (c + 1) // CHUNKS):
+    for s in range(n * c // tree.CHUNKS, n * (c + 1) // tree.CHUNKS):
         i = int(force.rows[s, 3])
         for k in range(3):
             force.spare[i, k] = force.a[k, s]
@@ -310,8 +292,8 @@ def add_sums(force, sums):
             massless += 1
         energy += 0.5 * m * force.potential[s]
         for k in range(3):
-            virial += m * (force.x[k, s] - root[CX + k]) * force.a[k, s]
-    if root[GM] > 0.0:
+            virial += m * (force.x[k, s] - root[tree.CX + k]) * force.a[k, s]
+    if root[tree.GM] > 0.0:
         sums[0] += energy
         sums[1] += virial
     sums[2] += 0.5 * (n * (n - 1) - massless * (massless - 1))
@@ -335,8 +317,8 @@ def group_accelerations_and_sums(force, c):
 def walk_some(force, potential, c):
     """Walk every CHUNKS-th block of groups from c on. Neighbours walk one after the other, over nodes still in the
     cache."""
-    count = force.counts[GROUPS]
-    block = 1 + count // (8 * CHUNKS)
-    for begin in range(c * block, count, CHUNKS * block):
+    count = force.counts[tree.GROUPS]
+    block = 1 + count // (8 * tree.CHUNKS)
+    for begin in range(c * block, count, tree.CHUNKS * block):
         for g in range(begin, min(begin + block, count)):
             walk(force, potential, force.groups[g])
