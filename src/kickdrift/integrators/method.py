@@ -23,6 +23,7 @@ from kickdrift.integrators.options import (
 )
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
+KEEPING = "velocity-verlet, baoab and csvr"  # keep constraints
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
 WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
@@ -49,6 +50,7 @@ class Method:
     carries : whether deviations can be integrated as additional massless particles with their own forces, without
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
+    reflects : whether the method bounces particles off hard walls
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
@@ -68,7 +70,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = stops_in_lanes = False
+    separable = overdamped = stops_in_lanes = reflects = False
     float64_because = ""
 
     @property
@@ -110,6 +112,16 @@ class Method:
     @property
     def rescalable(self) -> bool:
         return False
+
+    @property
+    def free_because(self) -> str:
+        """Reason why the method moves free particles alone, and keeps no constraints; "" if it keeps them."""
+        return "moves each particle freely"
+
+    def check_constraints(self, system: Any) -> None:
+        """Refuse constraints of a System that the method does not keep."""
+        if getattr(system, "constraints", None) is not None and self.free_because:
+            raise InputError(f"{self.name}: keeps no constraints, because it {self.free_because}; {KEEPING} do")
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:

@@ -12,9 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, kernel
-from kickdrift.forces.tree import build as tree
+from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS, no_looks, note_look, sums_expected
+from kickdrift.forces.tree.build import (
+    BEYOND,
+    BOUND,
+    CHUNKS,
+    COLUMNS,
+    CX,
+    FIRST,
+    GM,
+    GROUPS,
+    RADIUS,
+    TRACE,
+    XX,
+    XY,
+    XZ,
+    YY,
+    YZ,
+    ZZ,
+    build,
+    find_groups,
+)
 from kickdrift.forces.tree.cut import SHARE_COLUMNS
-from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_max, lane_numbers, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, load, store
@@ -38,20 +58,19 @@ def add_nodes(force, potential, first, last, found, count):
         phi = splat(0.0)
         for f in range(count):
             row = force.nodes[found[f]]
-            d = x - numbers3(row, tree.CX, 1)
+            d = x - numbers3(row, CX, 1)
             u = inverse_sqrt(dot(d, d) + softening2)
             u2 = u * u
             u3 = u2 * u
             u5 = u2 * u3
-            moments_x = vector3(row[tree.XX], row[tree.XY], row[tree.XZ])
-            moments_y = vector3(row[tree.XY], row[tree.YY], row[tree.YZ])
-            moments_z = vector3(row[tree.XZ], row[tree.YZ], row[tree.ZZ])
+            moments_x, moments_y = vector3(row[XX], row[XY], row[XZ]), vector3(row[XY], row[YY], row[YZ])
+            moments_z = vector3(row[XZ], row[YZ], row[ZZ])
             moments = vector3(dot(moments_x, d), dot(moments_y, d), dot(moments_z, d))  # 3 S D
             q = dot(moments, d)
-            w = u5 * (row[tree.TRACE] - 2.5 * q * u2) - row[tree.GM] * u3
+            w = u5 * (row[TRACE] - 2.5 * q * u2) - row[GM] * u3
             a = a + (u5 * moments + w * d)
             if potential is not None:
-                phi = phi - (row[tree.GM] * u + 0.5 * q * u5 - row[tree.TRACE] / 3.0 * u3)
+                phi = phi - (row[GM] * u + 0.5 * q * u5 - row[TRACE] / 3.0 * u3)
         store3(force.a, s, stride, a)
         if potential is not None:
             store(potential, s, load(potential, s) + phi)
@@ -105,13 +124,13 @@ def walk(force, potential, group):
     k = 0
     while k < nodes.shape[0]:
         row = nodes[k]
-        cluster, beyond = int(row[tree.FIRST]), int(row[tree.BEYOND])
-        if row[tree.GM] == 0.0:
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
+        if row[GM] == 0.0:
             k = beyond
             continue
         d2 = distance2(row, low, high)
-        d, radius = math.sqrt(d2), row[tree.RADIUS]
-        if d > radius and row[tree.BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
+        d, radius = math.sqrt(d2), row[RADIUS]
+        if d > radius and row[BOUND] <= tolerance * d2 * d * (d - radius) * (d - radius):
             found[n_found] = k
             n_found += 1
             if n_found == BUFFER:
@@ -149,7 +168,7 @@ def distance2(row, low, high):
     """Squared distance from a node's centre of mass to the nearest point of a box."""
     total = 0.0
     for k in range(3):
-        c = row[tree.CX + k]
+        c = row[CX + k]
         d = max(low[k] - c, c - high[k], 0.0)
         total += d * d
     return total
@@ -171,17 +190,17 @@ def least_acceleration(force, first, last, low, high):
     k = 0
     while k < nodes.shape[0]:
         row = nodes[k]
-        cluster, beyond = int(row[tree.FIRST]), int(row[tree.BEYOND])
-        if row[tree.GM] == 0.0:
+        cluster, beyond = int(row[FIRST]), int(row[BEYOND])
+        if row[GM] == 0.0:
             k = beyond
             continue
         alone = beyond == k + 1
-        radius = row[tree.RADIUS]
+        radius = row[RADIUS]
         if alone or radius * radius < OPENING_ANGLE * OPENING_ANGLE * distance2(row, low, high):
-            d = numbers3(row, tree.CX, 1) - x
+            d = numbers3(row, CX, 1) - x
             spread = radius * radius + softening2 if alone else softening2
             inverse = inverse_sqrt(dot(d, d) + spread)
-            w = row[tree.GM] * inverse * inverse * inverse
+            w = row[GM] * inverse * inverse * inverse
             if alone and first <= cluster < last:
                 w = select(lane_numbers() == float(cluster - first), zero, w)
                 w = select(lane_numbers() >= float(last - first), zero, w)
@@ -219,6 +238,7 @@ class TreeKernel(NamedTuple):
     counts: NDArray[np.int64]  # numbers of tasks and groups
     cut: NDArray[np.float64]  # the cut of a large node: see `cut`
     shares: NDArray[np.float64]  # (CHUNKS, SHARE_COLUMNS) what each chunk finds there
+    looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
     chunks: Chunks
 
 
@@ -239,33 +259,57 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         a=aligned((3, slots)),
         potential=aligned((slots,)),
         span=np.zeros((nodes, 2), np.int64),
-        nodes=aligned((nodes, tree.COLUMNS)),
+        nodes=aligned((nodes, COLUMNS)),
         tasks=np.zeros(clusters, np.int64),
         groups=np.zeros(clusters, np.int64),
         counts=np.zeros(2, np.int64),
         cut=np.zeros(5),
-        shares=aligned((tree.CHUNKS, SHARE_COLUMNS)),
-        chunks=in_chunks(tree.CHUNKS, threads),
+        shares=aligned((CHUNKS, SHARE_COLUMNS)),
+        looks=no_looks(),
+        chunks=in_chunks(CHUNKS, threads),
     )
 
 
 @kernel(TreeKernel)
 def tree_forces(force, t, x, v, a, sums):
-    if not tree.build(force, x):
+    if (sums is None or not is_summed(force, x)) and not sum_all(force, sums is not None, x):
         return BLOWN_UP
-    each_chunk(force, force.chunks, "subtrees")
-    each_chunk(force, force.chunks, "upper_moments")
-    tree.find_groups(force, GROUP_CLUSTERS)
-    if sums is None:
-        each_chunk(force, force.chunks, "group_accelerations")
-    else:
-        each_chunk(force, force.chunks, "group_accelerations_and_sums")
+    if sums is not None:
+        note_look(force.looks)
         add_sums(force, sums)
-    each_chunk(force, force.chunks, "in_order_of_ids")
     for k in range(3):
         for i in range(x.shape[1]):
             a[k, i] += force.spare[i, k]
     return OK
+
+
+@jit
+def sum_all(force, wanted, x):
+    """Sum the accelerations at x, and the potential where a sample comes. Return whether x is finite."""
+    force.looks[SUMMED] = 0
+    if not build(force, x):
+        return False
+    each_chunk(force, force.chunks, "subtrees")
+    each_chunk(force, force.chunks, "upper_moments")
+    find_groups(force, GROUP_CLUSTERS)
+    if sums_expected(force.looks, wanted):
+        each_chunk(force, force.chunks, "group_accelerations_and_sums")
+    else:
+        each_chunk(force, force.chunks, "group_accelerations")
+    each_chunk(force, force.chunks, "in_order_of_ids")
+    force.looks[SUMMED] = force.looks[WITH_SUMS]
+    return True
+
+
+@jit
+def is_summed(force, x):
+    """Tell whether the last evaluation has the potential at the positions x (3, n)."""
+    rows, same = force.rows, force.looks[SUMMED] != 0
+    for s in range(rows.shape[0]):
+        i = int(rows[s, 3])
+        for k in range(3):
+            same = same and x[k, i] == rows[s, k]
+    return same
 
 
 @chunk_task
@@ -273,7 +317,7 @@ def in_order_of_ids(force, c):
     """Write some of the accelerations in the order of the particles' ids."""
     never_inline()
     n = force.rows.shape[0]
-    for s in range(n * c // tree.CHUNKS, n * (c + 1) // tree.CHUNKS):
+    for s in range(n * c // CHUNKS, n * (c + 1) // CHUNKS):
         i = int(force.rows[s, 3])
         for k in range(3):
             force.spare[i, k] = force.a[k, s]
@@ -292,8 +336,8 @@ def add_sums(force, sums):
             massless += 1
         energy += 0.5 * m * force.potential[s]
         for k in range(3):
-            virial += m * (force.x[k, s] - root[tree.CX + k]) * force.a[k, s]
-    if root[tree.GM] > 0.0:
+            virial += m * (force.x[k, s] - root[CX + k]) * force.a[k, s]
+    if root[GM] > 0.0:
         sums[0] += energy
         sums[1] += virial
     sums[2] += 0.5 * (n * (n - 1) - massless * (massless - 1))
@@ -317,8 +361,8 @@ def group_accelerations_and_sums(force, c):
 def walk_some(force, potential, c):
     """Walk every CHUNKS-th block of groups from c on. Neighbours walk one after the other, over nodes still in the
     cache."""
-    count = force.counts[tree.GROUPS]
-    block = 1 + count // (8 * tree.CHUNKS)
-    for begin in range(c * block, count, tree.CHUNKS * block):
+    count = force.counts[GROUPS]
+    block = 1 + count // (8 * CHUNKS)
+    for begin in range(c * block, count, CHUNKS * block):
         for g in range(begin, min(begin + block, count)):
             walk(force, potential, force.groups[g])
