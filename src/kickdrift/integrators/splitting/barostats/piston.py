@@ -13,12 +13,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.integrators.splitting.baths.bath import Bathed, heat_now
 from kickdrift.jit.compile import as_written, strict
-from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -109,27 +107,19 @@ def pressures(piston, v, found):
             found[a] += twice / (piston.sizes[a] * v_now)
 
 
-def virial_along(along: Any, piston: Any, axis: int) -> float:
+@strict
+def virial_along(along, piston, axis):
     """Virial of the last evaluation along an axis."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(virial_along)
-def _virial_along(along, piston, axis):
-    if isinstance(along, types.NoneType):
-        return lambda along, piston, axis: piston.sums[1] / piston.bath.axes
-
-    def each(along, piston, axis):
-        whole = own = 0.0
-        for k in range(3):
-            part = 0.0
-            for c in range(along.shape[0]):
-                part += along[c, k]
-            whole += part
-            own = part if k == axis else own
-        return own + (piston.sums[1] - whole) / piston.bath.axes  # tail corrections are the same along all axes
-
-    return each
+    if along is None:
+        return piston.sums[1] / piston.bath.axes
+    whole = own = 0.0
+    for k in range(3):
+        part = 0.0
+        for c in range(along.shape[0]):
+            part += along[c, k]
+        whole += part
+        own = part if k == axis else own
+    return own + (piston.sums[1] - whole) / piston.bath.axes  # tail corrections are the same along all axes
 
 
 @strict
