@@ -235,7 +235,7 @@ def _flag(one: Option) -> Any:
     help_ = f"{one.help[:-1]}{f': {one.known}' if one.choices else ''}{whose}."
     if one.type is bool:
         return Annotated[bool | None, typer.Option(f"--{one.name}", help=help_)]
-    several = "; X,X,… one for each unknown." if one.several else ""
+    several = "; X,X,… one for each unknown." if one.several else f"; {one.count} with commas." if one.count > 1 else ""
     return Annotated[str | None, option(_METAVARS[one.type], help_[:-1] + several if several else help_)]
 
 

@@ -15,7 +15,7 @@ from kickdrift.forces.lists.clusters import (
     copy,
 )
 from kickdrift.forces.lists.list_code import list_code, prune, refresh
-from kickdrift.forces.lists.load import PRUNED, SEARCHED, scaled_tail
+from kickdrift.forces.lists.load import PRUNED, SEARCHED, adopt, scaled_tail
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
@@ -46,7 +46,7 @@ class PairWork(NamedTuple):
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
     looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
-    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
+    along: Any  # virial of each chunk, for a barostat; see `lists.along`
     pairs: ClusterList
     chunks: Chunks
 
@@ -135,6 +135,7 @@ def remake(force, built_at, pruned_at):
     status = refresh(pairs, built_at, force.chunks)
     if status == OK:
         copy(then[PRUNED], pairs.live)
+        adopt(pairs)
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
     copy(now, pairs.live)

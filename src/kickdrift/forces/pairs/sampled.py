@@ -13,6 +13,7 @@ from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.threads.chunks import each_chunk
+from kickdrift.model.box.cell import differs
 
 
 @jit
@@ -30,9 +31,8 @@ def is_summed(force, x):
     pairs = force.pairs
     if force.looks[SUMMED] == 0 or pairs.counts[BUILT] == 0:
         return False
-    for k in range(3):
-        if pairs.live[k] != pairs.cell.matrix[k, k]:
-            return False
+    if differs(pairs.cell):
+        return False
     own, offset, same = pairs.x, pairs.offset, True
     for i in range(pairs.place.size):
         p = unsigned(pairs.place[i])

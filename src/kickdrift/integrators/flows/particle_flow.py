@@ -15,7 +15,7 @@ from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
-from kickdrift.integrators.options import APART
+from kickdrift.integrators.options import APART, FULL
 from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.observers import Looks, Sample
@@ -24,6 +24,7 @@ from kickdrift.model.body_checks import check_plane
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import check_state, no_overflow, unwarned
 from kickdrift.model.live_box import LiveBox, in_box
+from kickdrift.model.molecules.constraints import on_manifold
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
@@ -97,7 +98,13 @@ class ParticleStates:
             raise InputError("state: positions and velocities must be finite")
         if self.subject.dimensions == 2:
             check_plane(state.phase)
-        return np.array(state.phase, dtype=float, order="C")
+        held = self.subject.constraints
+        phase = (
+            state.phase
+            if held is None
+            else on_manifold(self.subject, held, self.subject.coherent_masses, state.phase)[0]
+        )
+        return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:
         """Time of a look in evaluations of the forces. ``fresh`` is as in `looking`."""
@@ -148,7 +155,7 @@ class ParticleFlow(ParticleStates):
 
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
-        self.live = LiveBox(system.box) if coupling else None
+        self.live = LiveBox(system.box, coupling == FULL) if coupling else None
         under = self._under(system)
         apart = coupling in APART
         self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)
@@ -240,7 +247,7 @@ class ParticleFlow(ParticleStates):
         if self.look(self._one, y, time, 0, self._ends) not in (OK, NO_ENERGY):
             return None
         n = len(self.subject)
-        return self._desk[HEAD + n :].reshape(3, n).copy()
+        return self._desk[HEAD + n : HEAD + 4 * n].reshape(3, n).copy()
 
     def prepare(self, y: Floats, time: float) -> None:
         """Compile the code for samples."""

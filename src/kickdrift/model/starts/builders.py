@@ -22,8 +22,9 @@ from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.starts.lammps_data import AtomTable, atom_table
 from kickdrift.model.state import Floats
+from kickdrift.model.units.file_units import Scale
 from kickdrift.model.units.quantities import quantity
-from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
@@ -147,7 +148,20 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
     if temperature is None or seed is None:
         raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
     value = quantity(temperature, "temperature", system.units, "temperature")
-    return maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
+    drawn = maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
+    return drawn if system.constraints is None else _tangent(system, drawn, value)
+
+
+def _tangent(system: Subject, drawn: Floats, temperature: float) -> Floats:
+    """Drawn velocities (n, 3) as they are under constraints, at the exact temperature."""
+    held, masses = system.constraints, system.coherent_masses
+    assert held is not None
+    _, v, _ = held.projected(masses, system.state.phase[0], drawn.T)
+    freedom = system.dimensions * (np.count_nonzero(masses) - 1) - len(held)
+    twice = float(masses @ (v * v).sum(axis=0))
+    if not freedom:
+        raise InputError("temperature: the constraints leave no motion besides that of the centre of mass")
+    return np.asarray(v.T * math.sqrt(freedom * system.units.boltzmann * temperature / twice) if twice else v.T)
 
 
 class Structure(NamedTuple):
@@ -181,10 +195,10 @@ def read_structure(
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta and charges
     if any.
 
-    ASE's units are angstrom, u and eV, so ``units`` must be metal; for LAMMPS' data files also lj or si, with the
-    numbers of the file. There, species are the comments beside the masses of all types; without these the elements of
-    the masses in metal units, else the numbers of the types. The cell may have any shape. Where the cell has not
-    the form of a `Box`, positions and velocities are turned with the cell.
+    ASE's units are angstrom, u and eV, so ``units`` must be metal, real or gromacs. Data files of LAMMPS are in metal,
+    real, lj or si, with the numbers of the file. There, species are the comments beside the masses of all types;
+    without these the elements of the masses in metal and real units, else the numbers of the types. The cell may have
+    any shape. Where the cell has not the form of a `Box`, positions and velocities are turned with the cell.
 
     Parameters
     ----------
@@ -193,16 +207,18 @@ def read_structure(
     atom_style : style of the atoms in a data file of LAMMPS, default the one in the file or a guess from its columns
     """
     lammps = is_lammps_data(path)
-    if units.name not in (("metal", "lj", "si") if lammps else ("metal",)):
+    if units.name not in (("metal", "real", "lj", "si") if lammps else ("metal", "real", "gromacs")):
         if lammps:
-            raise InputError(f'data files of LAMMPS are in lj, metal or si units; got units = "{units.name}"')
-        raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
+            raise InputError(f'data files of LAMMPS are in lj, metal, real or si units; got units = "{units.name}"')
+        raise InputError(
+            f'structure files are in angstrom and u; expected units = "metal", "real" or "gromacs", got "{units.name}"'
+        )
     if why := unfit(path):
         raise InputError(f"{why}: {path}")
     if atom_style and not lammps:
         raise InputError(f"atom_style is for data files of LAMMPS, and {path} is none")
-    table = atom_table(path, atom_style or _style_with_bonds(path)) if lammps else None
-    if table is not None:
+    style = atom_style or (_style_with_bonds(path) if lammps else None)
+    if lammps and (table := atom_table(path, style)) is not None:
         return _of_table(table, path, units, periodic, boxed)
     try:
         from ase.io import read
@@ -213,7 +229,6 @@ def read_structure(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
-            style = atom_style or (_style_with_bonds(path) if lammps else None)
             more = {"format": "lammps-data", "atom_style": style} if lammps else {}
             atoms = read(path.absolute(), **more)  # ASE would take a name such as postgres… for a database
     except Exception as error:  # each of ASE's readers raises errors of its own
@@ -225,7 +240,8 @@ def read_structure(
         raise InputError(f"{path} holds no atoms")
     along = tuple(bool(there) for there in atoms.pbc)
     axes = np.broadcast_to(along if periodic is None else periodic, 3)
-    edges, rotation = _edges(np.array(atoms.cell.array, dtype=float), axes, boxed, path)
+    scale = Scale.of(UNIT_SYSTEMS["lj"] if lammps else units)  # the numbers of LAMMPS' files stand as they are
+    edges, rotation = _edges(np.array(atoms.cell.array, dtype=float) * scale.length, axes, boxed, path)
     masses = atoms.get_masses()
     velocities = None
     if lammps and atoms.has("momenta"):  # the numbers of the file, whatever its units
@@ -235,8 +251,8 @@ def read_structure(
         masses = masses / convert(1.0, "mass", "metal", "ASE")
         velocities = atoms.get_velocities() * (1000.0 * fs)
     elif atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
-        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
-    positions, symbols = atoms.positions, atoms.get_chemical_symbols()
+        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass / scale.energy)
+    positions, symbols = atoms.positions * scale.length, atoms.get_chemical_symbols()
     if lammps:
         symbols = _species_of_types(atoms.arrays["type"], path, units) or symbols
     if rotation is not None:
@@ -265,7 +281,7 @@ def _species_of_types(types: NDArray[np.int64], path: Path, units: UnitSystem) -
     """Species of atoms of these types: the names in the file, else the numbers; [] where masses may say elements."""
     names = _names_of_types(path)
     known = all(each in names for each in np.unique(types).tolist())
-    if not known and units.name == "metal":
+    if not known and units.name in ("metal", "real"):
         return []
     return [names[each] if known else str(each) for each in types.tolist()]
 
