@@ -50,10 +50,11 @@ def candidates(x, matrix, reach, cells, head, following):
         if matrix[axis, axis] <= 0.0:
             cells[:] = 0
             return
-    heights = matrix[0, 0], matrix[1, 1], matrix[2, 2]  # of the leaning box too: its last edges lean along the first
-    most = max(3, int(2.0 * n ** (1.0 / 3.0)))
+    room = 1.25 * reach  # the leaning box is a fifth lower than its edges say
+    many = matrix[0, 0] * matrix[1, 1] * matrix[2, 2] / room**3
+    fewer = max(1.0, (many / (8.0 * n)) ** (1.0 / 3.0))
     for axis in range(3):
-        cells[axis] = min(most, int(heights[axis] / (1.2 * reach)))
+        cells[axis] = int(matrix[axis, axis] / (fewer * room))
         if cells[axis] < 3:
             cells[:] = 0
             return
