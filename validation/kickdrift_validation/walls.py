@@ -86,7 +86,7 @@ def mirrors(long: bool) -> Iterator[Claim]:
         sim = kd.Simulation(system, "velocity-verlet", dt)
         report = sim.run(round((200.0 if long else 20.0) / dt), every=100)
         errors.append(report.energy.max_relative_error)
-        print(f"  27 Lennard-Jones particles between hard walls, dt = {dt}: {report.energy.drift}", flush=True)
+        print(f"  27 Lennard-Jones particles between hard walls, dt = {dt}: {report.energy.verdict}", flush=True)
     text = "27 Lennard-Jones particles between hard walls, dt = 0.001: largest relative error of the energy"
     yield at_most(text, errors[1], 1e-3, "the energy at the start")
     sim = kd.Simulation(system, "velocity-verlet", 0.002)

@@ -26,6 +26,7 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
 from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.engines.tables import ERROR, POINTS, switched
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.charges.waves import waves_of
@@ -36,8 +37,8 @@ TAKES = (
     "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
     "beside lennard-jones; position restraints and walls"
 )
-LINEAR = "force-shift"
-TRUNCATIONS = ("cut", "shift", LINEAR)
+LINEAR, TABLED = "force-shift", "switch"
+TRUNCATIONS = ("cut", "shift", LINEAR, TABLED)
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -52,8 +53,8 @@ def refusal(job: Job) -> str | None:
         return reason
     if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
-    if coulomb_of(system) is not None and split(system)[0][0].truncation == LINEAR:
-        return f"truncation {LINEAR!r}: LAMMPS has it for Lennard-Jones without charges"
+    if coulomb_of(system) is not None and (cut := _pair_force(system).truncation) in (LINEAR, TABLED):
+        return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
     if system.dimensions == 2 and split(system)[0][0].tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
@@ -68,6 +69,21 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return kinds, which.reshape(-1)
 
 
+def _pair_force(system: System) -> Any:
+    """The pair force or many-body force of a System that LAMMPS takes."""
+    return next(each for each in split(system)[0] if each is not coulomb_of(system))
+
+
+def remarks(job: Job) -> list[str]:
+    """How LAMMPS' forces differ from those asked for."""
+    force = _pair_force(without(job.system, IN_LAMMPS))
+    if getattr(force, "truncation", "") != TABLED:
+        return []
+    return [
+        f"LAMMPS takes truncation {TABLED!r} from tables of {POINTS:,} points, with relative errors up to {ERROR:g}"
+    ]
+
+
 def ewald_of(system: System) -> Ewald | None:
     """Ewald's sum in LAMMPS' terms; None without one."""
     if (force := coulomb_of(system)) is None:
@@ -80,7 +96,7 @@ def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
     system, dt = without(job.system, IN_LAMMPS), job.options.dt
     assert dt is not None
-    force: Any = next(each for each in split(system)[0] if each is not coulomb_of(system))
+    force = _pair_force(system)
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
@@ -94,6 +110,9 @@ def model_of(job: Job, seed: int) -> Model:
             "shifted": force.truncation == "shift", "linear": force.truncation == LINEAR,
             "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
+        if force.truncation == TABLED:
+            ends = float(force.switch_start), float(force.cutoff)
+            given["tables"] = tuple(switched(law, (i, j), *ends) for i, j, law in laws)
     walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
