@@ -154,7 +154,7 @@ def columns() -> dict[str, dict[str, Callable[[kd.System], Any]]]:
         "Forces and constant pressure": {
             "c-rescale, isotropic": made("csvr", **SOFT),
             "c-rescale, per-axis": made("csvr", **SOFT, coupling="per-axis"),
-            "mtk, semi-isotropic": made("nose-hoover", **PRESSED, barostat="mtk", coupling="semi-isotropic"),
+            "mtk, full": made("nose-hoover", **PRESSED, barostat="mtk", coupling="full"),
             "monte-carlo, isotropic": made(
                 "csvr", **{key: value for key, value in SOFT.items() if key != "pressure_tau"}, barostat="monte-carlo"
             ),

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from kickdrift.engines.fields import IN_LAMMPS, lammps_fixes, lammps_refusal, virial_of, without
 from kickdrift.engines.forces import (
+    beside_charges,
     coulomb_of,
     many_body,
     only_lennard_jones,
     small_units,
-    split,
     style_of,
     text_of,
 )
@@ -29,13 +29,14 @@ from kickdrift.engines.session import Session, Trouble
 from kickdrift.engines.tables import ERROR, POINTS, switched
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.charges.radial import EWALD
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 TAKES = (
     "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
-    "beside lennard-jones; position restraints and walls"
+    "alone or beside lennard-jones; position restraints and walls"
 )
 LINEAR, TABLED = "force-shift", "switch"
 TRUNCATIONS = ("cut", "shift", LINEAR, TABLED)
@@ -48,14 +49,16 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=True) or small_units(system)
+        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=(EWALD,))
+        or small_units(system)
     ):
         return reason
     if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
-    if coulomb_of(system) is not None and (cut := _pair_force(system).truncation) in (LINEAR, TABLED):
+    cut = getattr(beside_charges(system), "truncation", None)
+    if coulomb_of(system) is not None and cut in (LINEAR, TABLED):
         return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
-    if system.dimensions == 2 and split(system)[0][0].tail:
+    if system.dimensions == 2 and beside_charges(system).tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
@@ -69,14 +72,9 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return kinds, which.reshape(-1)
 
 
-def _pair_force(system: System) -> Any:
-    """The pair force or many-body force of a System that LAMMPS takes."""
-    return next(each for each in split(system)[0] if each is not coulomb_of(system))
-
-
 def remarks(job: Job) -> list[str]:
     """How LAMMPS' forces differ from those asked for."""
-    force = _pair_force(without(job.system, IN_LAMMPS))
+    force = beside_charges(without(job.system, IN_LAMMPS))
     if getattr(force, "truncation", "") != TABLED:
         return []
     return [
@@ -96,13 +94,14 @@ def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
     system, dt = without(job.system, IN_LAMMPS), job.options.dt
     assert dt is not None
-    force = _pair_force(system)
+    force, ewald = beside_charges(system), ewald_of(system)
+    cut: Any = force or ewald
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
         given |= {"many_body": (style_of(force), text_of(force), tuple(species))}
-    else:
+    elif force is not None:
         pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
         laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
         given |= {
@@ -116,7 +115,7 @@ def model_of(job: Job, seed: int) -> Model:
     walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
-        ewald=ewald_of(system), cutoff=float(force.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
+        ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
         walls=walls, held=held, **given,
     )  # fmt: skip
 
@@ -127,6 +126,8 @@ class LammpsSession(Session):
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         self._model = model_of(job, self.seed)
+        coulomb = coulomb_of(job.system)  # LAMMPS leaves the neutralising background out of its virial
+        self._background = 3.0 * coulomb.background(job.system) / job.system.volume if coulomb else 0.0
         self._world: Any = None
 
     def reset(self, phase: Floats, time: float) -> None:
@@ -207,7 +208,7 @@ class LammpsSession(Session):
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
         virial += virial_of(self.job.system, self._ask("state")[0]) if self._model.held else 0.0
-        virial = virial if self._model.box.periodic else np.nan
+        virial = virial + self._background if self._model.box.periodic else np.nan
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
     @property

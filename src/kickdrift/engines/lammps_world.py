@@ -207,7 +207,7 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force
+    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force and for charges alone
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
     fixes : commands of the fixes that take a step
@@ -238,6 +238,11 @@ class Model(NamedTuple):
     linear: bool = False
     tables: tuple[PairTable, ...] = ()
 
+    @property
+    def longest(self) -> float:
+        """Largest sigma; of charges alone, a third of the cutoff."""
+        return max((sigma for *_, sigma in self.pairs), default=self.cutoff / 3.0)
+
 
 def model_style(model: Model) -> str:
     """LAMMPS' atom style."""
@@ -261,7 +266,7 @@ class World:
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
-        skin = MANY_BODY_SKIN if model.many_body else SKIN * max(sigma for *_, sigma in model.pairs)
+        skin = MANY_BODY_SKIN if model.many_body else SKIN * model.longest
         box, axes = model.box, np.array(model.box.periodic_axes)
         thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
         margin = np.where(thin, model.cutoff, skin)
@@ -297,10 +302,13 @@ class World:
             style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
                 style = f"lj/cut/coul/long {model.cutoff!r} {model.ewald.cutoff!r}"
+            if not model.pairs:
+                style = f"coul/long {model.cutoff!r}"
             self._commands(
                 f"pair_style {style}",
                 f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
                 *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+                *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:
             most = " ".join(map(str, model.ewald.waves))

@@ -5,7 +5,8 @@ u, kJ/mol) are coherent, and the formulas here have only the system's own consta
 unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol. OpenMM's nearest images are those of kickdrift.
 
 OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s
-= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula. Bonds change with the size of a system,
+= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula. OpenMM's Ewald sum has no such
+parameter, but its energy is its virial. Bonds change with the size of a system,
 angles and dihedrals do not, so that only the energies of pairs and bonds depend on s.
 
 LangevinMiddleIntegrator is the word BAOA. NoseHooverIntegrator has its chain in the middle of the drift, BANA (Zhang et
@@ -21,19 +22,31 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.engines import openmm_charges
 from kickdrift.engines.fields import IN_OPENMM, openmm_fields, virial_of, without
-from kickdrift.engines.forces import LAWS, only_lennard_jones, small_units, split, strange
+from kickdrift.engines.forces import (
+    LAWS,
+    beside_charges,
+    coulomb_of,
+    only_lennard_jones,
+    small_units,
+    split,
+    strange,
+)
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
-from kickdrift.forces import Gravity
+from kickdrift.forces import Coulomb, Gravity
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-TAKES = "OpenMM takes lennard-jones, with bonded forces beside it, or gravity; and fields, restraints and soft walls"
+TAKES = (
+    "OpenMM takes lennard-jones and coulomb, with bonded forces beside them, or gravity; and fields, restraints and "
+    "soft walls"
+)
 TRUNCATIONS = {  # energies of a pair
     "cut": "U",
     "shift": "U-last",
@@ -61,11 +74,14 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    if reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True) or small_units(system):
+    reason = only_lennard_jones(
+        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS
+    ) or small_units(system)
+    if reason:
         return reason
     if reason := strange(system, "OpenMM"):
         return reason
-    if split(system)[0][0].tail:
+    if getattr(beside_charges(system), "tail", False):
         return "tail: OpenMM has no tail correction for this kind of force"
     return None
 
@@ -87,14 +103,16 @@ class OpenmmSession(Session):
         import openmm
 
         system = without(self.job.system, IN_OPENMM)
-        force: Any = split(system)[0][0]
+        force, coulomb = beside_charges(system), coulomb_of(system)
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
         if system.box.periodic:
             made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
-        made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
-        for extra in (*added_forces(system, force), *openmm_fields(self.job.system)):
+        if force is not None:
+            made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
+        extras = [*added_forces(system, force), *(_charged(system, coulomb) if coulomb else ())]
+        for extra in [*extras, *openmm_fields(self.job.system)]:
             made.addForce(extra)
         return made
 
@@ -126,7 +144,10 @@ class OpenmmSession(Session):
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
         virial = virial_of(self.job.system, _plain(state.getPositions(asNumpy=True)))
-        virial -= float(state.getEnergyParameterDerivatives()["s"])
+        virial -= float(dict(state.getEnergyParameterDerivatives()).get("s", 0.0))
+        if coulomb_of(self.job.system) is not None:  # the energy of Ewald's sum falls as 1 / length: it is the virial
+            of_waves = context.getState(energy=True, groups={openmm_charges.GROUP}).getPotentialEnergy()
+            virial += float(_plain(of_waves))
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
 
@@ -166,6 +187,18 @@ def _lennard_jones(system: System, force: Any) -> Any:
     return _scaled(made)
 
 
+def _charged(system: System, coulomb: Coulomb) -> list[Any]:
+    import openmm
+
+    found = openmm_charges.charged_forces(system, coulomb)
+    for each in found:
+        if not isinstance(each, openmm.NonbondedForce):
+            _scaled(each)
+        if isinstance(each, openmm.CustomNonbondedForce):
+            exclude(each, system)
+    return found
+
+
 def _gravity(system: System, force: Gravity) -> Any:
     import openmm
 
@@ -202,7 +235,7 @@ def exclude(force: Any, system: System) -> None:
 def added_forces(system: System, pair_force: Any) -> list[Any]:
     """Bonded forces, and the scaled pairs of the pair force."""
     made = [_bonded(system, force) for force in split(system)[1]]
-    if system.topology is not None and (system.topology.scaled.factors > 0).any():
+    if pair_force is not None and system.topology is not None and (system.topology.scaled.factors > 0).any():
         made.append(_scaled_pairs(system, pair_force))
     return made
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,8 @@ from kickdrift.model.checks.values import no_overflow, per_particle, whole_numbe
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.events.events import Event, checked_events
 from kickdrift.model.freedom import freedom_of
+from kickdrift.model.molecules.constraint import Constraint
+from kickdrift.model.molecules.constraints import Constraints, Projected, constraints_of, on_manifold
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.starts.builders import drawn_velocities
@@ -52,6 +54,7 @@ _KEPT = (
     "events",
     "dimensions",
     "topology",
+    "constraints",
 )  # passed on by `remade`
 
 
@@ -85,6 +88,7 @@ class System(Bridged, ShownSystem):
         (n, 2), and the box is two edge lengths or a matrix (2, 2).
     topology : `Topology` with the bonds, angles and dihedrals of molecules; default none
     charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
+    constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
     """
 
     state: State
@@ -104,6 +108,7 @@ class System(Bridged, ShownSystem):
     dimensions: int = 3
     topology: Topology | None = None
     charges: Floats | None = None
+    constraints: Constraints | None = None
 
     def __init__(
         self,
@@ -126,6 +131,7 @@ class System(Bridged, ShownSystem):
         dimensions: int = 3,
         topology: Topology | None = None,
         charges: ArrayLike | None = None,
+        constraints: Iterable[Constraint] | Constraints | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -163,11 +169,25 @@ class System(Bridged, ShownSystem):
         put(self, "topology", topology)
         if topology is not None:
             topology.check(n)
+        put(self, "constraints", self._held(constraints))
         with no_overflow():
             for force in self.forces:
                 force.check(self)
             check_doubles(self)
         put(self, "events", checked_events(self, events))
+
+    def _held(self, given: Iterable[Constraint] | Constraints | None) -> Constraints | None:
+        """The constraints, checked; the state is projected on them."""
+        held = constraints_of(self, given)
+        if held is None:
+            return None
+        held.check(self)
+        state, masses = self.state, self.coherent_masses
+        phase, moved = on_manifold(self, held, masses, state.phase)
+        held.check_independent(masses, phase[0])
+        held.start = Projected(max(moved.moved, held.start.moved), max(moved.lost, held.start.lost))
+        object.__setattr__(self, "state", replace(state, phase=phase))
+        return held
 
     def __len__(self) -> int:
         return len(self.state)

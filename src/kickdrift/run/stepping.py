@@ -38,6 +38,7 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
     if engine.foreign:
         return begin(engine, job)
     method, options = job.method, job.options
+    method.check_constraints(job.system)
     mixed = options.precision == MIXED
     flow = flow_of(job.system, job.threads, jumps=method.trial_steps, mixed=mixed, coupling=coupling_of(options))
     if method.separable and flow.not_separable:

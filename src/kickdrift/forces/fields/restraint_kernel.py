@@ -63,7 +63,7 @@ def restraint_forces(force, t, x, v, a, sums):
             if sums is not None:
                 energy += 0.5 * pull * d[axis]
                 virial -= pull * d[axis]
-                note_along(force.along, axis, -pull * d[axis])
+                note_along(force.along, axis, pull, d)
     if sums is not None:
         sums[0] += energy
         sums[1] += virial if force.scales else 0.0

@@ -28,6 +28,7 @@ class Overdamped(Splitting):
     drifts act for h, and the clock goes by dt."""
 
     overdamped = True
+    free_because = "has no momenta, and the drift of its noise would need the curvature of the manifold"
 
     @property
     def declared(self) -> tuple[Option, ...]:

@@ -118,6 +118,21 @@ class Splitting(Method):
         return self.word in ("BAOAB", "BAGAB")
 
     @property
+    def free_because(self) -> str:
+        if "D" in self.letters:
+            return "draws the velocities of single particles"
+        if self.order > 2 and not self.in_steps:
+            return f"is of order {self.order} with exact drifts alone"
+        return ""
+
+    @property
+    def in_steps(self) -> bool:
+        """Whether the word is a row of leapfrog steps, kick, drift and kick, so that its order is that of the row."""
+        halves = [0.5 * weight for weight in self.drift]
+        kicks = [a + b for a, b in zip([0.0, *halves], [*halves, 0.0], strict=True)]
+        return self.letters == tuple("BA" * len(halves) + "B") and np.allclose(self.kick, kicks, rtol=0.0, atol=1e-14)
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per step, one for each group of forces; a last kick shares its force with the first kick of
         the next step."""

@@ -18,6 +18,7 @@ from kickdrift.forces.seam.named import path_of
 from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
+from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
@@ -67,6 +68,7 @@ def record_of(system: System) -> dict[str, Any]:
         "box": recorded(system.box),
         **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
+        **({"constraints": system.constraints.tables()} if system.constraints is not None else {}),  # likewise
         **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
         "names": system.names,
@@ -157,6 +159,7 @@ def system_of(
             record.dimensions,
             None if record.topology is None else Topology(**record.topology),
             None if run.charges is None else run.charges[:n],
+            [Constraint(**given) for given in record.constraints],
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
