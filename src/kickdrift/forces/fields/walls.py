@@ -115,8 +115,8 @@ class LennardJonesWall(NamedTuple):
     """Wall of a half space of Lennard-Jones particles: U = epsilon (2/15 (sigma/s)^9 - (sigma/s)^3) - U(cutoff).
 
     The force jumps at the cutoff, except at the minimum (2/5)^(1/6) sigma = 0.8584 sigma, which leaves repulsion alone.
-    A particle behind the wall has no energy, and such a run stops. Source: Magda, Tirrell & Davis 1985,
-    doi:10.1063/1.449375; LAMMPS' fix wall/lj93.
+    A particle behind the wall has no energy, and such a run stops. This is Lennard-Jones' law summed over a half space,
+    as in LAMMPS' fix wall/lj93.
 
     Attributes
     ----------
