@@ -169,7 +169,8 @@ class ReflectingWall(NamedTuple):
     """Hard wall: a particle that meets it goes on with its velocity mirrored, at the very time of the bounce.
 
     Splitting methods bounce in their drifts, where particles fly straight. Between two kicks such a bounce keeps
-    energy and can be reversed. Other methods integrate a force, which a bounce is not, so they refuse this wall.
+    energy and can be reversed. Beside other forces, each bounce changes the total energy by up to force x speed x dt,
+    with either sign. Other methods integrate a force, which a bounce is not, so they refuse this wall.
 
     Attributes
     ----------
