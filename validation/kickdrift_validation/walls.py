@@ -101,8 +101,8 @@ def oscillators() -> Iterator[Claim]:
         "restrained particles": (
             particles, 50.0, lambda t: particles.state.positions + particles.state.velocities * np.sin(rate * t) / rate
         ),
-        "a particle that a harmonic wall throws back": (
-            wall, 3.0, lambda t: np.array([[0.7 * (t - 0.5 * np.pi), 0.3 * t, 0.0]])
+        "a particle inside a harmonic wall": (
+            wall, 1.5, lambda t: np.array([[-0.35 * np.sin(2.0 * t), 0.3 * t, 0.0]])
         ),
     }  # fmt: skip
     for name, (system, time, solution) in cases.items():
