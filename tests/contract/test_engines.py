@@ -473,7 +473,7 @@ REFUSED = [
     ("rebound", planets, {"integrator": "saba", "order": "10,2"}, f"order '10,2': rebound's saba has 4,2.*{ALONE}"),
     ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
-    ("ase", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, ".*; native, lammps, openmm and cuda c"),
+    ("ase", lambda: truncated("switch"), {}, ".*; native, lammps, openmm and cuda can"),
     ("lammps", lambda: liquid(forces=[]), {}, f"has no force: LAMMPS takes one force of .*{ALONE}"),
     ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones(2)]), {}, f"forces 'l.*s' and 'l.*{ALONE}"),
     ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 .*; native, ase, openmm and cuda can"),
