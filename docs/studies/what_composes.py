@@ -54,6 +54,7 @@ REASONS = {  # words by the text of a refusal
     r"takes neither mixed precision nor a barostat": "spins turn in open space",
     r"mixed needs pair forces": "no pairs to sum",
     r"(ASE|LAMMPS|OpenMM|rebound) (takes|has no)|rebound: |force '.*': ": "the program lacks this force",
+    r"coulomb: method .* is not possible": "the program lacks this method",
     r"the device takes": "the program lacks this force",
     r"the device has no bonds": "the program lacks bonds",
     r"cannot use a leaning box|two dimensions|periodic along|perpendicular edges": "the program lacks this box",
