@@ -62,6 +62,11 @@ PYTHON = [
         "kd.System(X, forces=kd.LennardJones())",
         "forces: expected a list of forces, such as [kd.LennardJones(cutoff=2.5)], got LennardJones(cutoff=2.5, truncation='shift', switch_start...",
     ),
+    ("kd.System(X, forces=[kd.Restraint(1.0, [7])])", "restraint: particles: there is no particle 7; ids are 0 to 1"),
+    (
+        "kd.System(X, forces=[kd.ReflectingWall((1, 0, 0), (1, 0, 0))])",
+        "reflecting-wall: particle 0 is 1 behind the wall; the normal points to the side of the particles",
+    ),
     ("kd.LennardJones(rc=2.5)", "LennardJones: no argument 'rc'…"),
     (
         'kd.LennardJones(truncation="shifted")',

@@ -18,6 +18,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.engines import ENGINES
+from kickdrift.engines.fields import IN_LAMMPS, IN_OPENMM
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
@@ -106,14 +107,14 @@ def system_of(name: str, box: str) -> kd.System:
 
 def usual(name: str) -> kd.System:
     """The force where it is at home: in a periodic box if it takes one, else in open space. Bonded forces have pairs
-    beside them, and forces around a central body have gravity."""
+    beside them, as have the fields that other programs take, and forces around a central body have gravity."""
     try:
         system = system_of(name, "periodic")
     except InputError:
         system = system_of(name, "open")
     if ".around." in FORCES[name].__module__:
         return system.with_forces(*system.forces, kd.Gravity(G=1e-4))
-    if system.topology is not None:
+    if system.topology is not None or FORCES[name] in {*IN_LAMMPS, *IN_OPENMM}:
         return system.with_forces(*system.forces, kd.LennardJones(cutoff=1.5))
     return system
 

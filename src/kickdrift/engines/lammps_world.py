@@ -19,6 +19,7 @@ from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.fields import Held
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
+from kickdrift.engines.tables import POINTS, PairTable, written
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.relatives import measured
 from kickdrift.model.molecules.topology import SIZES
@@ -214,6 +215,7 @@ class Model(NamedTuple):
     ewald : charges, if any
     walls : commands of each wall
     held : position restraints
+    tables : energies and forces of each pair of types, in place of a law
     linear : whether the energy is less its tangent at the cutoff, which makes the force zero there
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
@@ -234,6 +236,7 @@ class Model(NamedTuple):
     walls: tuple[tuple[str, ...], ...] = ()
     held: tuple[Held, ...] = ()
     linear: bool = False
+    tables: tuple[PairTable, ...] = ()
 
     @property
     def longest(self) -> float:
@@ -293,6 +296,8 @@ class World:
             self._commands(f"region box {shape} units box", f"create_box {len(model.masses)} box")
         if model.many_body:
             self._many_body(*model.many_body)
+        elif model.tables:
+            self._tables(model.tables)
         else:
             style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
@@ -361,6 +366,15 @@ class World:
             file = Path(folder) / "potential"
             file.write_text(text, encoding="utf-8")
             self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
+
+    def _tables(self, tables: Sequence[PairTable]) -> None:
+        """Give LAMMPS pair forces as tables, which it reads from files."""
+        self.lmp.command(f"pair_style table spline {POINTS}")
+        with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
+            for table in tables:
+                file = Path(folder) / "table"
+                written(table, file)
+                self.lmp.command(f"pair_coeff {table.types[0]} {table.types[1]} {str(file)!r} pair")
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""
