@@ -42,7 +42,7 @@ def system_of(name: str) -> kd.System:
     if name == "python":
         force = kd.PythonForce(soft, external=False)
     else:
-        force = example(FORCES[name], cutoff=1.5, truncation="switch")
+        force = example(FORCES[name], cutoff=1.5)
     if isinstance(force, ManyBodyForce):
         return crystal(force)
     start = liquid(64)

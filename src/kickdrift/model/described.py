@@ -30,6 +30,7 @@ class ShownSystem(Shown):
             ("time", measured(f"{self.state.time:g}", units.symbol("time"))),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *([("topology", str(self.topology))] if self.topology is not None else []),
+            *([("constraints", str(self.constraints))] if self.constraints is not None else []),
             *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]

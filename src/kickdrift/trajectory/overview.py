@@ -55,6 +55,8 @@ def overview_of(run: Run) -> Lines:
     ]
     if found["steps"]:
         (first, last), (begin, end) = found["steps"], found["time"]
+        if isinstance(told := report.get("equilibrated"), str) and told:
+            lines.append(("equilibrated", told))
         lines.append(("length", f"{counted(last - first, 'step', ',')}, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:

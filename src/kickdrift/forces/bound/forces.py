@@ -194,6 +194,13 @@ class BoundForces:
         `PairKernel` do not: their forces have other sums, or their runs carry more than particles."""
         return [type(force) for force in self.forces] == [PairKernel]
 
+    @property
+    def sums_before_samples(self) -> bool:
+        """Whether a force sums energy and virial in the evaluation before a sample, so that a sample by these forces
+        costs little; see `forces.seam.samples`. Samples with forces of Python have forces of their own."""
+        large = (force for force in self.forces if force is not few_of(self.forces))
+        return any(hasattr(force.parts, "looks") for force in large) and not any(self.hosts)
+
     def keep_sorted(self) -> None:
         """Give the force that takes steps its memory for particles in the order of the clusters."""
         self.forces = tuple(with_moving_parts(force) for force in self.forces)

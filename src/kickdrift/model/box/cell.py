@@ -297,6 +297,16 @@ def square_by_edges(matrix, inverse, dx, dy, dz):
 
 
 @jit
+def nearest_image(cell, d):
+    """Replace a separation d (3,) by that between nearest images."""
+    if cell.leans:
+        leaning_image(cell, d)
+    else:
+        for k in range(3):
+            d[k] = along(cell.edges[k], d[k])
+
+
+@jit
 def leaning_image(cell, d):
     """Replace a separation d (3,) in a leaning box by that between nearest images. Whole edges are removed first; if
     another image may be nearer, the shortest lattice vectors follow."""

@@ -24,6 +24,7 @@ from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
+from kickdrift.run.report.molecules import MoleculeReport, molecule_report
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
@@ -87,7 +88,8 @@ class Report(ShownReport):
     that collisions and removed bodies took out, None without such events; the energy's error excludes it.
     ``angular_momentum_taken`` (3 numbers) is the angular momentum that went from orbits into spins, and that of removed
     bodies. ``stopped``
-    names the event that ended the run, "" if none did.
+    names the event that ended the run, "" if none did. ``equilibrated`` tells how the run was equilibrated before its
+    record began, "" if it was not.
     """
 
     system: str
@@ -130,6 +132,8 @@ class Report(ShownReport):
     warnings: list[str]
     about: About = field(compare=False)
     charges: ChargeReport | None = None
+    equilibrated: str = ""
+    molecules: MoleculeReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -187,7 +191,11 @@ class Report(ShownReport):
         """Return the report as plain numbers, texts and Nones; infinities and nan become None."""
         own = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "about"}
         own |= {name: getattr(self, name) for name in DERIVED}
-        parts = {"energy": self.energy and asdict(self.energy), "charges": self.charges and asdict(self.charges)}
+        parts: dict[str, Any] = {
+            "energy": self.energy and asdict(self.energy),
+            "charges": self.charges and asdict(self.charges),
+        }
+        parts |= {"molecules": self.molecules and asdict(self.molecules)}
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -263,6 +271,8 @@ def report(sim: Any) -> Report:
             *(line for line in doubts if line and line not in record.warnings),
         ],
         charges=charge_report(system, sim),
+        equilibrated=record.equilibrated,
+        molecules=molecule_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

@@ -36,6 +36,10 @@ class ShownReport(Shown):
         lines.append(("integrator", method_text(self.integrator, chosen, time_unit)))
         if units and self.charges is not None:
             lines += self.charges.lines(units.symbol("length"))
+        if units and self.molecules is not None:
+            lines += self.molecules.lines(units.symbol("length"), units.symbol("temperature"))
+        if self.equilibrated:
+            lines.append(("equilibrated", self.equilibrated))
         steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
         lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))
