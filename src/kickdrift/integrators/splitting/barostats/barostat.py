@@ -133,6 +133,9 @@ def check_pressed(system: Any, options: Options) -> None:
     for force in system.forces:
         if coupling in APART and (reason := force.fixes_shape(system)):
             raise InputError(f"coupling: {coupling} needs the virial along each axis, and {reason}; or take isotropic")
+    for force in system.forces:
+        if coupling == FULL and hasattr(force, "fixes_edges") and (reason := force.fixes_edges(system)):
+            raise InputError(f"coupling: full does not go with force {force.name!r}: {reason}; take per-axis")
     if options.get(STRESS.name) is not None and coupling != FULL:
         raise InputError(f"stress: needs coupling = full, because {coupling} keeps angles between edges")
     if system.dimensions == 2 and any(stress_of(options)[2]):

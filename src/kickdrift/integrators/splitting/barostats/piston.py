@@ -86,25 +86,19 @@ def volume(piston):
 
 
 @strict
-def kinetic_now(piston, v):
-    """Heat of velocities (3, n): kinetic energy without the motion of the centre of mass."""
-    total = 0.0
-    for k in range(piston.bath.axes):
-        total += heat_along(piston.bath, v, k)
-    return total
-
-
-@strict
 def pressures(piston, v, found):
-    """found[a] <- pressure on the faces of group a; velocities (3, n)."""
-    v_now = volume(piston)
+    """found[a] <- pressure on the faces of group a; velocities (3, n). Return their heat: the kinetic energy without
+    the motion of the centre of mass."""
+    v_now, total = volume(piston), 0.0
     for a in range(piston.sizes.size):
         found[a] = 0.0
     for k in range(3):
         a = piston.group[k]
         if a >= 0:
-            twice = 2.0 * heat_along(piston.bath, v, k) + virial_along(piston.along, piston, k)
-            found[a] += twice / (piston.sizes[a] * v_now)
+            heat = heat_along(piston.bath, v, k)
+            total += heat
+            found[a] += (2.0 * heat + virial_along(piston.along, piston, k)) / (piston.sizes[a] * v_now)
+    return total
 
 
 @strict
