@@ -385,11 +385,14 @@ def drop() -> kd.System:
 
 
 REFUSED = [
-    (lambda: kd.Coulomb("pppm"), "coulomb: method 'pppm' is not one of ewald, pme, direct, reaction-field, damped-"),
+    (lambda: kd.Coulomb("pppm"), "coulomb: method 'pppm' is not one of ewald, pme, auto, direct, reaction-field, "),
     (lambda: kd.Coulomb(accuracy=0.0), "coulomb: accuracy must be from 1e-13 to 0.5, got 0.0"),
     (lambda: kd.Coulomb("direct", cutoff=2.0), 'coulomb: cutoff goes with method "ewald" and'),
     (lambda: kd.Coulomb(surroundings=3.0), 'coulomb: surroundings goes with method "reaction-field", not "ewald"'),
-    (lambda: kd.Coulomb("direct", accuracy=1e-6), 'coulomb: accuracy goes with method "ewald" and "pme", not "direct"'),
+    (
+        lambda: kd.Coulomb("direct", accuracy=1e-6),
+        'coulomb: accuracy goes with method "ewald" and "pme" and "auto", not',
+    ),
     (lambda: kd.Coulomb(cutoff=-1.0), "coulomb: cutoff must be positive, got -1.0"),
     (lambda: ions(UPRIGHT).remade(charges=None), "coulomb: the particles have no charges; give charge in"),
     (lambda: ions(UPRIGHT).remade(charges=[1.0, math.nan] * 32), "charges: particle 1 has charge nan"),
