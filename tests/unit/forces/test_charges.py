@@ -386,11 +386,14 @@ def drop() -> kd.System:
 
 
 REFUSED = [
-    (lambda: kd.Coulomb("pppm"), "coulomb: method 'pppm' is not one of ewald, pme, direct, reaction-field, damped-"),
+    (lambda: kd.Coulomb("pppm"), "coulomb: method 'pppm' is not one of ewald, pme, auto, direct, reaction-field, "),
     (lambda: kd.Coulomb(accuracy=0.0), "coulomb: accuracy must be from 1e-13 to 0.5, got 0.0"),
     (lambda: kd.Coulomb("direct", cutoff=2.0), 'coulomb: cutoff goes with method "ewald" and'),
     (lambda: kd.Coulomb(surroundings=3.0), 'coulomb: surroundings goes with method "reaction-field", not "ewald"'),
-    (lambda: kd.Coulomb("direct", accuracy=1e-6), 'coulomb: accuracy goes with method "ewald" and "pme", not "direct"'),
+    (
+        lambda: kd.Coulomb("direct", accuracy=1e-6),
+        'coulomb: accuracy goes with method "ewald" and "pme" and "auto", not',
+    ),
     (lambda: kd.Coulomb(cutoff=-1.0), "coulomb: cutoff must be positive, got -1.0"),
     (lambda: ions(UPRIGHT).remade(charges=None), "coulomb: the particles have no charges; give charge in"),
     (lambda: ions(UPRIGHT).remade(charges=[1.0, math.nan] * 32), "charges: particle 1 has charge nan"),
@@ -474,11 +477,19 @@ def test_engines_name_the_methods_that_they_have():
         kd.Simulation(system, dt=1e-3, engine="openmm")
 
 
-@pytest.mark.parametrize("given", [{"accuracy": 1e-6}, {"method": "reaction-field", "cutoff": 2.7}], ids=str)
-def test_the_pressure_tensor_has_the_virial(given):
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        ({"accuracy": 1e-6}, 1e-9),
+        ({"method": "reaction-field", "cutoff": 2.7}, 1e-9),
+        ({"method": "pme", "accuracy": 1e-5}, 1e-5),
+    ],
+    ids=str,
+)
+def test_the_pressure_tensor_has_the_virial(given, error):
     from kickdrift.looks.pressure import instantaneous_pressure
 
     system = ions(LEANING, net=0.5, **given)
     x = system.state.positions
     found = instantaneous_pressure(system, x, np.zeros_like(x)) * system.volume
-    assert float(np.trace(found)) == pytest.approx(measured(system).virial, rel=1e-9)
+    assert float(np.trace(found)) == pytest.approx(measured(system).virial, rel=error)

@@ -15,7 +15,7 @@ from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import Far
 from kickdrift.forces.charges.mesh_kernel import Mesh
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
-from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, Radial
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, Radial
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
@@ -153,7 +153,7 @@ def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh:
     given = alone, background, charges, system.coherent_masses, system.box, special_pairs(system), threads
     if split.mesh:
         return mesh_kernel.bind(split.alpha, split.order, split.mesh, *given)
-    alpha = split.alpha if force.method == EWALD else 0.0
+    alpha = split.alpha if force.method in ALL_IMAGES else 0.0
     return far_kernel.bind(alpha, waves_of(system.box, split.waves), *given)
 
 

@@ -37,6 +37,9 @@ class Summed(Protocol):
     @property
     def method(self) -> str: ...
 
+    @property
+    def accuracy(self) -> float: ...
+
     def split(self, system: Subject) -> Split:
         """Return the parameters of the sum."""
 
@@ -116,6 +119,9 @@ def virial_tensor(force: Summed, system: Subject, positions: Floats) -> Floats:
     found = np.einsum("m,ma,mb->ab", over_r, apart, apart)
     if force.method not in ALL_IMAGES:
         return np.asarray(found)
+    if split.mesh:  # by waves of the same error
+        charged = Charged.of(charges, system.volume)
+        split = split_at(charged, force.accuracy, split.cutoff, split.alpha, None)
     k, k2, amplitude = _waves(system, split)
     density = np.concatenate([charges @ phase for _, phase in _phases(positions, k)])
     energies = 0.5 * amplitude * np.abs(density) ** 2

@@ -7,7 +7,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from kickdrift.forces.charges.coulomb import Coulomb
-from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, PME
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.system import System
@@ -81,7 +81,7 @@ def _made(force: Coulomb, system: System) -> ChargeReport:
     errors = errors_of(force, system)
     size, relative_to = _scale(errors)
     return ChargeReport(
-        force.method,
+        PME if split.mesh else EWALD,
         force.accuracy,
         split.alpha,
         waves=None if split.mesh else int(waves_of(system.box, split.waves).kept.sum()),
