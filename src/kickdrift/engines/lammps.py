@@ -49,6 +49,8 @@ def refusal(job: Job) -> str | None:
         or small_units(system)
     ):
         return reason
+    if coulomb_of(system) is not None and not all(system.box.periodic_axes):
+        return "coulomb: slabs are not possible"
     if reason := bonded_refusal(system):
         return reason
     if system.dimensions == 2 and beside_charges(system).tail:

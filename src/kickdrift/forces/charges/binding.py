@@ -10,9 +10,9 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import direct_kernel, far_kernel
+from kickdrift.forces.charges import direct_kernel, far_kernel, slab
 from kickdrift.forces.charges.accuracy import Split
-from kickdrift.forces.charges.far_kernel import Far, add_far
+from kickdrift.forces.charges.far_kernel import Far
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
 from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD, Radial
 from kickdrift.forces.charges.waves import waves_of
@@ -23,10 +23,11 @@ from kickdrift.forces.pairs.beside_pairs import BesidePairs
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
 from kickdrift.forces.pairs.lanes import AtCutoff, Cut
 from kickdrift.forces.pairs.law import PairForce
-from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force
+from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force, run_body
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.threads.chunks import in_chunks
+from kickdrift.model.box.box import Box
 from kickdrift.model.box.cell import live_cell
 from kickdrift.model.state import Floats
 
@@ -52,6 +53,9 @@ class Charges(Protocol):
     def split(self, system: Subject) -> Split:
         """Return the parameters of the sum."""
 
+    def space(self, system: Subject) -> Box:
+        """Return the box of the far part."""
+
     def radial(self, split: Split) -> Radial:
         """Return the near part."""
 
@@ -59,7 +63,7 @@ class Charges(Protocol):
 class ChargedParts(NamedTuple):
     """Near and far part of Coulomb's law, without a pair force."""
 
-    far: Far
+    far: Far | slab.SlabFar
     force: Any  # PairWork of the near part
     address: int  # of its machine code
     work: int
@@ -78,14 +82,14 @@ class ChargedKernel(BesidePairs):
             if status != OK:
                 return status
             if what == FORCES_AND_SUMS:
-                return add_far(force.far, x, a, sums)
-            return add_far(force.far, x, a, None)
+                return run_body(force.far, t, x, v, a, sums)
+            return run_body(force.far, t, x, v, a, None)
 
         return compute
 
     def with_list(self, **changes: Any) -> ChargedKernel:
         """See PairKernel."""
-        far: Far = self.parts.far
+        far: Any = self.parts.far
         if "live" in changes:
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
@@ -136,8 +140,17 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Charges, system: Subject, threads: int) -> Far:
+def bind_far(force: Charges, system: Subject, threads: int) -> Far | slab.SlabFar:
     """Bind what is beside the sum over near pairs: waves, the energies of single charges, and pairs left out."""
+    space = force.space(system)
+    far = bind_waves(force, system, space, threads)
+    if space == system.box:
+        return far
+    return slab.bind(far, space, force.scaled_charges(system), system.coherent_masses)
+
+
+def bind_waves(force: Charges, system: Subject, space: Box, threads: int) -> Far:
+    """Bind the far part in the box ``space``."""
     charges, split = force.scaled_charges(system), force.split(system)
     squares = float(charges @ charges)
     ewald = force.method == EWALD
@@ -151,12 +164,12 @@ def bind_far(force: Charges, system: Subject, threads: int) -> Far:
         )
     return far_kernel.bind(
         split.alpha if ewald else 0.0,
-        waves_of(system.box, split.waves),
+        waves_of(space, split.waves),
         alone,
         background,
         charges,
         system.coherent_masses,
-        system.box,
+        space,
         special_pairs(system),
         threads,
     )
