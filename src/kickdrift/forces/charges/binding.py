@@ -90,7 +90,7 @@ class ChargedKernel(BesidePairs):
     def with_list(self, **changes: Any) -> ChargedKernel:
         """See PairKernel."""
         far: Any = self.parts.far
-        if "live" in changes:
+        if "live" in changes and not isinstance(far, slab.SlabFar):  # barostats refuse slabs
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
 

@@ -169,8 +169,8 @@ class Coulomb(Grouped):
         return 0.0 if self.method == DIRECT else self.split(system).cutoff
 
     def fixes_box(self, system: Subject) -> str:
-        """See Grouped: charges follow the box, but for the vacuum beside a slab."""
-        return "the vacuum beside a slab of charges stays as it is" if slab.is_slab(system.box) else ""
+        """See Grouped: charges follow the box."""
+        return ""
 
     def fixes_shape(self, system: Subject) -> str:
         """See Grouped."""
