@@ -105,7 +105,11 @@ PYTHON = [
         'kd.Simulation(L, "nvt")',
         "integrator 'nvt' is unknown; methods of constant temperature are baoab, csvr and nose-hoover",
     ),
-    ("kd.Simulation(kd.System(X, forces=[kd.LennardJones()]))", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL, 'pefrl')", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).run(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).advance(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).steps_to(until=1.0)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).equilibrate(1.0, steps=10)", "dt is needed: system 'system' has no dt in [run]"),
     ('kd.Simulation(L, dt="fast")', "dt must be a positive finite time, got 'fast'"),
     ("kd.Simulation(L, dt=0)", "dt must be a positive finite time, got 0"),
     (
@@ -176,6 +180,8 @@ COMMANDS = [
     ),
     ("run lj-1000 --steps ten", "kickdrift: --steps: 'ten' is not a whole number, 0 or more…"),
     ("run lj-1000 --steps -1", "kickdrift: --steps: '-1' is not a whole number, 0 or more…"),
+    ("bench lammps --seconds inf", "kickdrift: --seconds: 'inf' is no number of seconds, 0.001 or more…"),
+    ("bench speed --seconds nan", "kickdrift: --seconds: 'nan' is no number of seconds, 0.001 or more…"),
     ("run lj-1000 --steps 10 --time 1", "kickdrift: give --steps or --time, not both"),
     (
         "run lj-1000 --step 10",

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.fields import IN_LAMMPS, lammps_fixes, lammps_refusal, virial_of, without
 from kickdrift.engines.forces import (
     beside_charges,
     coulomb_of,
@@ -27,15 +28,17 @@ from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
-from kickdrift.forces.charges.radial import EWALD
+from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 TAKES = (
     "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
-    "alone or beside lennard-jones"
+    "alone or beside lennard-jones; position restraints and walls"
 )
+LINEAR = "force-shift"
+TRUNCATIONS = ("cut", "shift", LINEAR)
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -43,16 +46,18 @@ MOST_BLIND = 10**6  # steps without reading these counts
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
-    system = job.system
+    system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True, charges=(EWALD,))
+        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES)
         or small_units(system)
     ):
         return reason
     if coulomb_of(system) is not None and not all(system.box.periodic_axes):
         return "coulomb: slabs are not possible"
-    if reason := bonded_refusal(system):
+    if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
+    if coulomb_of(system) is not None and getattr(beside_charges(system), "truncation", None) == LINEAR:
+        return f"truncation {LINEAR!r}: LAMMPS has it for Lennard-Jones without charges"
     if system.dimensions == 2 and beside_charges(system).tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
@@ -68,16 +73,17 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ewald_of(system: System) -> Ewald | None:
-    """Ewald's sum in LAMMPS' terms; None without one."""
+    """Ewald's sum, or that by a mesh, in LAMMPS' terms; None without one."""
     if (force := coulomb_of(system)) is None:
         return None
     split = force.split(system)
-    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, waves_of(system.box, split.waves).most)
+    mesh = split.mesh or waves_of(system.box, split.waves).most
+    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, mesh, split.order)
 
 
 def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
-    system, dt = job.system, job.options.dt
+    system, dt = without(job.system, IN_LAMMPS), job.options.dt
     assert dt is not None
     force, ewald = beside_charges(system), ewald_of(system)
     cut: Any = force or ewald
@@ -91,12 +97,14 @@ def model_of(job: Job, seed: int) -> Model:
         laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
         given |= {
             "pairs": tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
-            "shifted": force.truncation == "shift", "tail": force.tail, "dimensions": system.dimensions,
+            "shifted": force.truncation == "shift", "linear": force.truncation == LINEAR,
+            "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
+    walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
         ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
-        **given,
+        walls=walls, held=held, **given,
     )  # fmt: skip
 
 
@@ -187,6 +195,7 @@ class LammpsSession(Session):
         forces, energy, virial = self._ask("measure")
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
+        virial += virial_of(self.job.system, self._ask("state")[0]) if self._model.held else 0.0
         virial = virial + self._background if self._model.box.periodic else np.nan
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
+from kickdrift.engines.fields import Held
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
 from kickdrift.model.box.box import Box
@@ -184,18 +185,20 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
         lmp.command(f"read_data {path}")
 
 
+HIGHEST = 7  # order of LAMMPS' pppm
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
 MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Ewald(NamedTuple):
-    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum."""
+    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum or of a mesh."""
 
     charges: Floats
     cutoff: float
     alpha: float
-    waves: tuple[int, int, int]  # most along each axis
+    waves: tuple[int, ...]  # most along each axis, or the points of the mesh
+    order: int = 0  # of a mesh
 
 
 class Model(NamedTuple):
@@ -211,6 +214,9 @@ class Model(NamedTuple):
     fixes : commands of the fixes that take a step
     bonded : bonds, angles and dihedrals, if any
     ewald : charges, if any
+    walls : commands of each wall
+    held : position restraints
+    linear : whether the energy is less its tangent at the cutoff, which makes the force zero there
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
@@ -227,6 +233,9 @@ class Model(NamedTuple):
     bonded: Bonded | None = None
     many_body: tuple[str, str, tuple[str, ...]] | None = None
     ewald: Ewald | None = None
+    walls: tuple[tuple[str, ...], ...] = ()
+    held: tuple[Held, ...] = ()
+    linear: bool = False
 
     @property
     def longest(self) -> float:
@@ -273,7 +282,7 @@ class World:
             f"dimension {model.dimensions}",
             f"atom_style {model_style(model)}",
             f"boundary {' '.join(boundary)}",
-            *(["atom_modify map array"] if model.ewald else []),  # by which charges find their particles
+            *(["atom_modify map array"] if model.ewald or model.held else []),  # by which numbers find their particles
         )
         if model.bonded:
             self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
@@ -287,7 +296,7 @@ class World:
         if model.many_body:
             self._many_body(*model.many_body)
         else:
-            style = f"lj/cut {model.cutoff!r}"
+            style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
                 style = f"lj/cut/coul/long {model.cutoff!r} {model.ewald.cutoff!r}"
             if not model.pairs:
@@ -299,11 +308,12 @@ class World:
                 *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:
-            most = " ".join(map(str, model.ewald.waves))
+            most, order = " ".join(map(str, model.ewald.waves)), min(model.ewald.order, HIGHEST)
             self._commands(
                 "pair_modify table 0",
-                "kspace_style ewald 1e-6",  # the next line replaces what LAMMPS would choose
-                f"kspace_modify gewald {model.ewald.alpha!r} kmax/ewald {most}",
+                f"kspace_style {'pppm' if order else 'ewald'} 1e-6",  # the next line replaces what LAMMPS would choose
+                f"kspace_modify gewald {model.ewald.alpha!r} "
+                + (f"mesh {most} order {order}" if order else f"kmax/ewald {most}"),
             )
         self._commands(
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
@@ -326,7 +336,22 @@ class World:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         if model.ewald:
             self.lmp.scatter_atoms("q", 1, 1, np.ctypeslib.as_ctypes(np.ascontiguousarray(model.ewald.charges)))
+        self._commands(*(line for wall in model.walls for line in wall))
+        self._hold(model)
         self.lmp.command("run 0 post no")
+
+    def _hold(self, model: Model) -> None:
+        """Make the springs of restraints, which begin at the positions of the particles at that time."""
+        for k, (ids, stiffness, axes, places) in enumerate(model.held):
+            start = self._gathered("x")
+            there = start.copy()
+            row = ids - 1
+            there[row] = start[row] - model.box.minimum_image(start[row] - places)
+            for at in range(0, len(ids), 1000):
+                self.lmp.command(f"group held{k} id {' '.join(map(str, ids[at : at + 1000].tolist()))}")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(there)))
+            self._commands(f"fix held{k} held{k} spring/self {stiffness!r} {axes}", f"fix_modify held{k} energy yes")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(start)))
 
     def _commands(self, *lines: str) -> None:
         for line in lines:

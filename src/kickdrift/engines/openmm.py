@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.engines import openmm_charges
+from kickdrift.engines.fields import IN_OPENMM, openmm_fields, virial_of, without
 from kickdrift.engines.forces import (
     LAWS,
     beside_charges,
@@ -42,16 +43,26 @@ from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-TAKES = "OpenMM takes lennard-jones and coulomb, with bonded forces beside them, or gravity alone"
-LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
-SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"
+TAKES = (
+    "OpenMM takes lennard-jones and coulomb, with bonded forces beside them, or gravity; and fields, restraints and "
+    "soft walls"
+)
+TRUNCATIONS = {  # energies of a pair
+    "cut": "U",
+    "shift": "U-last",
+    "force-shift": "U-last-(s*r-cutoff)*slope; slope=-24*e/cutoff*(2*(l/cutoff)^12-(l/cutoff)^6)",
+    "switch": (
+        "U*w^5*(1+5*u+15*u^2+35*u^3+70*u^4); w=1-u; u=max(0,((s*r)^2-start^2)/(cutoff^2-start^2))"
+    ),
+}  # fmt: skip
+LENNARD_JONES = "; last=4*e*((l/cutoff)^12-(l/cutoff)^6); U=4*e*((l/(s*r))^12-(l/(s*r))^6)"
 MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
 GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
-    system, masses = job.system, job.system.state.masses
+    system, masses = without(job.system, IN_OPENMM), job.system.state.masses
     try:
         system.box.cuboid("box: OpenMM")  # whose lists miss pairs near the cutoff in boxes of other shapes
     except InputError as error:
@@ -64,7 +75,7 @@ def refusal(job: Job) -> str | None:
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
     reason = only_lennard_jones(
-        system, ("cut", "shift"), TAKES, molecules=True, charges=openmm_charges.METHODS
+        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS
     ) or small_units(system)
     if reason:
         return reason
@@ -91,7 +102,7 @@ class OpenmmSession(Session):
     def _made(self) -> Any:
         import openmm
 
-        system = self.job.system
+        system = without(self.job.system, IN_OPENMM)
         force, coulomb = beside_charges(system), coulomb_of(system)
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
@@ -100,7 +111,8 @@ class OpenmmSession(Session):
             made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
         if force is not None:
             made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
-        for extra in [*added_forces(system, force), *(_charged(system, coulomb) if coulomb else ())]:
+        extras = [*added_forces(system, force), *(_charged(system, coulomb) if coulomb else ())]
+        for extra in [*extras, *openmm_fields(self.job.system)]:
             made.addForce(extra)
         return made
 
@@ -127,11 +139,12 @@ class OpenmmSession(Session):
         context = self._probe or self._context
         if self._probe:
             context.setPositions(self._context.getState(positions=True).getPositions(asNumpy=True))
-        state = context.getState(energy=True, forces=True, parameterDerivatives=True)
+        state = context.getState(positions=True, energy=True, forces=True, parameterDerivatives=True)
         forces, energy = _plain(state.getForces(asNumpy=True)), float(_plain(state.getPotentialEnergy()))
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
-        virial = -float(dict(state.getEnergyParameterDerivatives()).get("s", 0.0))
+        virial = virial_of(self.job.system, _plain(state.getPositions(asNumpy=True)))
+        virial -= float(dict(state.getEnergyParameterDerivatives()).get("s", 0.0))
         if coulomb_of(self.job.system) is not None:  # the energy of Ewald's sum falls as 1 / length: it is the virial
             of_waves = context.getState(energy=True, groups={openmm_charges.GROUP}).getPotentialEnergy()
             virial += float(_plain(of_waves))
@@ -158,15 +171,14 @@ def _plain(quantity: Any) -> Any:
 def _lennard_jones(system: System, force: Any) -> Any:
     import openmm
 
-    shift = SHIFT if force.truncation == "shift" else ""
-    made = openmm.CustomNonbondedForce(LENNARD_JONES + shift + MIXTURE)
+    made = openmm.CustomNonbondedForce(TRUNCATIONS[force.truncation] + LENNARD_JONES + MIXTURE)
     laws = [[force.pair_law(a, b) for a in system.species] for b in system.species]
     count = len(system.species)
     for key in ("epsilon", "sigma"):
         values = [float(getattr(law, key)) for row in laws for law in row]
         made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, values))
     made.addPerParticleParameter("kind")
-    made.addGlobalParameter("cutoff", force.cutoff)
+    _add_range(made, force)
     for kind in system.species_index.tolist():
         made.addParticle([kind])
     exclude(made, system)
@@ -206,7 +218,11 @@ def _scaled(force: Any) -> Any:
     return force
 
 
-SCALED_PAIR = "scale*step(cutoff-r)*(4*e*((l/(s*r))^12 - (l/(s*r))^6)"
+def _add_range(made: Any, force: Any) -> None:
+    """Give a force of OpenMM the cutoff of a pair force, and the start of its switch."""
+    made.addGlobalParameter("cutoff", float(force.cutoff))
+    if force.switch_start is not None:
+        made.addGlobalParameter("start", float(force.switch_start))
 
 
 def exclude(force: Any, system: System) -> None:
@@ -248,10 +264,10 @@ def _scaled_pairs(system: System, force: Any) -> Any:
     import openmm
 
     assert system.topology is not None
-    shift = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6))" if force.truncation == "shift" else ")"
-    made = openmm.CustomBondForce(SCALED_PAIR + shift)
+    energy = f"scale*step(cutoff-r)*all; all={TRUNCATIONS[force.truncation]}{LENNARD_JONES}"
+    made = openmm.CustomBondForce(energy)
     _scaled(made)
-    made.addGlobalParameter("cutoff", float(force.cutoff))
+    _add_range(made, force)
     for key in ("scale", "e", "l"):
         made.addPerBondParameter(key)
     kinds = system.species_index

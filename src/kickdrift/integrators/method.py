@@ -23,6 +23,7 @@ from kickdrift.integrators.options import (
 )
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
+KEEPING = "velocity-verlet, baoab and csvr"  # keep constraints
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
 WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
@@ -49,6 +50,7 @@ class Method:
     carries : whether deviations can be integrated as additional massless particles with their own forces, without
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
+    reflects : whether the method bounces particles off hard walls
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
@@ -56,6 +58,8 @@ class Method:
     slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
+    float64_because : why pair forces cannot be in mixed precision; "" if they can
+    stops_in_lanes : whether a batch with this method watches events
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
     tunable : names of these options
     choices : allowed values of some options, the default first (None: it depends)
@@ -66,7 +70,8 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = False
+    separable = overdamped = stops_in_lanes = reflects = False
+    float64_because = ""
 
     @property
     def evaluations(self) -> int:
@@ -109,9 +114,14 @@ class Method:
         return False
 
     @property
-    def float64_because(self) -> str:
-        """Reason why pair forces cannot be in mixed precision; "" if they can."""
-        return ""
+    def free_because(self) -> str:
+        """Reason why the method moves free particles alone, and keeps no constraints; "" if it keeps them."""
+        return "moves each particle freely"
+
+    def check_constraints(self, system: Any) -> None:
+        """Refuse constraints of a System that the method does not keep."""
+        if getattr(system, "constraints", None) is not None and self.free_because:
+            raise InputError(f"{self.name}: keeps no constraints, because it {self.free_because}; {KEEPING} do")
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:
@@ -164,11 +174,6 @@ class Method:
     @property
     def batched(self) -> bool:
         """Whether a batch can use this method (see ``kickdrift.batch``)."""
-        return False
-
-    @property
-    def stops_in_lanes(self) -> bool:
-        """Whether a batch with this method watches events."""
         return False
 
     def check(self, system: System) -> None:

@@ -11,6 +11,7 @@ from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.jit.compile import driver, inlined, is_finite
 from kickdrift.jit.handle import address_of, handle, unowned
+from kickdrift.looks.centres import add_within, parted
 from kickdrift.looks.columns import (
     ANGULAR,
     CENTRE,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
 # dimensions. A nan marks an undefined temperature or pressure. Then the volume of a box that a barostat changes, the
 # motion that is no heat (`model.freedom`), and room for this motion (`looks.heat`). Masses follow, then room for
-# accelerations.
+# accelerations, then molecules with constraints (`looks.centres`), if any.
 MASS, FREEDOM, VOLUMES, CHANGING, APART, MOVING = range(6)
 HEAD = MOVING + MOTION
 
@@ -72,7 +73,7 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[CHANGING] = np.nan
     desk[HEAD : HEAD + len(masses)] = masses
-    return desk
+    return np.concatenate([desk, parted(system.constraints)])
 
 
 @inlined
@@ -119,7 +120,7 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     row = rows[at]
     for k in range(COLUMNS):
         row[k] = 0.0
-    room = desk[HEAD + n :].reshape((3, n))
+    room, molecules = desk[HEAD + n : HEAD + 4 * n].reshape((3, n)), desk[HEAD + 4 * n :]
     status = fill_accelerations(handle(forces), t, x, v, room, row[POTENTIAL : PAIRS + 1], cursor)
     if status != OK:
         return status
@@ -135,6 +136,10 @@ def look(forces, t, y, desk, last, rows, at, cursor):
         heat = heat_of(desk[HEAD : HEAD + n], desk[MASS], x, v, apart, desk[MOVING:HEAD], heat, momentum)
     row[TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
     row[VOLUME] = desk[CHANGING]
+    if molecules.size:
+        within = np.zeros(3)
+        add_within(molecules, desk[HEAD : HEAD + n], x, v, room, within)
+        row[VIRIAL] += within[0] + within[1] + within[2]
     row[PRESSURE] = (2.0 * heat + row[VIRIAL]) / desk[VOLUMES]
     for k in range(3):
         row[VELOCITY + k] = row[MOMENTUM + k] / desk[MASS]

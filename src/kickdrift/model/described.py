@@ -36,6 +36,7 @@ class ShownSystem(Shown):
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
             *([("net charge", _net_charge(self))] if self.charges is not None else []),
             *([("topology", str(self.topology))] if self.topology is not None else []),
+            *([("constraints", str(self.constraints))] if self.constraints is not None else []),
             *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]

@@ -3,8 +3,9 @@
 This is the one place that counts degrees of freedom. A total momentum that the run conserves belongs to no bath. Heat
 is the kinetic energy in the frame of the centre of mass, and has d degrees of freedom less in d dimensions. A cluster
 in open space also conserves its angular momentum. Heat is then without rigid rotation too (Jellinek & Li 1989,
-doi:10.1103/PhysRevLett.62.241). Everything is heat where the method drags, which means that it draws velocities anew
-as ``baoab`` does, and where a field acts. A field that accelerates all particles alike leaves relative motion alone.
+doi:10.1103/PhysRevLett.62.241). Each constraint takes one degree of freedom. Everything is heat where the method drags,
+which means that it draws velocities anew as ``baoab`` does, and where a field acts. A field that accelerates all
+particles alike leaves relative motion alone.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def freedom_of(system: Acting, drags: bool = False) -> int:
     turns = 0
     if apart == TURN and moving > 1:
         turns = 1 if d == 2 else min(moving, 3)  # two bodies do not turn about their line
-    return max(d * (moving - (apart != NONE)) - turns, 0)
+    return max(d * (moving - (apart != NONE)) - turns - len(system.constraints or ()), 0)
 
 
 def whole_motion(masses: Floats, x: Floats, v: Floats, apart: int) -> Floats | None:

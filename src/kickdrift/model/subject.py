@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.constraints import Constraints
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units.unit_systems import UnitSystem
@@ -60,6 +61,9 @@ class Subject(Particles, Protocol):
 
     @property
     def charges(self) -> Floats | None: ...
+
+    @property
+    def constraints(self) -> Constraints | None: ...
 
     def __len__(self) -> int: ...
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import (
+    begun,
     body_charges,
     body_names,
     body_radii,
@@ -32,6 +33,8 @@ from kickdrift.model.checks.values import no_overflow, per_particle, whole_numbe
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.events.events import Event, checked_events
 from kickdrift.model.freedom import freedom_of
+from kickdrift.model.molecules.constraint import Constraint
+from kickdrift.model.molecules.constraints import Constraints, Projected, constraints_of, on_manifold
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.starts.builders import drawn_velocities
@@ -51,6 +54,7 @@ _KEPT = (
     "events",
     "dimensions",
     "topology",
+    "constraints",
 )  # passed on by `remade`
 
 
@@ -84,6 +88,7 @@ class System(Bridged, ShownSystem):
         (n, 2), and the box is two edge lengths or a matrix (2, 2).
     topology : `Topology` with the bonds, angles and dihedrals of molecules; default none
     charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
+    constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
     """
 
     state: State
@@ -103,6 +108,7 @@ class System(Bridged, ShownSystem):
     dimensions: int = 3
     topology: Topology | None = None
     charges: Floats | None = None
+    constraints: Constraints | None = None
 
     def __init__(
         self,
@@ -125,6 +131,7 @@ class System(Bridged, ShownSystem):
         dimensions: int = 3,
         topology: Topology | None = None,
         charges: ArrayLike | None = None,
+        constraints: Iterable[Constraint] | Constraints | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -144,7 +151,7 @@ class System(Bridged, ShownSystem):
         if dimensions == 2:
             check_plane(self.state.phase)
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
-        put(self, "forces", forces_of(forces, self.units))
+        put(self, "forces", begun(forces_of(forces, self.units), self))
         put(self, "species", kinds)
         put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
@@ -162,11 +169,25 @@ class System(Bridged, ShownSystem):
         put(self, "topology", topology)
         if topology is not None:
             topology.check(n)
+        put(self, "constraints", self._held(constraints))
         with no_overflow():
             for force in self.forces:
                 force.check(self)
             check_doubles(self)
         put(self, "events", checked_events(self, events))
+
+    def _held(self, given: Iterable[Constraint] | Constraints | None) -> Constraints | None:
+        """The constraints, checked; the state is projected on them."""
+        held = constraints_of(self, given)
+        if held is None:
+            return None
+        held.check(self)
+        state, masses = self.state, self.coherent_masses
+        phase, moved = on_manifold(self, held, masses, state.phase)
+        held.check_independent(masses, phase[0])
+        held.start = Projected(max(moved.moved, held.start.moved), max(moved.lost, held.start.lost))
+        object.__setattr__(self, "state", replace(state, phase=phase))
+        return held
 
     def __len__(self) -> int:
         return len(self.state)
@@ -209,7 +230,7 @@ class System(Bridged, ShownSystem):
     def under(self, forces: Iterable[Any]) -> System:
         """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)
-        object.__setattr__(other, "forces", forces_of(forces, self.units))
+        object.__setattr__(other, "forces", begun(forces_of(forces, self.units), self))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
@@ -334,7 +355,8 @@ class System(Bridged, ShownSystem):
 
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
-        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike)."""
+        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike), "reflects"
+        (mirrors bodies in place of a force)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property

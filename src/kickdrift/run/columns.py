@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.around.spins import SPINS, spinning
 from kickdrift.looks.columns import Column, parts
+from kickdrift.looks.molecules import molecule_columns
 from kickdrift.looks.observers import SAMPLE_BYTES
 from kickdrift.looks.record import OBSERVING
 from kickdrift.model.checks.limits import NEVER, check_room
@@ -57,8 +58,10 @@ def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
 
 
 def with_body_columns(columns: Any, run: Integration) -> Any:
-    """The user's columns, and the masses and radii of bodies that collisions may change, and spins that evolve."""
+    """The user's columns, and the masses and radii of bodies that collisions may change, spins that evolve, and
+    temperatures of molecules with constraints."""
     own = run.events.roster.columns() if run.events else []
+    own += molecule_columns(run.system, run.method.drags)
     if spinning(run.system):
         own.append(Column(SPINS, "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns

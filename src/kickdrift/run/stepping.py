@@ -38,12 +38,18 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
     if engine.foreign:
         return begin(engine, job)
     method, options = job.method, job.options
+    method.check_constraints(job.system)
     mixed = options.precision == MIXED
     flow = flow_of(job.system, job.threads, jumps=method.trial_steps, mixed=mixed, coupling=coupling_of(options))
     if method.separable and flow.not_separable:
         raise InputError(
             f"{job.named}: needs accelerations that depend on positions and time alone, and {flow.not_separable}; "
             "Runge-Kutta methods do not"
+        )
+    if isinstance(job.system, System) and not method.reflects and (walls := job.system.acting("reflects")):
+        raise InputError(
+            f"{job.named}: integrates a force, and {walls[0]!r} has none: it turns velocities at once; "
+            "splitting methods such as velocity-verlet bounce in their drift"
         )
     if method.bath and isinstance(flow, ParticleFlow):
         flow.count_bath(method.drags)

@@ -11,6 +11,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import check_particles
+from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.starts import elements
@@ -31,7 +32,14 @@ from kickdrift.model.system import body_names
 from kickdrift.model.units.quantities import number_density
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
-from kickdrift.systemfile.schema_base import ORBIT, BodiesTable, BodyTable, PlummerTable, TopologyTable
+from kickdrift.systemfile.schema_base import (
+    ORBIT,
+    BodiesTable,
+    BodyTable,
+    ConstraintTable,
+    PlummerTable,
+    TopologyTable,
+)
 from kickdrift.text import choices, shown, suggestion
 
 
@@ -305,3 +313,11 @@ def topology_of(table: TopologyTable, folder: Path) -> Topology:
             raise InputError(f"topology.file: {error}") from None
         return Topology(**replaced(found, given))
     return Topology(**given)
+
+
+def constraint_of(table: ConstraintTable, k: int) -> Constraint:
+    """Constraint of the checked table ``[[constraint]]`` number k."""
+    try:
+        return Constraint(**table.model_dump(exclude_none=True))
+    except InputError as error:
+        raise InputError(str(error).replace("constraint: ", f"constraint[{k}]: ", 1)) from None

@@ -21,7 +21,7 @@ from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
-from kickdrift.model.starts.builders import Structure, check_overlaps, maxwell_boltzmann, read_structure
+from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -34,6 +34,7 @@ from kickdrift.systemfile.particles import (
     box_of,
     charges_of,
     cluster,
+    constraint_of,
     edges_given,
     on_lattice,
     on_orbits,
@@ -188,7 +189,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
     topology = topology_of(table.topology, path.parent) if table.topology else None
-    equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units)
+    constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
+    equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
     def system(velocities: Floats | None) -> System:
         positions = start.positions
@@ -215,14 +217,14 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             dimensions=table.dimensions,
             topology=topology,
             charges=start.charges,
+            constraints=constraints,
         )
 
     made = system(velocities)
     if table.velocities is not None and table.velocities.temperature is not None and seed is not None:
         with prefixed("velocities."):
             temperature = table.velocities.temperature
-            drawn_at = maxwell_boltzmann(made.coherent_masses, temperature, units.boltzmann, seed, table.dimensions)
-            made = system(drawn_at)
+            made = system(drawn_velocities(made, temperature, seed))
     check_overlaps(made, near=not overlaps)
     return made if not table.event else made.watched(events_of(made, table.event))
 

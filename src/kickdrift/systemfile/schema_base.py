@@ -232,3 +232,23 @@ class TopologyTable(Table):
     improper_types: Any = None
     factors: list[float] | None = None
     exclusions: Any = None
+
+
+def _distances(value: Any, info: ValidationInfo) -> Any:
+    """One distance, or a list of them."""
+    convert = In("length", "positive")
+    return [convert(each, info) for each in value] if isinstance(value, list) else convert(value, info)
+
+
+Distances = Annotated[Any, BeforeValidator(_distances)]
+
+
+class ConstraintTable(Table):
+    pairs: Any = None
+    bonds: Any = None
+    hydrogen: bool = False
+    angles: Any = None
+    rigid: Any = None
+    distance: Distances = None
+    angle: Annotated[float, BeforeValidator(In("angle"))] | None = None
+    tolerance: float | None = None

@@ -68,6 +68,8 @@ def tables_of(system: System) -> dict[str, Any]:
         tables["box"] = _box(system.box)
     if system.topology is not None:
         tables["topology"] = system.topology.tables()
+    if system.constraints is not None:
+        tables["constraint"] = system.constraints.tables()
     tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]

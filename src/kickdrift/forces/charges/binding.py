@@ -10,11 +10,12 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import direct_kernel, far_kernel, slab
+from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel, slab
 from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import Far
+from kickdrift.forces.charges.mesh_kernel import Mesh
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
-from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD, Radial
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, Radial
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
@@ -63,7 +64,7 @@ class Charges(Protocol):
 class ChargedParts(NamedTuple):
     """Near and far part of Coulomb's law, without a pair force."""
 
-    far: Far | slab.SlabFar
+    far: Far | Mesh | slab.SlabFar
     force: Any  # PairWork of the near part
     address: int  # of its machine code
     work: int
@@ -140,8 +141,9 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Charges, system: Subject, threads: int) -> Far | slab.SlabFar:
-    """Bind what is beside the sum over near pairs: waves, the energies of single charges, and pairs left out."""
+def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh | slab.SlabFar:
+    """Bind what is beside the sum over near pairs: waves or a mesh, the energies of single charges, pairs left out, and
+    the correction of a slab."""
     space = force.space(system)
     far = bind_waves(force, system, space, threads)
     if space == system.box:
@@ -149,30 +151,23 @@ def bind_far(force: Charges, system: Subject, threads: int) -> Far | slab.SlabFa
     return slab.bind(far, space, force.scaled_charges(system), system.coherent_masses)
 
 
-def bind_waves(force: Charges, system: Subject, space: Box, threads: int) -> Far:
+def bind_waves(force: Charges, system: Subject, space: Box, threads: int) -> Far | Mesh:
     """Bind the far part in the box ``space``."""
     charges, split = force.scaled_charges(system), force.split(system)
     squares = float(charges @ charges)
-    ewald = force.method == EWALD
     alone, background = 0.0, 0.0
-    if ewald:
+    if force.method in ALL_IMAGES:
         alone = -split.alpha / math.sqrt(math.pi) * squares
         background = force.background(system)
     elif force.method == DAMPED_SHIFTED:
         alone = -squares * (
             0.5 * math.erfc(split.alpha * split.cutoff) / split.cutoff + split.alpha / math.sqrt(math.pi)
         )
-    return far_kernel.bind(
-        split.alpha if ewald else 0.0,
-        waves_of(space, split.waves),
-        alone,
-        background,
-        charges,
-        system.coherent_masses,
-        space,
-        special_pairs(system),
-        threads,
-    )
+    given = alone, background, charges, system.coherent_masses, space, special_pairs(system), threads
+    if split.mesh:
+        return mesh_kernel.bind(split.alpha, split.order, split.mesh, *given)
+    alpha = split.alpha if force.method == EWALD else 0.0
+    return far_kernel.bind(alpha, waves_of(space, split.waves), *given)
 
 
 def special_pairs(system: Subject) -> tuple[NDArray[np.int64], Floats]:

@@ -28,6 +28,7 @@ class Overdamped(Splitting):
     drifts act for h, and the clock goes by dt."""
 
     overdamped = True
+    free_because = "has no momenta, and the drift of its noise would need the curvature of the manifold"
 
     @property
     def declared(self) -> tuple[Option, ...]:
@@ -58,6 +59,10 @@ class Stretched:
     @property
     def stages(self) -> Floats:
         return self.row.stages * np.array([[self.stretch], [self.stretch], [1.0]])
+
+    def mirrored(self) -> Stretched:
+        """See Splitting."""
+        return replace(self, row=self.row.mirrored())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.row, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, zip_longest
 from math import fsum
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import COMPENSATED, OF_PRESSURE, SUBSTEPS, Option
-from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, group_of, letters_of, nested, rows_of
+from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, MIRROR, group_of, letters_of, nested, rows_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class Splitting(Method):
     family = "splitting"
     separable = True
     rescalable = True
+    reflects = True
 
     def __post_init__(self) -> None:
         letters = letters_of(self.name, self.word)
@@ -117,6 +118,21 @@ class Splitting(Method):
         return self.word in ("BAOAB", "BAGAB")
 
     @property
+    def free_because(self) -> str:
+        if "D" in self.letters:
+            return "draws the velocities of single particles"
+        if self.order > 2 and not self.in_steps:
+            return f"is of order {self.order} with exact drifts alone"
+        return ""
+
+    @property
+    def in_steps(self) -> bool:
+        """Whether the word is a row of leapfrog steps, kick, drift and kick, so that its order is that of the row."""
+        halves = [0.5 * weight for weight in self.drift]
+        kicks = [a + b for a, b in zip([0.0, *halves], [*halves, 0.0], strict=True)]
+        return self.letters == tuple("BA" * len(halves) + "B") and np.allclose(self.kick, kicks, rtol=0.0, atol=1e-14)
+
+    @property
     def evaluations(self) -> int:
         """Force evaluations per step, one for each group of forces; a last kick shares its force with the first kick of
         the next step."""
@@ -173,6 +189,12 @@ class Splitting(Method):
     @cached_property
     def _rows(self) -> Floats:
         return rows_of(self.letters, self.weights, self.further)
+
+    def mirrored(self) -> Any:
+        """The word with bounces off hard walls after each drift."""
+        letters = [(each, weight) for each, weight in zip(self.letters, self.weights, strict=True)]
+        both = [(made, weight) for each, weight in letters for made in (each, MIRROR)[: 1 + (each == DRIFT)]]
+        return replace(self, word=" ".join(each for each, _ in both), weights=tuple(weight for _, weight in both))
 
     def timed(self, options: Options) -> Any:
         """The rows for steps of ``options.dt``: these, where the parts of a step do not depend on its length."""

@@ -12,7 +12,8 @@ from kickdrift.forces.pairs.sorted_steps import plan_of
 from kickdrift.integrators.options import PRESSURE
 from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.splitting.baths.bath import bath_warnings
-from kickdrift.integrators.splitting.subflows import FLOWS
+from kickdrift.integrators.splitting.constraints.flows import Manifold, on_manifold
+from kickdrift.integrators.splitting.subflows import FLOWS, rows_of
 from kickdrift.integrators.stepping.loops import FRESH, splitting_loop
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import FixedStepper
@@ -80,9 +81,14 @@ class Composition(Lettered, Protocol):
     def kick_groups(self) -> NDArray[np.int64]: ...
 
     @property
+    def letters(self) -> tuple[str, ...]: ...
+
+    @property
     def name(self) -> str: ...
 
     def timed(self, options: Options) -> Any: ...
+
+    def mirrored(self) -> Any: ...
 
 
 class SplittingStepper(FixedStepper):
@@ -91,12 +97,13 @@ class SplittingStepper(FixedStepper):
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         self._method, self._options = method, options
         self.barostat: Barostat | None = None
+        self.manifold: Manifold | None = None
         word = self._word(flow, options)
-        self.warnings = bath_warnings(options.dt, options) if self._baths else []
+        self._warned = bath_warnings(options.dt, options) if self._baths else []
         if self.barostat:
-            self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
+            self._warned = [*self._warned, *pressure_warnings(options.dt, options, flow.subject)]
         if groups := word.groups:
-            self.warnings += [
+            self._warned += [
                 f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
                 for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
             ]
@@ -106,16 +113,41 @@ class SplittingStepper(FixedStepper):
         )  # fmt: skip
         self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
 
+    @property
+    def warnings(self) -> list[str]:
+        """One line for each doubtful choice, and for what the run has shown of it."""
+        return [*self._warned, *(self.barostat.warnings if self.barostat else [])]
+
+    @warnings.setter
+    def warnings(self, lines: list[str]) -> None:
+        self._warned = lines
+
     def _word(self, flow: Flow, options: Options) -> Word:
         """Bind the further flows and the barostat with these options."""
-        method, rows = self._method, [FLOWS[letter] for letter in self._method.further]
-        acting, _, which = method.further_stages
+        walled, held = _walled(flow), getattr(flow.subject, "constraints", None) is not None
+        if walled and held:
+            raise InputError(
+                "reflecting-wall: mirrors single particles, and constraints hold whole molecules; take a soft wall, "
+                "such as harmonic-wall"
+            )
+        method = self._method.mirrored() if walled else self._method
+        rows = [FLOWS[letter] for letter in method.further]
+        stages, further_stages, kick_groups = method.stages, method.further_stages, method.kick_groups
+        if held:
+            letters, weights = on_manifold(method.letters, method.weights)
+            own = rows_of(letters, weights, method.further + "".join(Manifold.letters))
+            stages, further_stages, kick_groups = own[:3].copy(), own[3:6].copy(), own[6].astype(np.int64)
+        acting, _, which = further_stages
         self._bound = [
             row.bind(flow, options, np.where(which == k, acting, 0.0)).ready() for k, row in enumerate(rows) if row.bind
         ]
         self._baths = [bound for bound, row in zip(self._bound, rows, strict=True) if row.bath]
         table = [(bound.address, bound.work, row.moves) for bound, row in zip(self._bound, rows, strict=True)]
-        stages, further_stages, pressed = method.stages, method.further_stages, None
+        pressed = None
+        if held:
+            heat = self._baths[0].parts.bath.heat if self._baths else np.zeros(1)
+            self.manifold = Manifold(flow, options, heat)
+            table += [(bound.address, bound.work, False) for bound in self.manifold.flows]
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
             stages, further_stages = self.barostat.stages(method)
@@ -124,7 +156,7 @@ class SplittingStepper(FixedStepper):
         elif self._baths:
             check_unpressed(options)
         further = Further(further_stages, np.array(table, np.int64)) if table else None
-        groups = Groups(_forces_in(method, flow), method.kick_groups) if method.groups else None
+        groups = Groups(_forces_in(method, flow), kick_groups) if method.groups else None
         alone = flow.forces.takes_steps and not (further or groups or pressed or options.compensated)
         plan = plan_of(stages) if alone else np.zeros(0)
         if alone:
@@ -147,8 +179,8 @@ class SplittingStepper(FixedStepper):
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""
         status = super().advance(steps, until)
-        if status == STOPPED and self.barostat:
-            self.trouble = self.barostat.trouble
+        if status == STOPPED:
+            self.trouble = (self.manifold and self.manifold.trouble) or (self.barostat and self.barostat.trouble) or ""
         return status
 
     def heat_to(self, temperature: float) -> None:
@@ -209,6 +241,11 @@ class SplittingStepper(FixedStepper):
     @property
     def fresh(self) -> bool:  # type: ignore[override]
         return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _walled(flow: Flow) -> bool:
+    """Whether the flow's System has hard walls."""
+    return isinstance(flow.subject, System) and bool(flow.subject.acting("reflects"))
 
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:

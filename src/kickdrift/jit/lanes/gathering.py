@@ -240,3 +240,41 @@ def _rounding(name: str) -> Any:
 
 lane_floor = _rounding("floor")  # largest whole number not above each lane
 lane_round = _rounding("rint")  # nearest whole number to each lane, ties to even
+
+
+@intrinsic
+def picked(typingctx, array, offset, places, at):
+    """Lanes of the numbers at ``offset`` plus each of the eight ``places`` from ``at`` on."""
+
+    def codegen(context, builder, sig, args):
+        made = ir.Constant(F64X8, ir.Undefined)
+        for lane, pointer in enumerate(_places(context, builder, sig, args)):
+            made = builder.insert_element(made, builder.load(pointer), I32(lane))
+        return made
+
+    return (lanes_type(array, types.intp, places, types.intp), codegen) if _plain(array) else None
+
+
+@intrinsic
+def add_picked(typingctx, array, offset, places, at, lanes):
+    """Add each lane to the number at ``offset`` plus its place, one after another; see `picked`."""
+
+    def codegen(context, builder, sig, args):
+        for lane, pointer in enumerate(_places(context, builder, sig, args)):
+            more = builder.extract_element(args[4], I32(lane))
+            builder.store(builder.fadd(builder.load(pointer), more), pointer)
+        return context.get_dummy_value()
+
+    known = _plain(array) and lanes == lanes_type
+    return (types.void(array, types.intp, places, types.intp, lanes), codegen) if known else None
+
+
+def _places(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> list[Any]:
+    """Pointers to the numbers of an array at ``offset`` plus eight adjacent whole numbers."""
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    numbers = context.make_array(sig.args[2])(context, builder, args[2]).data
+    made = []
+    for lane in range(WIDTH):
+        place = builder.load(builder.gep(numbers, [builder.add(args[3], args[3].type(lane))]))
+        made.append(builder.gep(data, [builder.add(args[1], place)]))
+    return made

@@ -231,6 +231,10 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         changes = getattr(event, "action", "") in ("merge", "remove", "fragment", "rule")
         if changes and system.charges is not None:
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on charged particles")  # type: ignore[union-attr]
+        if system.constraints is not None:
+            raise InputError(
+                f"{event.kind}: events search the motion of free particles, and {system.name!r} has constraints"
+            )
         if changes and joins:
             names = ", ".join(dict.fromkeys(joins))
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on bodies joined by {names}")  # type: ignore[union-attr]

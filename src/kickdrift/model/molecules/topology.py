@@ -254,13 +254,17 @@ def counts_text(counts: Mapping[str, int]) -> str:
 
 
 def _items(key: str, values: Any, size: int = 0) -> Ids:
-    """Checked rows of particles: whole numbers, no particle twice in a row, no row twice in either direction."""
-    size = size or SIZES[key]
+    return items_of(f"topology: {key}", values, size or SIZES[key])
+
+
+def items_of(key: str, values: Any, size: int) -> Ids:
+    """Checked rows of ``size`` particles: whole numbers, no particle twice in a row, no row twice in either
+    direction. Messages begin with ``key``."""
     if isinstance(values, bool) and not values:
         values = ()
     if isinstance(values, bool | Mapping | str):
-        raise InputError(f"topology: {key}: expected a list, got {shown(values)}")
-    given = values if isinstance(values, np.ndarray) else listed(f"topology: {key}", values, "a list")
+        raise InputError(f"{key}: expected a list, got {shown(values)}")
+    given = values if isinstance(values, np.ndarray) else listed(key, values, "a list")
     try:
         found = np.array(given)
     except ValueError:
@@ -271,22 +275,24 @@ def _items(key: str, values: Any, size: int = 0) -> Ids:
         for k, row in enumerate(given):
             whole = isinstance(row, Sequence | np.ndarray) and len(row) == size
             if not (whole and all(isinstance(i, int | np.integer) and not isinstance(i, bool) and i >= 0 for i in row)):
-                raise InputError(f"topology: {key}[{k}]: expected the numbers of {size} particles, got {shown(row)}")
-        raise InputError(f"topology: {key}: expected lists of {size} particles, got {shown(values)}")
+                raise InputError(f"{key}[{k}]: expected the numbers of {size} particles, got {shown(row)}")
+        raise InputError(f"{key}: expected lists of {size} particles, got {shown(values)}")
     found = found.astype(np.int64)
     ordered = np.sort(found, axis=1)
     same = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
     if same.size:
         row = found[same[0]].tolist()
         words = "joins a particle to itself" if size == 2 else "names a particle twice"
-        raise InputError(f"topology: {key}[{same[0]}] = {row} {words}")
+        raise InputError(f"{key}[{same[0]}] = {row} {words}")
     forward = np.where((found[:, :1] < found[:, -1:]), found, found[:, ::-1])
     _, first, inverse = np.unique(forward, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(len(found)))
     if again.size:
         k = int(again[0])
         before = first[inverse.reshape(-1)[k]]
-        raise InputError(f"topology: {key}[{k}] = {found[k].tolist()} is given twice, first as {key}[{before}]")
+        raise InputError(
+            f"{key}[{k}] = {found[k].tolist()} is given twice, first as {key.rpartition(' ')[2]}[{before}]"
+        )
     return _read_only(found)
 
 

@@ -147,7 +147,20 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
     if temperature is None or seed is None:
         raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
     value = quantity(temperature, "temperature", system.units, "temperature")
-    return maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
+    drawn = maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
+    return drawn if system.constraints is None else _tangent(system, drawn, value)
+
+
+def _tangent(system: Subject, drawn: Floats, temperature: float) -> Floats:
+    """Drawn velocities (n, 3) as they are under constraints, at the exact temperature."""
+    held, masses = system.constraints, system.coherent_masses
+    assert held is not None
+    _, v, _ = held.projected(masses, system.state.phase[0], drawn.T)
+    freedom = system.dimensions * (np.count_nonzero(masses) - 1) - len(held)
+    twice = float(masses @ (v * v).sum(axis=0))
+    if not freedom:
+        raise InputError("temperature: the constraints leave no motion besides that of the centre of mass")
+    return np.asarray(v.T * math.sqrt(freedom * system.units.boltzmann * temperature / twice) if twice else v.T)
 
 
 class Structure(NamedTuple):

@@ -38,6 +38,13 @@ EXAMPLES = {
     "charge": "1 e",
 }
 
+# Units that a unit system has and people rarely think in, with their size in a familiar unit.
+FAMILIAR = {
+    "eV/angstrom^3": (constants.ELEMENTARY_CHARGE * 1e25, "bar"),
+    "angstrom^2/ps": (1e-4, "cm^2/s"),
+    "m^2/s": (1e4, "cm^2/s"),
+}
+
 _COMMON = (
     "angstrom nm pm um mm cm m km AU pc fs ps ns us ms s min hour day yr u amu Da g kg Msun "
     "eV meV keV J kJ cal kcal mol K mK bar atm Pa GPa hartree rydberg"

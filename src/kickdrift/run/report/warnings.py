@@ -170,7 +170,7 @@ def ends_badly(system: Any, state: Any) -> list[str]:
 
 def _pairs_left_out(force: PairForce, system: System) -> str:
     """Return a warning of a force that names pairs of species, and has its default parameters for all others."""
-    if not force.pairs or force.species or force.law != type(force).Parameters():
+    if not force.pairs or force.species or force.law._asdict() != force.Parameters._field_defaults:
         return ""
     names = system.species
     rest = [f"{a}-{b}" for a, b in combinations_with_replacement(names, 2) if not {(a, b), (b, a)} & set(force.pairs)]

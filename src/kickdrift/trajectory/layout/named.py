@@ -63,6 +63,7 @@ class Record(Known):
     radii: list[FiniteFloat] | None = None
     dimensions: int = 3
     topology: dict[str, Any] | None = None
+    constraints: list[dict[str, Any]] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)

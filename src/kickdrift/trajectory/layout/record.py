@@ -13,10 +13,12 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import home
+from kickdrift.forces.external.calculator import OBJECT
 from kickdrift.forces.seam.named import path_of
 from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
+from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
@@ -66,6 +68,7 @@ def record_of(system: System) -> dict[str, Any]:
         "box": recorded(system.box),
         **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
+        **({"constraints": system.constraints.tables()} if system.constraints is not None else {}),  # likewise
         **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
         "names": system.names,
@@ -156,6 +159,7 @@ def system_of(
             record.dimensions,
             None if record.topology is None else Topology(**record.topology),
             None if run.charges is None else run.charges[:n],
+            [Constraint(**given) for given in record.constraints],
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
@@ -188,6 +192,9 @@ def differences(system: System, run: RunFile) -> list[str]:
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # keys that do not change what the forces do
     for record in (here, there):
         record["forces"] = [_compared(force) for force in record["forces"]]
+    for one, other in zip(here["forces"], there["forces"], strict=False):
+        if (other["parameters"] or {}).get("arguments") == OBJECT:  # files of version 0.2.0 say no more
+            one["parameters"]["arguments"] = OBJECT
     found = [key for key in here if key not in skipped and here[key] != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {

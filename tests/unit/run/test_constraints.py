@@ -1,0 +1,126 @@
+"""Runs with constraints: pressure, temperatures, reports, files and refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+from kickdrift.looks.molecules import Molecules
+
+
+def triangles(scale: float = 1.0) -> kd.System:
+    """Rigid Lennard-Jones triangles of unequal masses in a box, with all centres and the box scaled."""
+    rng, n = np.random.default_rng(4), 27
+    shape = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.1, 0.5, 0.0]])
+    masses = np.array([3.0, 1.0, 0.5])
+    shape = shape - masses @ shape / masses.sum()
+    centres = (np.indices((3, 3, 3)).reshape(3, -1).T + rng.uniform(-0.1, 0.1, (n, 3))) * 1.7
+    turned = [shape @ np.linalg.qr(rng.normal(size=(3, 3)))[0].T for _ in range(n)]
+    x = (scale * centres[:, None, :] + np.array(turned)).reshape(-1, 3)
+    first = 3 * np.arange(n)
+    pairs = np.concatenate([np.column_stack([first + a, first + b]) for a, b in ((0, 1), (0, 2), (1, 2))])
+    topology = kd.Topology(exclusions=pairs)
+    system = kd.System(
+        x, None, np.tile(masses, n), [5.1 * scale] * 3, [kd.LennardJones(cutoff=2.2, truncation="force-shift")],
+        topology=topology, constraints=[kd.Constraint(pairs=pairs)],
+    )  # fmt: skip
+    return system.with_velocities(temperature=1.5, seed=3)
+
+
+def test_the_pressure_is_that_of_the_centres():
+    """Potential energy against the volume, with molecules that keep their shape, and the motion of the centres."""
+    system, h = triangles(), 1e-5
+    sample = kd.Simulation(system, dt=0.001).run(0)
+    low, high = (kd.Simulation(triangles(1.0 + side), dt=0.001).energy().potential for side in (-h, h))
+    volume = system.volume
+    slope = (high - low) / (volume * ((1 + h) ** 3 - (1 - h) ** 3))
+    masses, v = system.coherent_masses.reshape(-1, 3), system.state.velocities.reshape(-1, 3, 3)
+    centres = np.einsum("na,nac->nc", masses, v) / masses.sum(axis=1, keepdims=True)
+    twice = float((masses.sum(axis=1) * (centres**2).sum(axis=1)).sum())
+    assert sample.pressure == pytest.approx(twice / (3 * volume) - slope, rel=1e-7)
+
+
+def test_the_pressure_of_the_centres_is_that_of_the_particles_with_their_constraint_forces():
+    """For rigid molecules both are the same at each moment: the forces of constraints from Lagrange's multipliers."""
+    system = triangles()
+    sim = kd.Simulation(system, dt=0.001)
+    pressure = sim.run(0).pressure
+    held, masses, (x, v) = system.constraints, system.coherent_masses, system.state.phase
+    a = sim.integration.flow.accelerations(system.state.phase, 0.0)
+    slopes = held.gradients(x).toarray()
+    i, j = held.pairs.T
+    fast = ((v[:, i] - v[:, j]) ** 2).sum(axis=0)
+    matrix = (slopes / np.tile(masses, 3)) @ slopes.T
+    push = np.linalg.solve(matrix, -slopes @ a.ravel() - fast)
+    free = kd.Simulation(system.remade(constraints=None), dt=0.001).run(0).pressure
+    assert pressure == pytest.approx(free + float(push @ held.lengths**2) / (3 * system.volume), rel=1e-10)
+
+
+def test_start_velocities_have_the_temperature():
+    system = triangles()
+    assert kd.Simulation(system, dt=0.001).run(0).temperature == pytest.approx(1.5, rel=1e-12)
+    assert system.degrees_of_freedom == 6 * 27 - 3
+
+
+def test_a_report_has_the_temperatures_of_the_motions_of_molecules():
+    """Drawn velocities have one temperature; a molecule's parts add up to its kinetic energy."""
+    system = triangles()
+    sim = kd.Simulation(system, "baoab", dt=0.005, temperature=1.5, friction=2.0)
+    report = sim.run(1000, every=10)
+    found = report.molecules
+    assert found.constraints == 81
+    assert found.error < 1e-13
+    assert (found.moved, found.lost) == (0.0, 0.0)
+    assert set(found.temperatures) == {"translation", "rotation"}
+    samples = sim.record.samples
+    for sample in (samples[3], samples[-1]):
+        parts = 81 * sample.columns["translation_temperature"] + 81 * sample.columns["rotation_temperature"]
+        assert parts == pytest.approx(2.0 * sample.energies.kinetic, rel=1e-12)
+    assert "rigid distances" in str(report)
+    for kind, mean in found.temperatures.items():
+        assert abs(mean - 1.5) < 5.0 * (found.errors[kind] or 0.1)
+
+
+def test_a_flexible_part_vibrates():
+    """A chain of three with rigid bonds has one vibration besides three translations and three rotations."""
+    x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.5, 0.8, 0.0]]
+    x = np.concatenate([np.array(x) + 6.0 * k * np.eye(3)[0] for k in range(3)])
+    pairs = [(3 * k + a, 3 * k + a + 1) for k in range(3) for a in range(2)]
+    system = kd.System(x, None, box=[18.0] * 3, constraints=[kd.Constraint(pairs=pairs)])
+    assert system.degrees_of_freedom == 18
+    assert Molecules(system).freedoms == (6, 9, 3)
+
+
+def test_a_file_keeps_the_constraints_and_a_resumed_run_the_bits(tmp_path):
+    system, path = triangles(), tmp_path / "run.h5md"
+    whole = kd.Simulation(system, dt=0.002)
+    whole.run(20)
+    kd.Simulation(system, dt=0.002).run(10, every=5, output=path)
+    with kd.open(path) as run:
+        read = run.system()
+    np.testing.assert_array_equal(read.constraints.pairs, system.constraints.pairs)
+    np.testing.assert_array_equal(read.constraints.lengths, system.constraints.lengths)
+    np.testing.assert_array_equal(read.state.phase, system.state.phase)
+    later = kd.resume(path)
+    later.run(10)
+    np.testing.assert_array_equal(later.state.phase, whole.state.phase)
+
+
+def test_a_state_from_elsewhere_is_projected():
+    system = triangles()
+    sim = kd.Simulation(system, dt=0.002)
+    rng = np.random.default_rng(6)
+    other = system.at(system.state.phase + rng.normal(size=system.state.phase.shape) * 1e-3, 0.0).state
+    sim.state = other
+    assert np.abs(system.constraints.errors(sim.state.phase[0])).max() < 1e-14
+    assert np.abs(system.constraints.rates(*sim.state.phase)).max() < 1e-13
+
+
+def test_events_and_other_programs_refuse_constraints():
+    system = triangles()
+    with pytest.raises(InputError, match="constraints: only a native run keeps them"):
+        kd.Simulation(system, "velocity-verlet", dt=0.001, engine="ase")
+    with pytest.raises(InputError, match="events search the motion of free particles"):
+        system.remade(box=None).watched([kd.CloseApproach(0.1)])
