@@ -20,8 +20,8 @@ PAIRS = 10_000_000  # distances that a search computes at most
 def coreless_pair(force: Coulomb, system: Subject) -> tuple[int, int] | None:
     """Rows of two near particles with opposite charges and nothing that keeps them apart; None without such a pair.
 
-    Particles with bonds or exclusions count as kept apart by the core of another site, as the hydrogen of water is.
-    Forces other than pair forces may be a core, and then no pair is named."""
+    Particles with bonds, constraints or exclusions count as kept apart by the core of another site, as the hydrogen of
+    water is. Forces other than pair forces may be a core, and then no pair is named."""
     beside = [each for each in system.forces if not isinstance(each, BondedForce | Coulomb)]
     if not all(isinstance(each, PairForce) for each in beside):
         return None
@@ -30,6 +30,8 @@ def coreless_pair(force: Coulomb, system: Subject) -> tuple[int, int] | None:
     if system.topology is not None:
         free[system.topology.bonds.ravel()] = False
         free[system.topology.scaled.pairs.ravel()] = False
+    if system.constraints is not None:
+        free[system.constraints.pairs.ravel()] = False
     n = len(x)
     volume = system.volume if np.isfinite(system.volume) else float(np.prod(np.ptp(x, axis=0) + 1.0))
     r = CLOSE * (volume / n) ** (1.0 / 3.0)
