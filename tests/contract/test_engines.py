@@ -16,7 +16,6 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.compare.stiffness import stiffness
-from kickdrift.cli import main as cli
 from kickdrift.engines import ENGINES, tables
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
