@@ -96,6 +96,7 @@ class Pressed(NamedTuple):
     # number of the step after the last action, plus 1
     sums: Floats  # (3,) potential energy, virial and pairs at the last evaluation with sums
     kept: Floats  # (3, n) accelerations before a proposal
+    felt: Any = None  # (3, n) accelerations of the last evaluation with sums, where the barostat needs them
 
 
 def evaluate(barostat: Any, bound: Any, t: float, x: Any, v: Any, work: Any, done: int, cursor: Any) -> int:
@@ -120,12 +121,25 @@ def _evaluate(barostat, bound, t, x, v, work, done, cursor):
     return each
 
 
+def keep_felt(felt: Any, work: Any) -> None:
+    """felt <- accelerations, for a barostat that needs them."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(keep_felt)
+def _keep_felt(felt, work):
+    if isinstance(felt, types.NoneType):
+        return lambda felt, work: None
+    return lambda felt, work: copy_rows(work, felt)
+
+
 @jit
 def fill_with_sums(barostat, bound, t, x, v, work, cursor):
     """work and the barostat's sums <- those at x; return a status."""
     for k in range(barostat.sums.size):
         barostat.sums[k] = 0.0
     status = fill_accelerations(bound, t, x, v, work, barostat.sums, cursor)
+    keep_felt(barostat.felt, work)
     barostat.place[SUMMED] = int(status == OK)
     return status
 
