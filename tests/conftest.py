@@ -16,6 +16,8 @@ from tests.folders import TOP
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other are many times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Child processes load the package's bytecode. Compiling it from source is a third of the start of each.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # numba colours each of the many errors that it meets while it tries functions, a tenth of the compilation time.
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 

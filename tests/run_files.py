@@ -15,10 +15,11 @@ from kickdrift.trajectory.write.h5md import Writer
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005}
 EVERY, FRAMES, N = 20, 5, 12
-ANGSTROM = {"si": 1e10}  # angstroms per unit of length; 1 in all other units
-PS = {"si": 1e12}
+ANGSTROM = {"si": 1e10, "gromacs": 10.0}  # angstroms per unit of length; 1 in all other units
+PS = {"si": 1e12, "real": 1e-3}
 ATOMIC = {"si": 1 / constants.atomic_mass}
-UNITS = ("lj", "nbody", "astro", "metal", "si")
+UNITS = ("lj", "nbody", "astro", "metal", "real", "gromacs", "si")
+REAL = UNITS[3:]  # with atoms
 
 
 def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
@@ -32,7 +33,7 @@ def make_system(units: str, n: int = N, spread: float = 20.0) -> System:
         masses=(np.arange(n) % 3 + 1.0) * 20 / ATOMIC.get(units, 1.0),
         box=None if stars else np.array([15.0, 16.0, 17.5]) * length,
         units=units,
-        species=["Ar", "Kr", "Ar"] * (n // 3) if units in ("metal", "si") else ["A", "Bb", "A"] * (n // 3),
+        species=["Ar", "Kr", "Ar"] * (n // 3) if units in REAL else ["A", "Bb", "A"] * (n // 3),
         names=[f"body {k}" for k in range(n)] if stars else (),
     )
 

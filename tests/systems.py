@@ -37,11 +37,12 @@ NOT_TAKEN = {"mtk": "compressibility", "monte-carlo": "pressure_tau"}  # by baro
 
 def pressed(given):
     """What options of a barostat need beside them; nothing for other options."""
-    own = {*PRESSED, "barostat", "coupling", "pressure_every"}
+    own = {*PRESSED, "barostat", "coupling", "pressure_every", "stress"}
     if not any(value is not None for key, value in given.items() if key in own):
         return {}
     left_out = {*given, NOT_TAKEN.get(given.get("barostat"))}
-    return {key: value for key, value in PRESSED.items() if key not in left_out}
+    full = {} if given.get("stress") is None else {"coupling": "full"}
+    return full | {key: value for key, value in PRESSED.items() if key not in left_out}
 
 
 def tried_with(name, key):

@@ -38,10 +38,13 @@ PYTHON = [
     ("kd.System(X, masses=[1, 2, 3])", "masses: expected one number or 2, got shape (3,)"),
     ("kd.System(X, masses=-1)", "masses: particle 0 has mass -1.0; expected a finite number, zero or more"),
     ("kd.System([[math.nan, 0, 0], [1, 0, 0]])", "positions: particle 0 has nan in x; expected finite numbers"),
-    ('kd.System(X, units="LJ")', "units: expected one of lj, metal, si, astro, nbody, got 'LJ'; did you mean 'lj'?"),
     (
-        'kd.System(X, units="real")',
-        "units: expected one of lj, metal, si, astro, nbody, got 'real'; real is not there; 'metal' takes quantities with units, such as \"0.24 kcal/mol\" and \"2 fs\"",
+        'kd.System(X, units="LJ")',
+        "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'LJ'; did you mean 'lj'?",
+    ),
+    (
+        'kd.System(X, units="akma")',
+        "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
     ),
     (
         "kd.System(X, forces=[lambda x: -x])",
@@ -102,7 +105,11 @@ PYTHON = [
         'kd.Simulation(L, "nvt")',
         "integrator 'nvt' is unknown; methods of constant temperature are baoab, csvr and nose-hoover",
     ),
-    ("kd.Simulation(kd.System(X, forces=[kd.LennardJones()]))", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL, 'pefrl')", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).run(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).advance(10)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).steps_to(until=1.0)", "dt is needed: system 'system' has no dt in [run]"),
+    ("kd.Simulation(STILL).equilibrate(1.0, steps=10)", "dt is needed: system 'system' has no dt in [run]"),
     ('kd.Simulation(L, dt="fast")', "dt must be a positive finite time, got 'fast'"),
     ("kd.Simulation(L, dt=0)", "dt must be a positive finite time, got 0"),
     (
@@ -173,6 +180,8 @@ COMMANDS = [
     ),
     ("run lj-1000 --steps ten", "kickdrift: --steps: 'ten' is not a whole number, 0 or more…"),
     ("run lj-1000 --steps -1", "kickdrift: --steps: '-1' is not a whole number, 0 or more…"),
+    ("bench lammps --seconds inf", "kickdrift: --seconds: 'inf' is no number of seconds, 0.001 or more…"),
+    ("bench speed --seconds nan", "kickdrift: --seconds: 'nan' is no number of seconds, 0.001 or more…"),
     ("run lj-1000 --steps 10 --time 1", "kickdrift: give --steps or --time, not both"),
     (
         "run lj-1000 --step 10",
@@ -224,8 +233,8 @@ FILES = [
     ('units = "lj"', 'unit = "lj"', "system: unit: unknown key; did you mean 'units'?…"),
     (
         'units = "lj"',
-        'units = "real"',
-        "system: units: expected one of lj, metal, si, astro, nbody, got 'real'; real is not there; 'metal' takes quantities with units, such as \"0.24 kcal/mol\" and \"2 fs\"",
+        'units = "akma"',
+        "system: units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
     ),
     ('units = "lj"', 'seed = 3\nunits = "lj"', "system: seed: unknown key; did you mean velocities.seed?…"),
     ("lengths", "length", "system: box.length: unknown key; did you mean 'lengths'?…"),

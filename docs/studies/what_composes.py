@@ -30,10 +30,12 @@ from kickdrift_validation.docs_tables import deliver, outputs, table
 from kickdrift_validation.example_forces import charges, crystal, example, topology
 
 BEGIN, END = "<!-- what_composes.py writes from here -->", "<!-- what_composes.py: to here -->"
-BOXES = ("open", "periodic", "leaning", "plane")
+BOXES = ("open", "slab", "periodic", "leaning", "plane")
 YES = "yes"
 REASONS = {  # words by the text of a refusal
     r"needs open space|open space, but": "has no periodic images",
+    r"a wall needs an open side": "the box has no open side",
+    r"integrates a force, and": "a bounce is no force",
     r"frame is periodic along y": "the frame shears across x",
     r"semi-isotropic needs three dimensions": "a plane has two edges",
     r"in three dimensions|needs three dimensions": "three dimensions alone",
@@ -70,7 +72,7 @@ def forces() -> list[str]:
 
 def system_of(name: str, box: str) -> kd.System:
     """Some particles under one force of this name in a box. Raises InputError if the force does not take the box."""
-    flat = {"amplitude": (0.3, 0.1, 0.0)} if name == "driven-field" and box == "plane" else {}
+    flat = {"amplitude": (0.3, 0.1, 0.0), "normal": (1.0, 0.0, 0.0)} if box == "plane" else {}
     force = example(FORCES[name], cutoff=1.5, G=1e-4, **flat)
     species, units, masses = ["A"], "nbody", np.where(np.arange(64) == 0, 1000.0, 1.0)
     x, edges = lattice("sc", 64, 0.9)
@@ -91,8 +93,9 @@ def system_of(name: str, box: str) -> kd.System:
     v = rng.normal(0.0, 1.0 / np.sqrt(masses)[:, None], x.shape)
     v -= masses @ v / masses.sum()
     lists = topology(force)
+    edges_of = {"open": None, "slab": kd.Box(matrix=matrix, periodic=(True, True, False))}
     made = kd.System(
-        x, v, masses, None if box == "open" else matrix, [force], units, species=species * len(x), topology=lists,
+        x, v, masses, edges_of.get(box, matrix), [force], units, species=species * len(x), topology=lists,
         dimensions=2 if box == "plane" else 3, charges=charges(force, len(x)),
     )  # fmt: skip
     if box == "plane" and lists is not None:  # whether bonds push particles out of it
@@ -151,7 +154,7 @@ def columns() -> dict[str, dict[str, Callable[[kd.System], Any]]]:
         "Forces and constant pressure": {
             "c-rescale, isotropic": made("csvr", **SOFT),
             "c-rescale, per-axis": made("csvr", **SOFT, coupling="per-axis"),
-            "mtk, semi-isotropic": made("nose-hoover", **PRESSED, barostat="mtk", coupling="semi-isotropic"),
+            "mtk, full": made("nose-hoover", **PRESSED, barostat="mtk", coupling="full"),
             "monte-carlo, isotropic": made(
                 "csvr", **{key: value for key, value in SOFT.items() if key != "pressure_tau"}, barostat="monte-carlo"
             ),

@@ -52,6 +52,8 @@ def shown(value: object) -> str:
     except (RecursionError, ValueError):  # nested without end, or with more digits than Python writes
         text = f"a {type(value).__name__} too large to show"
     text = " ".join(text.split())
+    if len(text) > VALUE and "/" in text[-VALUE:] and isinstance(value, str):  # a path, which ends in the file's name
+        return f"{text[0]}...{text[4 - VALUE :]}"
     return _cut(text, VALUE)
 
 

@@ -57,6 +57,8 @@ def value_of(option: Option) -> Any:
         return DOUBLE
     if option.choices:
         return next((choice for choice in reversed(option.choices) if choice != option.default), option.default)
+    if option.count > 1:
+        return tuple(0.25 * k for k in range(option.count))
     if option.type is bool:
         return not option.default
     return (option.default or 3) - 1 if option.type is int else 0.5 * (option.default or 0.5)
@@ -71,7 +73,8 @@ def wrong_value_of(option: Option) -> Any:
 
 
 def toml(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
+    plain = list(value) if isinstance(value, tuple) else value
+    return str(value).lower() if isinstance(value, bool) else repr(plain).replace("'", '"')
 
 
 def from_file(name: str, line: str) -> kd.System:
@@ -82,7 +85,7 @@ def from_file(name: str, line: str) -> kd.System:
 
 YOUNGER = (  # than 0.1.0
     "temperature", "friction", "seed", "noise", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
-    "pressure_every", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
+    "pressure_every", "stress", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
     "kernel",
 )  # fmt: skip
 

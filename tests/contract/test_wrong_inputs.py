@@ -41,8 +41,9 @@ def names():
         [[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]], masses=[1, 1e-3], names=["Sun", "a"], forces=[kd.Gravity()],
         units="nbody",
     )  # fmt: skip
+    still = kd.System(X, forces=[kd.LennardJones()])
     laws = {"EnergyAlone": EnergyAlone, "WrongSlope": WrongSlope}
-    yield {"kd": kd, "math": math, "X": X, "L": kd.load("lj-1000"), "B": bodies, **laws}
+    yield {"kd": kd, "math": math, "X": X, "L": kd.load("lj-1000"), "B": bodies, "STILL": still, **laws}
     for name in ("energy-alone", "wrong-slope"):
         FORCES.pop(name, None)
 

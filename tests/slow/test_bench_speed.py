@@ -237,6 +237,23 @@ def test_lammps_own_benchmarks_begin_with_equal_energies(name):
     assert found.style in published.STYLES
 
 
+def test_a_second_lammps_that_fails_closes_the_first(monkeypatch):
+    closed = []
+
+    class Opened:
+        def __init__(self, benchmark, style, multiples):
+            if style:
+                raise RuntimeError("no such style")
+
+        def close(self):
+            closed.append(self)
+
+    monkeypatch.setattr(published, "Lammps", Opened)
+    with pytest.raises(RuntimeError, match="no such style"):
+        published.measure("lj")
+    assert len(closed) == 1
+
+
 @pytest.mark.parametrize(
     ("name", "multiples", "wanted"),
     [

@@ -39,6 +39,9 @@ OPEN: dict[str, Callable[[], Any]] = {  # forces of open space that example_forc
     "central-potential": lambda: kd.CentralPotential(-0.3, -1.5),
     "springs": lambda: kd.Springs([(0, 1), (1, 2), (5, 9)], stiffness=3.0, length=0.7),
     "harmonic-trap": lambda: kd.HarmonicTrap((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)),
+    "restraint": lambda: kd.Restraint((1.0, 2.0, 3.0), [2, 0], [(0.1, 0.2, 0.3), (1.0, -0.5, 0.0)]),
+    "harmonic-wall": lambda: kd.HarmonicWall(3.0, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), reach=20.0),
+    "lennard-jones-wall": lambda: kd.LennardJonesWall((1.0, 2.0, 3.0), 20.0, (-1.0, -1.0, -1.0)),
     "uniform-field": lambda: kd.UniformField((0.1, -0.2, 0.3)),
     "driven-field": lambda: kd.DrivenField((0.1, -0.2, 0.3), 0.7, 0.4),
 }
@@ -58,6 +61,7 @@ NOT_GRADIENTS = dict.fromkeys(
     PLANETARY,
 ) | {
     "linear-drag": "depends on velocity and has no energy",
+    "reflecting-wall": "mirrors particles, and has no energy: tests/unit/integrators/test_mirrors.py",
     "hill": "depends on velocity: kickdrift_validation.shearing_sheet",
     "ase": "its calculator is ASE's: kickdrift_validation.calculators",
     "eam": "the curvature of its tables jumps, which differences of h^6 do not bear: kickdrift_validation.many_body",

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from kickdrift.cli.console import out, print_table, progress_bar, say
-from kickdrift.cli.options import Json, Overwrite, Quiet, Threads, argument, option, whole
+from kickdrift.cli.options import Json, Overwrite, Quiet, Threads, argument, option, turn_seconds, whole
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator as method_named
@@ -76,7 +76,7 @@ def bench_speed(
         list[str] | None, option("GROUP", "Group to run; repeat for several (default: the usual groups). See --list.")
     ] = None,
     turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
-    seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 0.4,
+    seconds: Annotated[float, option("X", "Seconds per turn.", parser=turn_seconds)] = 0.4,
     listing: Annotated[bool, typer.Option("--list", help="List the groups and run none.")] = False,
     json_file: Json = None,
     overwrite: Overwrite = False,
@@ -112,7 +112,7 @@ def bench_lammps(
         typer.Option("--multiples", metavar="X Y Z", help="Box of 32,000 atoms times these, along each axis."),
     ] = (1.0, 1.0, 1.0),
     turns: Annotated[int, option("N", "Turns per program; the median is reported.", min=2)] = 7,
-    seconds: Annotated[float, option("X", "Seconds per turn.", min=0.001)] = 1.0,
+    seconds: Annotated[float, option("X", "Seconds per turn.", parser=turn_seconds)] = 1.0,
     json_file: Json = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

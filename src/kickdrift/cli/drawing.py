@@ -42,7 +42,9 @@ def plot(
             "A run's .h5md; a .h5, .csv or .parquet of an ODE or an ensemble; or an ODE's system file or name.",
         ),
     ] = None,
-    output: Annotated[Path | None, option("FILE.png", "Default: FILE.png beside the file, or stability.png.")] = None,
+    output: Annotated[
+        Path | None, option("FILE.png", "Also .pdf or .svg. Default: FILE.png beside the file, or stability.png.")
+    ] = None,
     kind: Annotated[
         Figures | None, option("NAME", f"{', '.join(Figures)} (default: orbits under gravity, else energies).")
     ] = None,

@@ -42,6 +42,17 @@ def whole(least: int) -> Callable[[str], int]:
     return read
 
 
+def turn_seconds(text: str) -> float:
+    """Read the seconds of a turn: 0.001 or more, and finite."""
+    try:
+        found = float(text)
+    except ValueError:
+        found = math.nan
+    if not 0.001 <= found < math.inf:
+        raise typer.BadParameter(f"{shown(text)} is no number of seconds, 0.001 or more.")
+    return found
+
+
 def amount(expected: str) -> Callable[[str], Any]:
     """Return the reader of a number in the system's unit, or of a text with a unit. ``expected`` gives examples."""
 
@@ -224,7 +235,7 @@ def _flag(one: Option) -> Any:
     help_ = f"{one.help[:-1]}{f': {one.known}' if one.choices else ''}{whose}."
     if one.type is bool:
         return Annotated[bool | None, typer.Option(f"--{one.name}", help=help_)]
-    several = "; X,X,… one for each unknown." if one.several else ""
+    several = "; X,X,… one for each unknown." if one.several else f"; {one.count} with commas." if one.count > 1 else ""
     return Annotated[str | None, option(_METAVARS[one.type], help_[:-1] + several if several else help_)]
 
 

@@ -63,7 +63,7 @@ def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
         if one in given and other not in given:
             said.pop(other, None)
     made = copy(chosen)
-    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units))
+    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units, chosen.run))
     return made
 
 
@@ -168,6 +168,7 @@ def run(
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     chosen = with_keys(subject_of(system, seed, frame=frame), equilibrate or [])
 
+    from kickdrift.run.equilibration import equilibrate_as_told
     from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
     from kickdrift.run.times import length_of
@@ -188,7 +189,8 @@ def run(
     stopped = Interruption(output, isinstance(chosen, System))
     with stopped, watched(sim, live, imd, imd_wait, quiet), progress_bar(quiet) as bar:
         if isinstance(chosen, System) and chosen.equilibration:
-            sim.equilibrate(**chosen.equilibration.said(), progress=bar("equilibrating"))
+            exactly = any(text.split("=")[0].strip() in ("temperature", "to") for text in equilibrate or [])
+            equilibrate_as_told(sim, exactly, bar("equilibrating"))
         ahead = wanted_length()
         last = in_units((ahead.get("times") or [ahead.get("until")])[-1], chosen, "--times")
         stopped.begins(sim, ahead.get("steps"), last)

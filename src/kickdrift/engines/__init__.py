@@ -170,12 +170,12 @@ ENGINES: dict[str, Engine] = {
             source="Rein & Liu 2012, A&A 537, A128, doi:10.1051/0004-6361/201118085",
         ),
         Engine(
-            "lammps", "Lennard-Jones, molecules, many-body forces: fix nve and heat baths, in one process or many",
+            "lammps", "Lennard-Jones, charges, molecules, many-body forces: fix nve and baths, in one process or many",
             ("lammps", "mpich"), ("2025",), {_VERLET: "fix nve"}, LAMMPS_BATHS, processes=True,
             source="Thompson et al. 2022, Comput. Phys. Commun. 271, 108171, doi:10.1016/j.cpc.2021.108171",
         ),
         Engine(
-            "openmm", "Lennard-Jones, molecules, gravity: OpenMM's custom forces in float64 (its Reference platform)",
+            "openmm", "Lennard-Jones, charges, molecules, gravity: OpenMM's Reference platform, which is in float64",
             ("openmm",), ("8",), {_VERLET: "CustomIntegrator"}, OPENMM_BATHS,
             source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
         ),

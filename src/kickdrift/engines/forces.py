@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from kickdrift.forces.bonded import shipped
 from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.charges.coulomb import Coulomb
-from kickdrift.forces.charges.radial import EWALD
 from kickdrift.forces.many_body.base import ManyBodyForce, TabledForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.entries import FORMS, potential_file
@@ -92,6 +91,11 @@ def coulomb_of(system: System) -> Coulomb | None:
     return next((force for force in system.forces if isinstance(force, Coulomb)), None)
 
 
+def beside_charges(system: System) -> Any:
+    """The System's force that is neither bonded nor between charges, or None."""
+    return next((force for force in split(system)[0] if not isinstance(force, Coulomb)), None)
+
+
 def strange(system: System, program: str) -> str | None:
     """Reason why a program has no such bonded forces, or None."""
     for force in split(system)[1]:
@@ -101,19 +105,21 @@ def strange(system: System, program: str) -> str | None:
 
 
 def only_lennard_jones(
-    system: System, truncations: Collection[str], takes: str, molecules: bool = False, charges: bool = False
+    system: System, truncations: Collection[str], takes: str, molecules: bool = False, charges: Collection[str] = ()
 ) -> str | None:
     """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
 
     ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
-    pair force, and with ``charges`` Ewald's sum."""
+    pair force. ``charges`` are methods of Coulomb's law, which may come beside the pair force or stand alone."""
     if not molecules and system.topology is not None and len(system.topology.scaled.pairs):
         return "topology: pairs that are left out or scaled are not possible"
     forces = split(system)[0] if molecules else list(system.forces)
-    if charges and (coulomb := coulomb_of(system)) is not None and len(forces) > 1:
-        if coulomb.method != EWALD:
-            return f"coulomb: method {coulomb.method!r} is not possible, and 'ewald' is"
+    if charges and (coulomb := coulomb_of(system)) is not None:
+        if coulomb.method not in charges:
+            return f"coulomb: method {coulomb.method!r} is not possible; possible: {', '.join(charges)}"
         forces = [force for force in forces if force is not coulomb]
+        if not forces:
+            return None
     if [type(force) for force in forces] != [LennardJones]:
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.engines.fields import IN_LAMMPS, lammps_fixes, lammps_refusal, virial_of, without
 from kickdrift.engines.forces import (
+    beside_charges,
     coulomb_of,
     many_body,
     only_lennard_jones,
     small_units,
-    split,
     style_of,
     text_of,
 )
@@ -27,14 +28,17 @@ from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.charges.radial import EWALD
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 TAKES = (
     "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
-    "beside lennard-jones"
+    "alone or beside lennard-jones; position restraints and walls"
 )
+LINEAR = "force-shift"
+TRUNCATIONS = ("cut", "shift", LINEAR)
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -42,15 +46,17 @@ MOST_BLIND = 10**6  # steps without reading these counts
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
-    system = job.system
+    system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True, charges=True)
+        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=(EWALD,))
         or small_units(system)
     ):
         return reason
-    if reason := bonded_refusal(system):
+    if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
-    if system.dimensions == 2 and split(system)[0][0].tail:
+    if coulomb_of(system) is not None and getattr(beside_charges(system), "truncation", None) == LINEAR:
+        return f"truncation {LINEAR!r}: LAMMPS has it for Lennard-Jones without charges"
+    if system.dimensions == 2 and beside_charges(system).tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
@@ -74,25 +80,28 @@ def ewald_of(system: System) -> Ewald | None:
 
 def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
-    system, dt = job.system, job.options.dt
+    system, dt = without(job.system, IN_LAMMPS), job.options.dt
     assert dt is not None
-    force: Any = next(each for each in split(system)[0] if each is not coulomb_of(system))
+    force, ewald = beside_charges(system), ewald_of(system)
+    cut: Any = force or ewald
     kinds, which = _kinds(job)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
         given |= {"many_body": (style_of(force), text_of(force), tuple(species))}
-    else:
+    elif force is not None:
         pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
         laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
         given |= {
             "pairs": tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
-            "shifted": force.truncation == "shift", "tail": force.tail, "dimensions": system.dimensions,
+            "shifted": force.truncation == "shift", "linear": force.truncation == LINEAR,
+            "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
+    walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
-        ewald=ewald_of(system), cutoff=float(force.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
-        **given,
+        ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
+        walls=walls, held=held, **given,
     )  # fmt: skip
 
 
@@ -102,6 +111,8 @@ class LammpsSession(Session):
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         self._model = model_of(job, self.seed)
+        coulomb = coulomb_of(job.system)  # LAMMPS leaves the neutralising background out of its virial
+        self._background = 3.0 * coulomb.background(job.system) / job.system.volume if coulomb else 0.0
         self._world: Any = None
 
     def reset(self, phase: Floats, time: float) -> None:
@@ -181,7 +192,8 @@ class LammpsSession(Session):
         forces, energy, virial = self._ask("measure")
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
-        virial = virial if self._model.box.periodic else np.nan
+        virial += virial_of(self.job.system, self._ask("state")[0]) if self._model.held else 0.0
+        virial = virial + self._background if self._model.box.periodic else np.nan
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
     @property

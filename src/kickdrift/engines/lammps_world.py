@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
+from kickdrift.engines.fields import Held
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
 from kickdrift.model.box.box import Box
@@ -205,12 +206,15 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force
+    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force and for charges alone
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
     fixes : commands of the fixes that take a step
     bonded : bonds, angles and dihedrals, if any
     ewald : charges, if any
+    walls : commands of each wall
+    held : position restraints
+    linear : whether the energy is less its tangent at the cutoff, which makes the force zero there
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
 
@@ -227,6 +231,14 @@ class Model(NamedTuple):
     bonded: Bonded | None = None
     many_body: tuple[str, str, tuple[str, ...]] | None = None
     ewald: Ewald | None = None
+    walls: tuple[tuple[str, ...], ...] = ()
+    held: tuple[Held, ...] = ()
+    linear: bool = False
+
+    @property
+    def longest(self) -> float:
+        """Largest sigma; of charges alone, a third of the cutoff."""
+        return max((sigma for *_, sigma in self.pairs), default=self.cutoff / 3.0)
 
 
 def model_style(model: Model) -> str:
@@ -251,7 +263,7 @@ class World:
         self.model = model
         if self.lmp.get_natoms():
             self.lmp.command("clear")
-        skin = MANY_BODY_SKIN if model.many_body else SKIN * max(sigma for *_, sigma in model.pairs)
+        skin = MANY_BODY_SKIN if model.many_body else SKIN * model.longest
         box, axes = model.box, np.array(model.box.periodic_axes)
         thin = ~axes & (np.ptp(x, axis=0) < model.cutoff)  # LAMMPS needs room for a cell of its list
         margin = np.where(thin, model.cutoff, skin)
@@ -268,7 +280,7 @@ class World:
             f"dimension {model.dimensions}",
             f"atom_style {model_style(model)}",
             f"boundary {' '.join(boundary)}",
-            *(["atom_modify map array"] if model.ewald else []),  # by which charges find their particles
+            *(["atom_modify map array"] if model.ewald or model.held else []),  # by which numbers find their particles
         )
         if model.bonded:
             self._commands(*(line for line in model.bonded.commands if "_coeff" not in line))
@@ -282,13 +294,16 @@ class World:
         if model.many_body:
             self._many_body(*model.many_body)
         else:
-            style = f"lj/cut {model.cutoff!r}"
+            style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
                 style = f"lj/cut/coul/long {model.cutoff!r} {model.ewald.cutoff!r}"
+            if not model.pairs:
+                style = f"coul/long {model.cutoff!r}"
             self._commands(
                 f"pair_style {style}",
                 f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
                 *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+                *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:
             most = " ".join(map(str, model.ewald.waves))
@@ -318,7 +333,22 @@ class World:
             raise RuntimeError(f"LAMMPS accepted {made} of {n} particles")
         if model.ewald:
             self.lmp.scatter_atoms("q", 1, 1, np.ctypeslib.as_ctypes(np.ascontiguousarray(model.ewald.charges)))
+        self._commands(*(line for wall in model.walls for line in wall))
+        self._hold(model)
         self.lmp.command("run 0 post no")
+
+    def _hold(self, model: Model) -> None:
+        """Make the springs of restraints, which begin at the positions of the particles at that time."""
+        for k, (ids, stiffness, axes, places) in enumerate(model.held):
+            start = self._gathered("x")
+            there = start.copy()
+            row = ids - 1
+            there[row] = start[row] - model.box.minimum_image(start[row] - places)
+            for at in range(0, len(ids), 1000):
+                self.lmp.command(f"group held{k} id {' '.join(map(str, ids[at : at + 1000].tolist()))}")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(there)))
+            self._commands(f"fix held{k} held{k} spring/self {stiffness!r} {axes}", f"fix_modify held{k} energy yes")
+            self.lmp.scatter_atoms("x", 1, 3, np.ctypeslib.as_ctypes(np.ascontiguousarray(start)))
 
     def _commands(self, *lines: str) -> None:
         for line in lines:

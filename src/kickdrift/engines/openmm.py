@@ -5,7 +5,8 @@ u, kJ/mol) are coherent, and the formulas here have only the system's own consta
 unchanged: 1 sigma is 1 nm, 1 epsilon is 1 kJ/mol. OpenMM's nearest images are those of kickdrift.
 
 OpenMM gives no virial, but the derivative of its energy with respect to a parameter. With U(s r) for U(r), -dU/ds at s
-= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula. Bonds change with the size of a system,
+= 1 is the sum of r . F over pairs, from OpenMM's own derivative of the formula. OpenMM's Ewald sum has no such
+parameter, but its energy is its virial. Bonds change with the size of a system,
 angles and dihedrals do not, so that only the energies of pairs and bonds depend on s.
 
 LangevinMiddleIntegrator is the word BAOA. NoseHooverIntegrator has its chain in the middle of the drift, BANA (Zhang et
@@ -21,27 +22,47 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.engines.forces import LAWS, only_lennard_jones, small_units, split, strange
+from kickdrift.engines import openmm_charges
+from kickdrift.engines.fields import IN_OPENMM, openmm_fields, virial_of, without
+from kickdrift.engines.forces import (
+    LAWS,
+    beside_charges,
+    coulomb_of,
+    only_lennard_jones,
+    small_units,
+    split,
+    strange,
+)
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
-from kickdrift.forces import Gravity
+from kickdrift.forces import Coulomb, Gravity
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-TAKES = "OpenMM takes lennard-jones, with bonded forces beside it, or gravity alone"
-LENNARD_JONES = "4*e*((l/(s*r))^12 - (l/(s*r))^6)"
-SHIFT = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6)"
+TAKES = (
+    "OpenMM takes lennard-jones and coulomb, with bonded forces beside them, or gravity; and fields, restraints and "
+    "soft walls"
+)
+TRUNCATIONS = {  # energies of a pair
+    "cut": "U",
+    "shift": "U-last",
+    "force-shift": "U-last-(s*r-cutoff)*slope; slope=-24*e/cutoff*(2*(l/cutoff)^12-(l/cutoff)^6)",
+    "switch": (
+        "U*w^5*(1+5*u+15*u^2+35*u^3+70*u^4); w=1-u; u=max(0,((s*r)^2-start^2)/(cutoff^2-start^2))"
+    ),
+}  # fmt: skip
+LENNARD_JONES = "; last=4*e*((l/cutoff)^12-(l/cutoff)^6); U=4*e*((l/(s*r))^12-(l/(s*r))^6)"
 MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"
 GRAVITY = "-G*m1*m2/sqrt((s*r)^2 + softening^2)"
 
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
-    system, masses = job.system, job.system.state.masses
+    system, masses = without(job.system, IN_OPENMM), job.system.state.masses
     try:
         system.box.cuboid("box: OpenMM")  # whose lists miss pairs near the cutoff in boxes of other shapes
     except InputError as error:
@@ -53,11 +74,14 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    if reason := only_lennard_jones(system, ("cut", "shift"), TAKES, molecules=True) or small_units(system):
+    reason = only_lennard_jones(
+        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS
+    ) or small_units(system)
+    if reason:
         return reason
     if reason := strange(system, "OpenMM"):
         return reason
-    if split(system)[0][0].tail:
+    if getattr(beside_charges(system), "tail", False):
         return "tail: OpenMM has no tail correction for this kind of force"
     return None
 
@@ -78,15 +102,17 @@ class OpenmmSession(Session):
     def _made(self) -> Any:
         import openmm
 
-        system = self.job.system
-        force: Any = split(system)[0][0]
+        system = without(self.job.system, IN_OPENMM)
+        force, coulomb = beside_charges(system), coulomb_of(system)
         made = openmm.System()
         for mass in system.coherent_masses.tolist():
             made.addParticle(mass)
         if system.box.periodic:
             made.setDefaultPeriodicBoxVectors(*system.box.matrix.tolist())
-        made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
-        for extra in added_forces(system, force):
+        if force is not None:
+            made.addForce(_gravity(system, force) if isinstance(force, Gravity) else _lennard_jones(system, force))
+        extras = [*added_forces(system, force), *(_charged(system, coulomb) if coulomb else ())]
+        for extra in [*extras, *openmm_fields(self.job.system)]:
             made.addForce(extra)
         return made
 
@@ -113,11 +139,15 @@ class OpenmmSession(Session):
         context = self._probe or self._context
         if self._probe:
             context.setPositions(self._context.getState(positions=True).getPositions(asNumpy=True))
-        state = context.getState(energy=True, forces=True, parameterDerivatives=True)
+        state = context.getState(positions=True, energy=True, forces=True, parameterDerivatives=True)
         forces, energy = _plain(state.getForces(asNumpy=True)), float(_plain(state.getPotentialEnergy()))
         if not np.isfinite(forces).all() or not np.isfinite(energy):
             return None
-        virial = -float(state.getEnergyParameterDerivatives()["s"])
+        virial = virial_of(self.job.system, _plain(state.getPositions(asNumpy=True)))
+        virial -= float(dict(state.getEnergyParameterDerivatives()).get("s", 0.0))
+        if coulomb_of(self.job.system) is not None:  # the energy of Ewald's sum falls as 1 / length: it is the virial
+            of_waves = context.getState(energy=True, groups={openmm_charges.GROUP}).getPotentialEnergy()
+            virial += float(_plain(of_waves))
         return Measured(np.ascontiguousarray(forces.T) / self.job.system.coherent_masses, energy, virial, None)
 
 
@@ -141,21 +171,32 @@ def _plain(quantity: Any) -> Any:
 def _lennard_jones(system: System, force: Any) -> Any:
     import openmm
 
-    shift = SHIFT if force.truncation == "shift" else ""
-    made = openmm.CustomNonbondedForce(LENNARD_JONES + shift + MIXTURE)
+    made = openmm.CustomNonbondedForce(TRUNCATIONS[force.truncation] + LENNARD_JONES + MIXTURE)
     laws = [[force.pair_law(a, b) for a in system.species] for b in system.species]
     count = len(system.species)
     for key in ("epsilon", "sigma"):
         values = [float(getattr(law, key)) for row in laws for law in row]
         made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, values))
     made.addPerParticleParameter("kind")
-    made.addGlobalParameter("cutoff", force.cutoff)
+    _add_range(made, force)
     for kind in system.species_index.tolist():
         made.addParticle([kind])
     exclude(made, system)
     made.setCutoffDistance(force.cutoff)
     made.setNonbondedMethod(made.CutoffPeriodic if system.box.periodic else made.CutoffNonPeriodic)
     return _scaled(made)
+
+
+def _charged(system: System, coulomb: Coulomb) -> list[Any]:
+    import openmm
+
+    found = openmm_charges.charged_forces(system, coulomb)
+    for each in found:
+        if not isinstance(each, openmm.NonbondedForce):
+            _scaled(each)
+        if isinstance(each, openmm.CustomNonbondedForce):
+            exclude(each, system)
+    return found
 
 
 def _gravity(system: System, force: Gravity) -> Any:
@@ -177,7 +218,11 @@ def _scaled(force: Any) -> Any:
     return force
 
 
-SCALED_PAIR = "scale*step(cutoff-r)*(4*e*((l/(s*r))^12 - (l/(s*r))^6)"
+def _add_range(made: Any, force: Any) -> None:
+    """Give a force of OpenMM the cutoff of a pair force, and the start of its switch."""
+    made.addGlobalParameter("cutoff", float(force.cutoff))
+    if force.switch_start is not None:
+        made.addGlobalParameter("start", float(force.switch_start))
 
 
 def exclude(force: Any, system: System) -> None:
@@ -190,7 +235,7 @@ def exclude(force: Any, system: System) -> None:
 def added_forces(system: System, pair_force: Any) -> list[Any]:
     """Bonded forces, and the scaled pairs of the pair force."""
     made = [_bonded(system, force) for force in split(system)[1]]
-    if system.topology is not None and (system.topology.scaled.factors > 0).any():
+    if pair_force is not None and system.topology is not None and (system.topology.scaled.factors > 0).any():
         made.append(_scaled_pairs(system, pair_force))
     return made
 
@@ -219,10 +264,10 @@ def _scaled_pairs(system: System, force: Any) -> Any:
     import openmm
 
     assert system.topology is not None
-    shift = " - 4*e*((l/cutoff)^12 - (l/cutoff)^6))" if force.truncation == "shift" else ")"
-    made = openmm.CustomBondForce(SCALED_PAIR + shift)
+    energy = f"scale*step(cutoff-r)*all; all={TRUNCATIONS[force.truncation]}{LENNARD_JONES}"
+    made = openmm.CustomBondForce(energy)
     _scaled(made)
-    made.addGlobalParameter("cutoff", float(force.cutoff))
+    _add_range(made, force)
     for key in ("scale", "e", "l"):
         made.addPerBondParameter(key)
     kinds = system.species_index

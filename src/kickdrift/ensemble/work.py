@@ -102,13 +102,14 @@ def run_member(recipe: Recipe, member: Member, system: System | Problem | None =
 
 
 def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
+    from kickdrift.run.equilibration import equilibrate_as_told
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.times import length_of
 
     sim = Simulation(system)
     length_of(sim, system.name)  # or its error, before anything runs
-    if isinstance(system, System) and (wanted := system.equilibration):
-        sim.equilibrate(**wanted.said())
+    if isinstance(system, System):
+        equilibrate_as_told(sim)
     folder = recipe.trajectories
     suffix = ".h5" if isinstance(system, Problem) else ".h5md"
     report = sim.run(

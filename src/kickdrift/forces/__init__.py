@@ -26,7 +26,9 @@ from kickdrift.forces.bonded.shipped import (
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.python import PythonForce
+from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.forces.fields.shipped import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
+from kickdrift.forces.fields.walls import HarmonicWall, LennardJonesWall, ReflectingWall
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.gravity.sheet import GravitySheet
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
@@ -75,6 +77,10 @@ _ALL: tuple[Any, ...] = (
     UniformField,
     DrivenField,
     LinearDrag,
+    Restraint,
+    HarmonicWall,
+    LennardJonesWall,
+    ReflectingWall,
     PythonForce,
     CalculatorForce,
 )

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, Options, merged
+from kickdrift.integrators.splitting.subflows import FLOWS
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.quantities import UNIT_SYSTEMS, UnitSystem
@@ -109,22 +110,39 @@ def unpacked(which: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]
     return which.name, {**given, **which.options, **{k: value for k, value in given.items() if value is not None}}
 
 
+class _Declared(NamedTuple):
+    """What all methods declare, for the rows of the registries at one time."""
+
+    rows: tuple[Any, ...]  # of methods and flows
+    options: dict[str, Option]
+    takers: dict[str, list[str]]
+
+
+_declared = _Declared((), {}, {})
+
+
+def _all_declared() -> _Declared:
+    """What all methods declare, found anew after a registration."""
+    global _declared
+    rows = (*INTEGRATORS.values(), *FLOWS.values())
+    if list(map(id, rows)) != list(map(id, _declared.rows)):
+        found: dict[str, dict[str, Option]] = {name: {} for name in OPTIONS}
+        for method in INTEGRATORS.values():
+            for each in (*method.declared, PRECISION):
+                found.setdefault(each.name, {})[method.name] = each
+        options = {name: merged([*by.values()]) for name, by in found.items() if by}
+        _declared = _Declared(rows, options, {name: [*by] for name, by in found.items()})
+    return _declared
+
+
 def known_options() -> dict[str, Option]:
     """Every option that some method takes, except dt, by name, with all values that any method allows."""
-    found: dict[str, list[Option]] = {name: [] for name in OPTIONS}
-    for method in dict.fromkeys(INTEGRATORS.values()):
-        for each in (*method.declared, PRECISION):
-            found.setdefault(each.name, []).append(each)
-    return {name: merged(declared) for name, declared in found.items() if declared}
+    return dict(_all_declared().options)
 
 
 def takers(name: str) -> list[str]:
     """Methods that take an option."""
-    return [
-        method.name
-        for method in dict.fromkeys(INTEGRATORS.values())
-        if any(each.name == name for each in (*method.declared, PRECISION))
-    ]
+    return list(_all_declared().takers.get(name, ()))
 
 
 def takers_text(name: str) -> str:

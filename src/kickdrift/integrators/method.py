@@ -50,6 +50,7 @@ class Method:
     carries : whether deviations can be integrated as additional massless particles with their own forces, without
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
+    reflects : whether the method bounces particles off hard walls
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
@@ -57,6 +58,8 @@ class Method:
     slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
+    float64_because : why pair forces cannot be in mixed precision; "" if they can
+    stops_in_lanes : whether a batch with this method watches events
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
     tunable : names of these options
     choices : allowed values of some options, the default first (None: it depends)
@@ -67,7 +70,8 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = False
+    separable = overdamped = stops_in_lanes = reflects = False
+    float64_because = ""
 
     @property
     def evaluations(self) -> int:
@@ -108,11 +112,6 @@ class Method:
     @property
     def rescalable(self) -> bool:
         return False
-
-    @property
-    def float64_because(self) -> str:
-        """Reason why pair forces cannot be in mixed precision; "" if they can."""
-        return ""
 
     @property
     def free_because(self) -> str:
@@ -175,11 +174,6 @@ class Method:
     @property
     def batched(self) -> bool:
         """Whether a batch can use this method (see ``kickdrift.batch``)."""
-        return False
-
-    @property
-    def stops_in_lanes(self) -> bool:
-        """Whether a batch with this method watches events."""
         return False
 
     def check(self, system: System) -> None:

@@ -47,6 +47,7 @@ class Option:
         for a pure number
     above, most : a number is greater than ``above``, and at most ``most``
     several : whether a Problem may have one number for each component of y
+    count : how many numbers a value has
     written : whether run files record the default if no value was given
 
     Raises
@@ -65,6 +66,7 @@ class Option:
     most: float = inf
     several: bool = False
     written: bool = True
+    count: int = 1
 
     def __post_init__(self) -> None:
         name = self.name
@@ -101,6 +103,10 @@ class Option:
             if not isinstance(value, str):
                 raise InputError(f"{self.name} must be text, got {shown(value)}")
             return value
+        if self.count > 1:
+            if np.ndim(value) != 1 or len(value) != self.count:
+                raise InputError(f"{self.name} must be {self.count} numbers, got {shown(value)}")
+            return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
         if isinstance(value, tuple) and self.several:
             return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
         return self._number(self.name, value)
@@ -115,8 +121,13 @@ class Option:
         """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
 
         A number with a unit stays text, because only a System has the units for `in_units`."""
+        if self.count > 1:
+            return tuple(part.strip() if has_unit(part) else self._parsed(part) for part in text.split(","))
         if self.dimension and has_unit(text):
             return text
+        return self._parsed(text)
+
+    def _parsed(self, text: str) -> Any:
         try:
             if self.type is bool:
                 return _SWITCH[text.lower()]
@@ -131,6 +142,8 @@ class Option:
     def in_units(self, value: Any, units: UnitSystem | None) -> Any:
         """Return the value as a number in ``units`` if it is text with a unit, such as "300 K"; other values as they
         are. A Problem has no units. Raises InputError for a unit of another dimension, and in reduced units."""
+        if self.count > 1 and isinstance(value, list | tuple):
+            return tuple(time_in(each, units, self.name, self.dimension) for each in value)
         return time_in(value, units, self.name, self.dimension) if self.dimension else value
 
     def filled(self, value: Any) -> Any:
@@ -159,11 +172,15 @@ class Option:
     @property
     def hint(self) -> Any:
         """Type of the option as a type hint."""
+        if self.count > 1:
+            return tuple[float, ...]
         return float | tuple[float, ...] if self.several else self.type
 
     @property
     def words(self) -> str:
         """Type of the option as text."""
+        if self.count > 1:
+            return f"{self.count} numbers"
         words = f"{_WORDS[self.type]}, or one for each component of y" if self.several else _WORDS[self.type]
         limits = self.type in (float, int) and (self.above > -inf or self.most < inf) and not self.choices
         if not limits or self.several:
@@ -265,9 +282,10 @@ C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
 BAROSTAT = Option(
     "barostat", str, "What holds the pressure.", choices=(C_RESCALE, MTK, MONTE_CARLO), written=False
 )  # fmt: skip
+FULL = "full"
 COUPLING = Option(
-    "coupling", str, "Edges that change together: all, those along x and y, or none.",
-    choices=("isotropic", "semi-isotropic", "per-axis"), written=False,
+    "coupling", str, "Edges that change together: all, those along x and y, or none; or the full shape.",
+    choices=("isotropic", "semi-isotropic", "per-axis", FULL), written=False,
 )  # fmt: skip
 PRESSURE_TAU = Option(
     "pressure_tau", float, "Time in which the barostat relaxes the volume.", dimension="time", above=0.0
@@ -279,8 +297,12 @@ COMPRESSIBILITY = Option(
 PRESSURE_EVERY = Option(
     "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
 )
-APART = ("semi-isotropic", "per-axis")  # couplings that need the pressure along each axis
-OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)
+STRESS = Option(
+    "stress", float, "Stress beside the pressure, with coupling = full: xx, yy, zz, yz, xz, xy; positive pulls.",
+    dimension="pressure", count=6, written=False,
+)  # fmt: skip
+APART = ("semi-isotropic", "per-axis", FULL)  # couplings that need the pressure along each axis
+OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY, STRESS)
 ALLOW_GRAVITY = Option(
     "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
 )
@@ -306,6 +328,12 @@ SPLITTING = Option(
 def worth_saying(value: Any) -> bool:
     """Tell whether an option's value is worth a word: a pressure of zero is, a seed of zero is the default."""
     return bool(value) or isinstance(value, float)
+
+
+def mean_pressure(options: Mapping[str, Any]) -> Any:
+    """Mean pressure that a run with these options is to have, with that of its wanted stress; None without any."""
+    pressure, stress = options.get(PRESSURE.name), options.get(STRESS.name)
+    return pressure if pressure is None or stress is None else pressure - sum(stress[:3]) / 3.0
 
 
 def coupling_of(options: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces import Springs
+from kickdrift.forces import Restraint, Springs
 from kickdrift.forces.bonded.law import BondedForce, value_of
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.sampled import virial_tensor
@@ -33,6 +33,10 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
             total += np.diag(each * force.tail_corrections(system)[1] / system.dimensions)
         if isinstance(force, Coulomb):
             total += virial_tensor(force, system, x)
+            continue
+        if isinstance(force, Restraint) and force.scales:
+            apart = force.apart(system, x)
+            total -= np.einsum("ma,mb->ab", force.stiffness * apart, apart)
             continue
         for apart, over_r in _pair_forces(force, system, x):
             total += np.einsum("m,ma,mb->ab", over_r, apart, apart)

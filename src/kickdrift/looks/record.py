@@ -117,6 +117,7 @@ class Record:
     spent: dict[str, float] = field(default_factory=dict)  # seconds by part of the work; see ``spend``
     warnings: list[str] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
+    equilibrated: str = ""  # how the run was equilibrated before its record began
     taken: Taken = NOTHING
     work: float = 0.0  # energy that the change of the box has given
 

@@ -15,6 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.looks.record import Stretch, even_looks
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
+from kickdrift.model.units.quantities import FAMILIAR
 from kickdrift.statistics.drift import ROUNDINGS, Drift, EnergyError, drift, energy_error, rounding_of
 from kickdrift.text import measured, with_error
 
@@ -76,8 +77,21 @@ def energy_lines(
 
 
 def mean_text(mean: float, error: float | None, unit: str) -> str:
-    """A mean over the samples with its standard error, if there is one, and its unit."""
-    return f"{measured(with_error(mean, error) if error else f'{mean:.5g}', unit)} (mean)"
+    """A mean over the samples with its standard error, if there is one, and its unit.
+
+    A value in a unit that people rarely think in has a familiar unit beside it, such as bar or GPa."""
+    return f"{mean_with_units(mean, error, unit)} (mean)"
+
+
+def mean_with_units(mean: float, error: float | None, unit: str) -> str:
+    """A mean with its error in its unit, and in a familiar unit if that is another."""
+    texts = [(mean, error or 0.0, unit)]
+    if unit in FAMILIAR:
+        scale, familiar = FAMILIAR[unit]
+        if familiar == "bar" and abs(mean) * scale >= 1e4:
+            scale, familiar = scale * 1e-4, "GPa"
+        texts.append((mean * scale, (error or 0.0) * scale, familiar))
+    return " = ".join(measured(with_error(value, off) if off else f"{value:.5g}", name) for value, off, name in texts)
 
 
 def verdict_text(asked: float | None, verdict: str | None, unit: str) -> str:

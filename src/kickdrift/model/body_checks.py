@@ -88,6 +88,11 @@ def forces_of(forces: Iterable[Any], units: UnitSystem | None = None) -> tuple[A
     return tuple(force.in_units(units) if units and hasattr(force, "in_units") else force for force in found)
 
 
+def begun(forces: tuple[Any, ...], system: Any) -> tuple[Any, ...]:
+    """The forces with what they take from the start of a System, such as the places of a position restraint."""
+    return tuple(force.begun(system) if hasattr(force, "begun") else force for force in forces)
+
+
 def _instead(force: Any) -> str:
     """Description of a value given in place of a force, and what to write instead."""
     if isinstance(force, str):

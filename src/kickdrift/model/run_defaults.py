@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol, runtime_checkable
 
 from kickdrift.model.units.quantities import UnitSystem, time_in
@@ -132,6 +132,10 @@ class Equilibration:
         """Values by key, including the options: arguments of ``Simulation.equilibrate``."""
         own = {key: value for key, value in vars(self).items() if key != "options" and value is not None}
         return own | dict(self.options)
+
+    def ending_at(self, temperature: float) -> Equilibration:
+        """The same equilibration with another temperature at its end."""
+        return replace(self, temperature=temperature) if self.to is None else replace(self, to=temperature)
 
     @classmethod
     def of(cls, said: Mapping[str, Any]) -> Equilibration:

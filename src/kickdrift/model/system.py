@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import (
+    begun,
     body_charges,
     body_names,
     body_radii,
@@ -150,7 +151,7 @@ class System(Bridged, ShownSystem):
         if dimensions == 2:
             check_plane(self.state.phase)
         put(self, "units", units if isinstance(units, UnitSystem) else unit_system(units))
-        put(self, "forces", forces_of(forces, self.units))
+        put(self, "forces", begun(forces_of(forces, self.units), self))
         put(self, "species", kinds)
         put(self, "species_index", np.fromiter(map(number.__getitem__, kind_of), np.int32, n))
         put(self, "names", body_names(names, n))
@@ -229,7 +230,7 @@ class System(Bridged, ShownSystem):
     def under(self, forces: Iterable[Any]) -> System:
         """Return the system with other forces; its bodies keep their names and numbers."""
         other = copy(self)
-        object.__setattr__(other, "forces", forces_of(forces, self.units))
+        object.__setattr__(other, "forces", begun(forces_of(forces, self.units), self))
         return other
 
     def watched(self, events: Iterable[Event]) -> System:
@@ -354,7 +355,8 @@ class System(Bridged, ShownSystem):
 
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
-        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike)."""
+        "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike), "reflects"
+        (mirrors bodies in place of a force)."""
         return [force.name for force in self.forces if getattr(force, trait, False)]
 
     @property

@@ -20,6 +20,7 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in
 from kickdrift.run.watch.watched_stepper import WatchedStepper
+from kickdrift.text import counted, measured
 
 if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
@@ -63,6 +64,33 @@ def equilibrate(
         _through_bath(sim, ramp, progress)
     else:
         _through_rescaling(sim, ramp, asked.interval, progress)
+    sim.record.equilibrated = _told(sim, asked, ramp)
+
+
+def _told(sim: Any, asked: Equilibration, ramp: Ramp) -> str:
+    """The equilibration as the report tells it, such as "at 1.5 ε/k_B in 400 steps by baoab"."""
+    symbol = sim.system.units.symbol
+    heat = measured(f"{ramp.end:g}", symbol("temperature"))
+    length = counted(asked.steps, "step", ",") if asked.steps else asked.time
+    if isinstance(length, int | float):
+        length = measured(f"{length:g}", symbol("time"))
+    by = asked.integrator or (sim.integrator if sim.method.bath else "rescaled velocities")
+    return f"{'at' if ramp.flat else f'from {ramp.start:g} to'} {heat} in {length} by {by}"
+
+
+def equilibrate_as_told(sim: Any, exactly: bool = False, progress: Progress | None = None) -> None:
+    """Equilibrate as the system's ``[equilibrate]`` says, if there is one.
+
+    It ends at the temperature of the run's heat bath, which may be another than the file's, unless ``exactly``. The
+    run's System then has the equilibration that took place."""
+    asked = sim.system.equilibration
+    if asked is None:
+        return
+    if sim.method.bath and not exactly:
+        asked = asked.ending_at(float(sim.options[TEMPERATURE.name]))
+    if asked != sim.system.equilibration:
+        sim.integration.system = sim.system.remade(equilibration=asked)
+    sim.equilibrate(**asked.said(), progress=progress)
 
 
 def _checked(sim: Any, asked: Equilibration) -> Ramp:

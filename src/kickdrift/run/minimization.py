@@ -58,6 +58,8 @@ class EnergySurface:
     ``evaluations`` counts the evaluations of the forces. ``cap`` is the largest displacement in one step."""
 
     def __init__(self, system: System, threads: int, cap: float | None) -> None:
+        if walls := system.acting("reflects"):
+            raise InputError(f"minimize: force {walls[0]!r} has no energy; a harmonic-wall has one")
         self.system, self.evaluations = system, 0
         self.cap = default_cap(system) if cap is None else cap
         self._forces = BoundForces(system, threads)

@@ -151,6 +151,11 @@ class Present(ShownSimulation):
         return forces_at(self.integration)
 
     @alone
+    def pressure(self) -> float:
+        """Pressure now, in the system's energy unit per volume (per area in two dimensions); nan in open space."""
+        return self.sample().pressure
+
+    @alone
     def elements(self, frame: str = "heliocentric", plane: str = "file") -> OrbitTable:
         """Osculating elements of the bodies now, a table by name: ``sim.elements()["Jupiter"].a``.
 
@@ -201,4 +206,15 @@ class Present(ShownSimulation):
 
         Raises InputError if the arguments make no sense, or if the number is unknown before the run (an adaptive method
         with ``until``)."""
+        self.refuse_still()
         return steps_to(self, steps, time_of(self, until, "until"), exact)
+
+    def refuse_still(self) -> None:
+        """Refuse steps of a Simulation that was made without dt."""
+        if self.dt is None and self.method.needs_dt:
+            raise no_step(self.system)
+
+
+def no_step(system: Any) -> InputError:
+    """The error of a method with fixed steps that got no dt."""
+    return InputError(f"dt is needed: system {system.name!r} has no dt in [run]")

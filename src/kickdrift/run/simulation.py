@@ -34,7 +34,7 @@ from kickdrift.run.loop import go_on, run_through
 from kickdrift.run.minimization import FORCE, METHOD, STEPS, Minimum, minimize
 from kickdrift.run.plan.lengths import Exact, begin, goal_of, time_of
 from kickdrift.run.plan.plan import Plan, plan_of
-from kickdrift.run.present import Present, alone
+from kickdrift.run.present import Present, alone, no_step
 from kickdrift.run.report.energy import work_columns
 from kickdrift.run.report.report import Report, report
 from kickdrift.run.returning import checkpoint_of, restore
@@ -61,6 +61,7 @@ class Simulation(Present):
     integrator : a name from ``kickdrift.integrators()``, or a value from ``kickdrift.integrator``; default the
         system file's, else "velocity-verlet" for particles and "dormand-prince45" for a Problem
     dt : step in the system's unit of time, or "2 fs"; default the system file's. Adaptive methods: first step, optional
+        (with neither integrator nor dt, particles take no steps; energy, forces, pressure and ``minimize`` are there)
     threads : number of threads of the forces; the bits of the results do not depend on this number
     engine : name of the program that takes the steps: "native", or an installed one of ``kickdrift.engines()``
     processes : number of processes, for an engine that runs on several ("lammps"); default 1, or all that ``hosts`` has
@@ -105,8 +106,9 @@ class Simulation(Present):
         self.method = method_named(self.integrator)
         self.options = settled(self.method, asked, system.run, getattr(system, "units", None))
         self.dt = self.options.dt
-        if self.dt is None and self.method.needs_dt:
-            raise InputError(f"dt is needed: system {system.name!r} has no dt in [run]")
+        still = self.dt is None and self.method.needs_dt
+        if still and (named is not None or self._engine.foreign or isinstance(system, Problem)):
+            raise no_step(system)
         self.threads = check_threads(threads)
         self.hosts = None if hosts is None else str(hosts)
         machines = None if hosts is None else slots(hosts)
@@ -120,7 +122,8 @@ class Simulation(Present):
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_crossings(events or (), len(system.args))
-        job = Job(system, self.method, self.integrator, self.options, self.threads, self.processes, machines)  # type: ignore[arg-type]
+        stepping = self.options.changed(dt=0.0) if still else self.options
+        job = Job(system, self.method, self.integrator, stepping, self.threads, self.processes, machines)  # type: ignore[arg-type]
         if self._engine.foreign or self.processes > 1 or hosts:
             self._engine.check(job)
         self.integration = Integration(job, self._engine, watched)
@@ -267,7 +270,7 @@ class Simulation(Present):
 
         ``every`` defaults to the system file's, or to that of the file that the run continues. Without any of these
         there are about 1000 looks. A run of fewer than 100,000 force evaluations has one look for each 100 evaluations,
-        but at least 16000 / bodies and at least 50, as far as there are steps.
+        but at least 16000 / bodies. It has at least 50 if these take a tenth of the time of the steps or less.
 
         ``progress=True`` shows a bar, on a terminal or in a notebook; a function is called as ``progress(done, of)``
         now and then. Ctrl-C ends the run with a KeyboardInterrupt; the steps taken remain, and the file is complete.
@@ -280,6 +283,7 @@ class Simulation(Present):
         state is then that of the last sample.
         """
         check_asked(observe, progress, overwrite)
+        self.refuse_still()
         refuse_beside(times, steps=steps, until=until, time=time, every=every, interval=interval, exact=exact or None)
         goal, apart = goal_of(self, steps, until, time), time_of(self, interval, "interval")
         columns = with_body_columns(columns, self.integration)
@@ -321,6 +325,7 @@ class Simulation(Present):
         look, or to the last assigned state. An event that ends a run also ends the steps here, and ``stopped`` names
         this event. Raises InputError for numbers that make no sense or if a run is in progress, and RunError if the
         run blows up."""
+        self.refuse_still()
         steps, every = self.steps_to(steps), every if every is None else whole_number("every", every, 1)
         go_on(self.integration, steps, every, visit, self)
 
@@ -360,6 +365,7 @@ class Simulation(Present):
         equilibration. ``progress`` is as in ``run``.
         """
         check_asked(None, progress, False, "equilibrate")
+        self.refuse_still()
         more: dict[str, Any] = {"engine": self.engine, "processes": self.processes, "events": ()}
         asked = Equilibration(temperature, time, interval, to, steps, integrator, options)  # type: ignore[arg-type]
         with following(progress, "equilibrating") as told:

@@ -46,6 +46,11 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
             f"{job.named}: needs accelerations that depend on positions and time alone, and {flow.not_separable}; "
             "Runge-Kutta methods do not"
         )
+    if isinstance(job.system, System) and not method.reflects and (walls := job.system.acting("reflects")):
+        raise InputError(
+            f"{job.named}: integrates a force, and {walls[0]!r} has none: it turns velocities at once; "
+            "splitting methods such as velocity-verlet bounce in their drift"
+        )
     if method.bath and isinstance(flow, ParticleFlow):
         flow.count_bath(method.drags)
     return flow, method.stepper(flow, options)

@@ -190,7 +190,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         seed = table.velocities.seed if seed is None else seed
     topology = topology_of(table.topology, path.parent) if table.topology else None
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
-    equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units)
+    equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
     def system(velocities: Floats | None) -> System:
         positions = start.positions

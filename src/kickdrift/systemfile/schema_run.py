@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import isfinite
@@ -71,7 +72,7 @@ class OdeRunTable(RunTable):
 class EquilibrateTable(Table):
     """Keys of ``[equilibrate]`` that are not options."""
 
-    temperature: Temperature
+    temperature: Temperature | None = None
     to: Temperature | None = None
     time: Time | None = None
     steps: Steps | None = None
@@ -108,9 +109,14 @@ def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefau
     return found
 
 
-def equilibration_of(given: Mapping[str, Any], units: UnitSystem) -> Equilibration:
-    """Checked values of ``[equilibrate]``."""
-    return Equilibration.of(checked(equilibrate_table(), given, units, "equilibrate").model_dump())
+def equilibration_of(given: Mapping[str, Any], units: UnitSystem, run: RunDefaults) -> Equilibration:
+    """Checked values of ``[equilibrate]``; the temperature is by default that of the heat bath of ``run``."""
+    found = checked(equilibrate_table(), given, units, "equilibrate").model_dump()
+    if found["temperature"] is None:
+        found["temperature"] = run.options.get("temperature")
+    if found["temperature"] is None:
+        raise InputError("equilibrate.temperature: is missing, and [run] has no heat bath with a temperature")
+    return Equilibration.of(found)
 
 
 def run_table(units: bool) -> type[Table]:
@@ -134,6 +140,9 @@ def _options_table(name: str, base: type[Table], options: tuple[Option, ...], un
 
 def _type(option: Option, units: bool) -> Any:
     """Type of an option's values in a system file."""
+    if option.count > 1:
+        each: Any = _type(replace(option, count=1), units)
+        return Annotated[list[each], Field(min_length=option.count, max_length=option.count)]
     if option.choices:
         return Literal[option.choices]
     if option.dimension and units:

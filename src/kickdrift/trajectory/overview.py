@@ -12,7 +12,7 @@ from kickdrift.display.showing import KEY
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import worth_saying
+from kickdrift.integrators.options import mean_pressure, worth_saying
 from kickdrift.looks.doubts import UNRELIABLE
 from kickdrift.looks.report_lines import energy_lines, energy_trend, mean_text, method_text, verdict_text
 from kickdrift.model.checks.values import unwarned
@@ -55,6 +55,8 @@ def overview_of(run: Run) -> Lines:
     ]
     if found["steps"]:
         (first, last), (begin, end) = found["steps"], found["time"]
+        if isinstance(told := report.get("equilibrated"), str) and told:
+            lines.append(("equilibrated", told))
         lines.append(("length", f"{counted(last - first, 'step', ',')}, {measured(f'{end - begin:g}', units['time'])}"))
     energy = report.get("energy")
     if isinstance(energy, dict) and found["time"]:
@@ -133,7 +135,7 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
         unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
         text = mean_text(pressure, _error(report, "pressure"), unit)
         options, verdict = report.get("options"), report.get("pressure_verdict")
-        asked = options.get("pressure") if isinstance(options, dict) and isinstance(verdict, str) else None
+        asked = mean_pressure(options) if isinstance(options, dict) and isinstance(verdict, str) else None
         text += verdict_text(asked if _is_number(asked) else None, verdict, unit)
         joined = f"{lines[0][1]}, pressure {text}" if lines else ""
         if joined and not said and len(joined) <= FITS:

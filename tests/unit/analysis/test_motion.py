@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from scipy.special import erfc
 
 import kickdrift as kd
-from kickdrift.analysis import mean_squared_displacement, velocity_autocorrelation
+from kickdrift.analysis import Diffusion, mean_squared_displacement, velocity_autocorrelation
 from kickdrift.analysis.observables import vectors
 from kickdrift.analysis.observables.motion import CUBE
 from kickdrift.errors import InputError
@@ -122,6 +122,16 @@ def test_diffusion_of_random_walks_lies_within_its_error():
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(ddof=1), rel=0.35)  # uncertain by 1/sqrt(80)
     assert np.mean(np.abs(values - truth) < 2 * errors) > 0.8
     assert found[0].window == (DT, 20 * DT)
+
+
+def test_diffusion_as_text_has_a_familiar_unit_or_says_that_its_error_is_unknown():
+    """1 angstrom^2/ps is 1e-16 cm^2 in 1e-12 s."""
+    found = mean_squared_displacement(
+        np.cumsum(np.random.default_rng(1).normal(size=(80, 5, 3)), axis=0), np.arange(80.0), lags=80
+    )
+    long, short = found.diffusion(60, 79), Diffusion(0.25, 0.01, (1.0, 9.0), "angstrom^2/ps")
+    assert str(short) == "0.250 ± 0.010 angstrom^2/ps = 2.5e-05 ± 1.0e-06 cm^2/s"
+    assert str(long).endswith("error unknown: the run is too short for times up to 79")
 
 
 def test_diffusion_of_langevin_velocities_by_green_and_kubo():

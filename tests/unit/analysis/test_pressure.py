@@ -49,12 +49,12 @@ def test_the_trace_of_mixtures_tails_springs_and_fields():
         cutoff=2.5,
         truncation="cut",
         tail=True,
-        species={"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 0.5, "sigma": 0.88}},
+        species={"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 0.5, "sigma": 0.88}, "C": {"sigma": 0.95}},
         pairs={("A", "B"): {"epsilon": 1.5, "sigma": 0.8}},
     )
     springs = Springs(pairs=[(0, 1), (3, 90), (5, 7)], stiffness=[3.0, 2.0, 5.0], length=[0.0, 1.0, 0.5])
     system = fluid(
-        mixture, species=["ABB"[k % 3] for k in range(120)], extra=[springs, UniformField(acceleration=(0.0, 0.0, 1.0))]
+        mixture, species=["ABC"[k % 3] for k in range(120)], extra=[springs, UniformField(acceleration=(0.0, 0.0, 1.0))]
     )
     p = instantaneous_pressure(system, system.state.positions, relative(system))
     assert np.trace(p) / 3 == pytest.approx(engine_pressure(system), rel=1e-12)

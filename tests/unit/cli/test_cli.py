@@ -359,8 +359,11 @@ def test_equilibration_comes_first(kickdrift, folder):
     assert code == 0
     found = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     assert (found["steps"], found["energy"]["max_relative_error"] < 1e-3) == (50, True)
+    assert found["equilibrated"] == "at 0.9 ε/k_B in 0.4 τ by rescaled velocities"
     with kd.open("run.h5md") as run:
         assert (run[0].step, run[0].time, run[-1].step) == (0, 0.0, 50)
+    code, out, _ = kickdrift("info", "run.h5md")
+    assert (code, "equilibrated      at 0.9 ε/k_B in 0.4 τ" in out) == (0, True)
 
 
 def test_a_shipped_system_by_its_name(kickdrift):

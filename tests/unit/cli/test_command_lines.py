@@ -394,3 +394,10 @@ def test_workers_that_cannot_be_started_are_one_line(monkeypatch):
     ended = pytest.raises(RunError, match="the workers cannot be started: RuntimeError: Nanny failed")
     with ended, contextlib.ExitStack() as stack:
         stack.enter_context(running.workers(1))
+
+
+def test_a_message_keeps_the_end_of_a_long_path():
+    folders = "a/" * 60
+    assert shown(f"{folders}cu.eam").endswith("a/cu.eam'")
+    assert shown(f"{folders}cu.eam").startswith("'...")
+    assert shown("x" * 80).endswith("x...")

@@ -37,8 +37,8 @@ def melt(forces=(), box=BOX, factors=FACTORS, chains=30, length=10, mixture=Fals
     """Chains with a Lennard-Jones force and others."""
     lists = {"angles": True, "dihedrals": True, "impropers": IMPROPERS, "exclusions": [(0, 77)]}
     topology = kd.Topology.chains(chains, length, factors=factors, **lists)
-    sizes = {"species": {"A": {}, "B": {"sigma": 0.9, "epsilon": 0.6}}} if mixture else {}
-    species = ["A", "B"] * (chains * length // 2) if mixture else None
+    sizes = {"species": {"A": {}, "B": {"sigma": 0.9, "epsilon": 0.6}, "C": {"sigma": 0.95}}} if mixture else {}
+    species = ["ABC"[k % 3] for k in range(chains * length)] if mixture else None
     pair = kd.LennardJones(cutoff=CUTOFF, **sizes)
     x = snake(chains, length)
     return kd.System(x, box=box, forces=[pair, *forces], species=species, topology=topology, **more)

@@ -20,10 +20,9 @@ from kickdrift_validation.folders import DATA
 from tests.long import rest
 from tests.oracle.agreement import assert_right
 from tests.oracle.forces import pair_oracle
-from tests.systems import on_grid
+from tests.systems import SPECIES, on_grid
 
 NIST = DATA / "nist-lj"
-SPECIES = {"A": {}, "B": {"epsilon": 0.5, "sigma": 0.8}}
 LEANING = np.array([[10.0, 0.0, 0.0], [-5.0, 9.0, 0.0], [4.0, 4.5, 8.0]])
 AXES = [axes for axes in itertools.product((True, False), repeat=3) if any(axes)]
 
@@ -68,7 +67,7 @@ def test_forces_are_sums_over_nearest_images(lengths, leans, axes, n, share, see
 )  # fmt: skip
 def test_every_truncation_and_mixture(truncation, mixture):
     x = liquid(LEANING, 500, 3)
-    species = list("AAAB" * 125) if mixture else None
+    species = list("ABAC" * 125) if mixture else None
     force = kd.LennardJones(cutoff=2.5, truncation=truncation, species=SPECIES if mixture else None)
     assert_right(kd.System(x, box=LEANING, forces=[force], species=species))
 

@@ -317,7 +317,10 @@ DRIVEN = 'type = "driven-field"\namplitude = [1, 0, 0]\n'
         (TRAP + "stiffness = true", "force[0].stiffness: expected a stiffness such as"),
         (TRAP + "stiffness = 1\ncentre = 3", "force[0].centre: expected a list, got 3"),
         (TRAP + "stiffness = 1\ncenter = [0, 0, 0]", "force[0].center: unknown key; did you mean 'centre'?"),
-        (TRAP + "stiffness = 1\n[box]\nlengths = [9, 9, 9]", "harmonic-trap: a trap needs open space, but the box is"),
+        (
+            TRAP + "stiffness = [1, 2, 3]\n[box]\nmatrix = [[9, 0, 0], [4, 9, 0], [0, 0, 9]]",
+            "harmonic-trap: stiffness has three values, but a leaning box takes one",
+        ),
         ('type = "uniform-field"', "force[0].acceleration: required key is missing"),
         ('type = "uniform-field"\nacceleration = 9.81', "force[0].acceleration: expected a list, got 9.81"),
         ('type = "uniform-field"\nacceleration = [0, 0, "9 m/s"]', "force[0].acceleration[2]: expected an"),

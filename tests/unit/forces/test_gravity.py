@@ -64,6 +64,22 @@ def test_any_cloud(seed, n, G, softening):
     assert_right(cloud(n, seed, n // 5, G, softening))
 
 
+@pytest.mark.parametrize("force", [Gravity(), GravityTree()], ids=["direct", "tree"])
+def test_sums_from_the_evaluation_before_are_those_of_the_same_positions(force):
+    """The second evaluation in a row expects to be asked for sums; they are taken if the positions are the same."""
+    own = cloud(40).state
+    system = System(own.positions, own.velocities, own.masses, forces=[force], units="nbody")
+    here, there = own.phase, 1.1 * own.phase
+    apart = [BoundForces(system).measure(0.0, each) for each in (here, there)]
+    forces = BoundForces(system)
+    forces.derivative(0.0, here)
+    for at, asked in ((here, here), (there, there), (there, here), (here, here)):
+        forces.derivative(0.0, at)
+        found, wanted = forces.measure(0.0, asked), apart[asked is there]
+        np.testing.assert_array_equal(found.accelerations, wanted.accelerations)
+        assert found[1:] == wanted[1:]
+
+
 @pytest.mark.parametrize("units", UNIT_SYSTEMS)
 def test_the_units_own_constant(units):
     system = cloud(20, units=units, G=None if UNIT_SYSTEMS[units].gravity else 2.0)

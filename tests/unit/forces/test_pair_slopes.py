@@ -58,7 +58,7 @@ def test_slopes_are_those_of_the_oracle(case):
 
 @pair_law
 class Elementary(NamedTuple):
-    """U = a exp(-r / rho) + r^-n + log(1 + r^2)."""
+    """U = a exp(-r / rho) + r^-n + log(1 + r^2) below r = 2, and the law returns what np.where gives."""
 
     a: float = 30.0
     rho: float = 0.4
@@ -67,7 +67,8 @@ class Elementary(NamedTuple):
     def law(p, r2):
         r = math.sqrt(r2)
         wall, core = p.a * math.exp(-r / p.rho), r2 ** (-0.5 * p.n)
-        return wall + core + math.log(1.0 + r2), wall / (p.rho * r) + p.n * core / r2 - 2.0 * (1.0 + r2) ** -1
+        energy, pull = wall + core + math.log(1.0 + r2), wall / (p.rho * r) + p.n * core / r2 - 2.0 * (1.0 + r2) ** -1
+        return np.where(r2 < 4.0, energy, 0.0), np.where(r2 < 4.0, pull, 0.0)
 
 
 def test_a_law_of_exponentials_and_powers_in_a_mixture():

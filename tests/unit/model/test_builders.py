@@ -204,7 +204,7 @@ def test_bad_structure_files(tmp_path, monkeypatch):
     write(path, ase.Atoms("Ar", cell=[[9, 0, 0], [9, 0, 0], [0, 0, 9]], pbc=True))
     with pytest.raises(InputError, match=r"the edge vectors are singular \(no volume\)"):
         read_structure(path, METAL)
-    with pytest.raises(InputError, match='expected units = "metal", got "lj"'):
+    with pytest.raises(InputError, match='expected units = "metal", "real" or "gromacs", got "lj"'):
         read_structure(path, UNIT_SYSTEMS["lj"])
     monkeypatch.setitem(sys.modules, "ase.io", None)
     with pytest.raises(InputError, match=r"pip install 'kickdrift\[ase\]'"):

@@ -100,7 +100,8 @@ def test_words_that_nobody_knows_have_no_hint():
         ({"force": "meam"}, "are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any calculator of"),
         ({"force": "buckingham"}, "buckingham is not shipped; kd.pair_law makes the force from its formula"),
         ({"units": "kpc"}, "'astro' takes quantities with units, such as \"8 kpc\""),
-        ({"units": "real"}, "'metal' takes quantities with units"),
+        ({"units": "akma"}, "'real' is kcal/mol, angstrom and fs"),
+        ({"units": "openmm"}, "kJ/mol, nm and ps are 'gromacs' here"),
         ({"units": "SI"}, "did you mean 'si'?"),
         ({"more": "timestep = 1"}, "run.timestep: unknown key; timestep is 'dt' here"),
         ({"more": "nsteps = 1"}, "nsteps is 'steps' here"),
@@ -175,8 +176,8 @@ def test_engines_systems_and_units():
 @pytest.mark.parametrize(
     ("text", "dimension", "units"),
     [
-        ("8 kpc", "length", "astro"), ("220 km/s", "velocity", "astro"), ("0.24 kcal/mol", "energy", "metal"),
-        ("2 fs", "time", "metal"), ("0.34 nm", "length", "metal"), ("1 kJ/mol", "energy", "metal"),
+        ("8 kpc", "length", "astro"), ("220 km/s", "velocity", "astro"),
+        ("2 fs", "time", "real"),
         ("2 bohr", "length", "metal"), ("1 cm", "length", "si"), ("1 g", "mass", "si"),
         ("5.9722e24 kg", "mass", "astro"), ("1.89813e27 kg", "mass", "astro"), ("6.957e8 m", "length", "astro"),
         ("6378.1 km", "length", "astro"),

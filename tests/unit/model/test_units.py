@@ -85,6 +85,42 @@ def test_coherent_mass_of_metal():
 
 
 @pytest.mark.parametrize(
+    ("name", "between", "k", "coherent"),
+    [  # Coulomb's constant and k_B by e, k_B, N_A (exact since 2019) and CODATA 2022's u and vacuum permittivity
+        ("real", 332.0637130741, 1.987204258641e-3, 2390.0573638900),
+        ("gromacs", 138.9354575502, 8.31446261815324e-3, 1.00000000105),
+    ],
+)
+def test_units_of_biomolecules(name, between, k, coherent):
+    """LAMMPS has 332.06371 and 1/48.88821291^2 = 1/2390.0573614; GROMACS has 138.935458 and 0.0083144626."""
+    units = UNIT_SYSTEMS[name]
+    assert units.coulomb == pytest.approx(between, rel=1e-11)
+    assert units.boltzmann == pytest.approx(k, rel=1e-12)
+    assert units.coherent_mass == pytest.approx(coherent, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "real", "gromacs"),
+    [
+        ("0.24 kcal/mol", "energy", 0.24, 0.24 * 4.184),
+        ("1 kJ/mol", "energy", 1 / 4.184, 1.0),
+        ("1 eV", "energy", 23.0605478306, 96.4853321233),
+        ("120 K", "energy", 120 * 1.987204258641e-3, 120 * 8.31446261815324e-3),
+        ("1 atm", "pressure", 1.458397257426e-5, 0.0610193412507),  # LAMMPS: 1/68568.415
+        ("1 bar", "pressure", 1.439326185468e-5, 0.0602214076),  # GROMACS: 1/16.6054
+        ("4.5e-5 bar^-1", "compressibility", 4.5e-5 / 1.439326185468e-5, 4.5e-5 / 0.0602214076),
+        ("31 kcal/mol/angstrom^2", "stiffness", 31.0, 31.0 * 418.4),
+        ("2 fs", "time", 2.0, 0.002),
+        ("3 angstrom", "length", 3.0, 0.3),
+        ("1 e", "charge", 1.0, 1.0),
+    ],
+)
+def test_quantities_of_biomolecules(text, dimension, real, gromacs):
+    assert quantity(text, dimension, UNIT_SYSTEMS["real"]) == pytest.approx(real, rel=1e-10)
+    assert quantity(text, dimension, UNIT_SYSTEMS["gromacs"]) == pytest.approx(gromacs, rel=1e-10)
+
+
+@pytest.mark.parametrize(
     ("value", "dimension", "message"),
     [
         ("3.4 K", "length", "cutoff: expected a length such as \"3.4 angstrom\", got '3.4 K'"),

@@ -9,6 +9,7 @@ import kickdrift as kd
 from kickdrift.batch import Batch
 from kickdrift.ensemble.recipe import Recipe, SystemMaker
 from kickdrift.errors import InputError
+from kickdrift.looks.report_lines import mean_text
 from tests.systems import liquid, needed
 
 AT_REST = {
@@ -183,3 +184,15 @@ def test_files_tell_the_heat(tmp_path):
     assert lines["heat"] == f"{heat:.8g} ε from the heat bath"
     assert lines["energy"] == f"{first:.8g} at the start, {last:.8g} ε at the end"
     assert "momentum error" not in lines
+
+
+@pytest.mark.parametrize(
+    ("mean", "error", "text"),
+    [
+        (2.584e-4, 1.2e-5, "0.000258 ± 0.000012 eV/angstrom^3 = 414 ± 19 bar (mean)"),
+        (0.0624150907446, None, "0.062415 eV/angstrom^3 = 10 GPa (mean)"),
+    ],
+)
+def test_pressures_have_bar_or_gigapascal_beside_them(mean, error, text):
+    """1 eV/angstrom^3 is 160.2176634 GPa, by the exact charge of the electron."""
+    assert mean_text(mean, error, "eV/angstrom^3") == text

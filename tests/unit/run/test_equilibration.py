@@ -8,6 +8,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.run_defaults import Equilibration
+from kickdrift.run.equilibration import equilibrate_as_told
 from kickdrift.systemfile.reading import load
 from tests.systems import liquid
 
@@ -154,6 +155,7 @@ def test_a_file_says_how_to_equilibrate(tmp_path):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
+        ("[equilibrate]\nsteps = 2\n", "equilibrate.temperature: is missing, and .run. has no heat bath with a"),
         ("[equilibrate]\ntemperature = 1.0\n", "equilibrate: expected time or steps, got neither"),
         ("[equilibrate]\ntemperature = 1.0\ntime = 1\nsteps = 2\n", "equilibrate: expected time or steps, got both"),
         ("[equilibrate]\ntemperature = 1.0\nsteps = 2\nt0 = 2.0\n", "equilibrate.t0: unknown key"),
@@ -168,6 +170,28 @@ def test_tables_that_make_no_sense_are_refused(tmp_path, table, message):
 
 
 BATH = {"temperature": 1.0, "friction": 1.0}
+
+
+def test_an_equilibration_by_the_file_ends_at_the_temperature_of_the_runs_bath(tmp_path):
+    bath = 'integrator = "baoab"\ntemperature = 1.5\nfriction = 1.0\n[equilibrate]\nsteps = 20\n'
+    system = load(written(tmp_path, bath))
+    assert system.equilibration == Equilibration(1.5, None, 10, None, 20)
+    own, hot, ramp = kd.Simulation(system), kd.Simulation(system, temperature=2.5), kd.Simulation(system)
+    for sim in (own, hot):
+        equilibrate_as_told(sim)
+    assert own.report().equilibrated == "at 1.5 ε/k_B in 20 steps by baoab"
+    assert hot.report().equilibrated == "at 2.5 ε/k_B in 20 steps by baoab"
+    assert hot.system.equilibration == Equilibration(2.5, None, 10, None, 20)
+    other = kd.Simulation(system, temperature=2.5)
+    other.equilibrate(2.5, steps=20)
+    np.testing.assert_array_equal(hot.state.phase, other.state.phase)
+    ramp.equilibrate(0.5, 0.08, to=1.5)
+    assert ramp.report().equilibrated == "from 0.5 to 1.5 ε/k_B in 0.08 τ by baoab"
+    assert own.run(5).equilibrated.endswith("by baoab")
+    own.state = own.state
+    assert own.report().equilibrated == ""
+    with pytest.raises(InputError, match=r"temperature = 1.5 is not the heat bath's temperature = 2.5"):
+        equilibrate_as_told(kd.Simulation(system, temperature=2.5), exactly=True)
 
 
 @pytest.mark.parametrize(

@@ -39,12 +39,20 @@ def unit_masses() -> kd.System:
     return kd.System(x, v, masses=rng.uniform(0.5, 2.0, 600), forces=[kd.Gravity(softening=0.05)], units="nbody")
 
 
+def tree_of_masses() -> kd.System:
+    own = unit_masses().state
+    force = kd.GravityTree(softening=0.05)
+    return kd.System(own.positions, own.velocities, masses=own.masses, forces=[force], units="nbody")
+
+
 RUNS = {
     "splitting": (planets, "leapfrog", {"dt": 0.01}),
     "drift first": (planets, "leapfrog-dkd", {"dt": 0.01}),
     "corrected": (planets, "wisdom-holman", {"dt": 0.01, "corrector": 11}),
     "lists": (liquid, "velocity-verlet", {"dt": 0.004}),
     "lists, mixed": (liquid, "velocity-verlet", {"dt": 0.004, "precision": "mixed"}),
+    "many bodies": (unit_masses, "leapfrog", {"dt": 0.001}),
+    "a tree": (tree_of_masses, "leapfrog", {"dt": 0.001}),
     "python's steps": (planets, "gauss-legendre4", {"dt": 0.05}),
     "whole numbers": (planets, "leapfrog-exact", {"dt": 0.01}),
 }
@@ -226,9 +234,18 @@ def test_how_many_looks_follows_from_the_run_alone(steps, evaluations, bodies, w
     assert looks_at(steps, evaluations, bodies) == wanted
 
 
+@pytest.mark.parametrize(
+    ("steps", "cost", "wanted"),
+    [(60, 0.3, 20), (400, 0.3, 50), (400, 1.2, 33), (60, 4.0, 1), (2000, 4.0, 50), (5, 4.0, 1)],
+)
+def test_default_looks_at_many_particles_take_a_tenth_of_the_time_of_the_steps(steps, cost, wanted):
+    assert looks_at(steps, 1, 32_000, cost) == wanted
+
+
 def test_a_default_run_looks_as_often_as_the_rule_says():
     assert kd.Simulation(planets(), "leapfrog", 0.01).run(5000).samples == 1001
-    assert kd.Simulation(unit_masses(), "leapfrog", 0.001).run(120).samples == 61
+    assert kd.Simulation(unit_masses(), "leapfrog", 0.001).run(120).samples == 41
+    assert kd.Simulation(unit_masses(), "leapfrog-dkd", 0.001).run(120).samples == 31
 
 
 def test_how_often_is_forgotten_after_a_run():

@@ -56,6 +56,15 @@ def test_state_is_a_copy():
     assert np.all(sim.state.masses == 1.0)
 
 
+def test_a_simulation_without_dt_gives_energy_forces_and_pressure():
+    stepping, still = kd.Simulation(liquid(), dt=DT), kd.Simulation(liquid())
+    assert still.dt is None
+    assert still.energy() == stepping.energy()
+    assert still.pressure() == stepping.sample().pressure
+    assert still.forces().tobytes() == stepping.forces().tobytes()
+    assert still.minimize(steps=20).energy == stepping.minimize(steps=20).energy
+
+
 def test_arrays_shown_are_read_only():
     sim = kd.Simulation(liquid(), dt=DT)
     for array in (sim.state.positions, sim.state.velocities, sim.state.wrapped(), sim.forces()):
@@ -173,7 +182,7 @@ def test_bad_steps(dt):
 
 def test_dt_integrator_and_cadence_come_from_the_file_unless_given():
     with pytest.raises(InputError, match="dt is needed: system 'two-body' has no dt"):
-        kd.Simulation(two_bodies())
+        kd.Simulation(two_bodies()).run(1)
     system = liquid(run=RunDefaults("leapfrog-dkd", 0.003, every=7))
     sim = kd.Simulation(system)
     assert (sim.dt, sim.integrator) == (0.003, "leapfrog-dkd")

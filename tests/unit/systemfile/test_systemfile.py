@@ -295,7 +295,12 @@ BAD = [
     (GOOD, "every = 10", "every = 0", "run.every: expected a number greater than 0, got 0"),
     (GOOD, "every = 10", "time = 1.0", "run: expected steps or time, got both"),
     (GOOD, "every = 10", "evry = 10", "run.evry: unknown key; did you mean 'every'?"),
-    (GOOD, "[run]", "[equilibrate]\ntime = 1.0\n[run]", "equilibrate.temperature: required key is missing"),
+    (
+        GOOD,
+        "[run]",
+        "[equilibrate]\ntime = 1.0\n[run]",
+        "equilibrate.temperature: is missing, and [run] has no heat bath",
+    ),
     (GOOD, "[run]", "[[run]]", "run: expected a table, got [{"),
     (GOOD, '"velocity-verlet"', "1", "run.integrator: expected text in quotes, got 1"),
     (GOOD, "[run]", "[run", "not valid TOML: "),

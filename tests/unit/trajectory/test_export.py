@@ -20,7 +20,7 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.trajectory.export import formats, to_mdanalysis
 from tests.folders import DOCS
-from tests.run_files import ANGSTROM, FRAMES, PS, UNITS, N, make_system, states, without, write
+from tests.run_files import ANGSTROM, FRAMES, PS, REAL, UNITS, N, make_system, states, without, write
 
 ase_io = pytest.importorskip("ase.io")
 MDAnalysis = pytest.importorskip("MDAnalysis")
@@ -102,6 +102,8 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
     # Value of a unit of length, time and mass in ASE's units, by ASE's own constants. Nominal numbers stay unchanged.
     length, time, mass = {
         "metal": (1e-10 * m, 1e-12 * second, constants.atomic_mass * kg),
+        "real": (1e-10 * m, 1e-15 * second, constants.atomic_mass * kg),
+        "gromacs": (1e-9 * m, 1e-12 * second, constants.atomic_mass * kg),
         "si": (m, second, kg),
     }.get(units, (1.0, 1.0, 1.0))
     exact = suffix == ".traj"
@@ -119,7 +121,7 @@ def test_ase_reads_what_was_exported(path, suffix, units, unwrapped):
         assert list(atoms.get_tags()) == system.species_index.tolist()
         assert atoms.info["species"] == list(system.species)
         assert atoms.info.get("names", []) == list(system.names)
-        assert list(atoms.symbols[:2]) == (["Ar", "Kr"] if units in ("metal", "si") else ["X", "X"])
+        assert list(atoms.symbols[:2]) == (["Ar", "Kr"] if units in REAL else ["X", "X"])
         assert list(atoms.pbc) == [system.box.periodic] * 3
         if system.box.periodic:
             np.testing.assert_allclose(atoms.cell.lengths(), [15, 16, 17.5], rtol=1e-14)

@@ -122,7 +122,10 @@ def test_mdanalysis_opens_each_with_no_keyword(path, options):
 
 
 @pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
-@pytest.mark.parametrize(("units", "factor", "scale"), [("metal", 96.48533212331, 1.0), ("si", 6.02214076e10, 1e-10)])
+@pytest.mark.parametrize(
+    ("units", "factor", "scale"),
+    [("metal", 96.48533212331, 1.0), ("real", 4.184, 1.0), ("gromacs", 0.1, 10.0), ("si", 6.02214076e10, 1e-10)],
+)
 def test_forces_in_real_units_are_those_that_mdanalysis_says(path, units, factor, scale):
     """1 eV/angstrom = 96.485 kJ/mol/angstrom; 1 N = 6.022e10 kJ/mol/angstrom: from e and N_A, exact since 2019."""
     MDAnalysis = pytest.importorskip("MDAnalysis")

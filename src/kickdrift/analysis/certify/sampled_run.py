@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -185,7 +185,7 @@ def _of_frames(frames: Frames) -> SampledRun:
     vectors.spacing()  # raises an error if samples are not equally spaced
     seen = run.framed(slice(None))
     potential, pressures = seen.get("potential_energy"), seen.get("pressure")
-    pressure = _number(run.method.get("pressure"), name)
+    pressure = _pressure(run.method, name)
     boxes = run.boxes_of(range(len(run)))
     axes = groups[: vectors.dimensions]
     return SampledRun(
@@ -227,7 +227,7 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         potential=np.array([each.energies.potential for each in samples]),
         volume=np.array([each.volume if sim.box_varies else system.volume for each in samples]),
         temperature=_number(sim.options.get("temperature"), name),
-        pressure=_number(sim.options.get("pressure"), name),
+        pressure=_pressure(sim.options, name),
         bath=bath,
         likeness=_likeness(system, not sim.box_varies),
         notes=(
@@ -306,6 +306,14 @@ def _likeness(system: System, of_box: bool) -> tuple[Any, ...]:
     names = tuple(system.species[k] for k in system.species_index)
     box = system.box.described("") if of_box else ""
     return system.units.name, tuple(system.state.masses.tolist()), names, repr(system.forces), box
+
+
+def _pressure(options: Mapping[str, Any], name: str) -> float | None:
+    """A run's pressure; None if there is none. Raises InputError for a stress beside it: the tests know the
+    distribution of the volume under a pressure alone."""
+    if options.get("stress") is not None:
+        raise InputError(f"{name}: has a stress beside its pressure; the tests of volumes need a pressure alone")
+    return _number(options.get("pressure"), name)
 
 
 def _number(value: Any, name: str) -> float | None:

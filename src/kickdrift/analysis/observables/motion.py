@@ -13,7 +13,9 @@ from scipy import fft
 
 from kickdrift.analysis.observables.vectors import Source, Vectors, vectors_of
 from kickdrift.errors import InputError
+from kickdrift.looks.report_lines import mean_with_units
 from kickdrift.model.state import Floats
+from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
 from kickdrift.statistics.blocks import Mean, block_average
 
 STRETCHES = 64  # stretches of time origins, whose means are the rows of the error's blocks
@@ -24,11 +26,19 @@ CUBE = 2.837297  # xi of Yeh & Hummer: the lattice sum of a cubic box
 class Diffusion:
     """A self-diffusion coefficient in length² per time, its standard error, and the time window of the fit.
 
-    The error is infinite if the run is too short."""
+    The error is infinite if the run is too short. ``unit`` is the unit of value and error, "" for arrays and plain
+    numbers; as text, a familiar unit stands beside it."""
 
     value: float
     error: float
     window: tuple[float, float]
+    unit: str = ""
+
+    def __str__(self) -> str:
+        if math.isfinite(self.error):
+            return mean_with_units(self.value, self.error, self.unit)
+        unknown = f"error unknown: the run is too short for times up to {self.window[1]:g}"
+        return f"{mean_with_units(self.value, None, self.unit)}, {unknown}"
 
     def at_infinite_size(self, temperature: float, viscosity: float, edge: float, boltzmann: float = 1.0) -> Diffusion:
         """D + ξ k_B T / (6π η L), ξ = 2.837297: the coefficient for an infinite cubic box.
@@ -80,6 +90,7 @@ class _Correlation:
     error : (lags,) standard errors, infinite where the run is too short for the lag
     frames : int
     dimensions : 3, or 2 for a run in two dimensions
+    units : the run's unit system; None for arrays
     """
 
     times: Floats
@@ -88,6 +99,7 @@ class _Correlation:
     frames: int
     _stretches: _Stretches
     dimensions: int = 3
+    units: UnitSystem | None = None
 
     def _lag(self, name: str, time: float) -> int:
         step = float(self.times[1]) if len(self.times) > 1 else math.inf
@@ -101,7 +113,8 @@ class _Correlation:
         rows = self._stretches.rows(last) @ weights
         found = block_average(rows) if len(rows) else Mean(np.nan, np.inf, 0)  # type: ignore[arg-type]
         window = float(self.times[first]), float(self.times[last])
-        return Diffusion(float(weights @ self.values[: last + 1]), float(found.error), window)
+        unit = symbol_of(f"{self.units.length}^2/{self.units.time}") if self.units else ""
+        return Diffusion(float(weights @ self.values[: last + 1]), float(found.error), window, unit)
 
 
 class MeanSquaredDisplacement(_Correlation):
@@ -211,7 +224,7 @@ def velocity_autocorrelation(
 
 def _correlation(
     found: Vectors, lags: int | None, of: str | None, remove_drift: bool, displacements: bool
-) -> tuple[Floats, Floats, Floats, int, _Stretches, int]:
+) -> tuple[Floats, Floats, Floats, int, _Stretches, int, UnitSystem | None]:
     count = len(found)
     step = found.spacing()
     number = max(2, count // 4) if lags is None else lags
@@ -231,7 +244,8 @@ def _correlation(
     later = np.arange(number)
     terms = np.clip(count - later - starts[:, None], 0, (stops - starts)[:, None]) * int(members.sum())
     stretches = _Stretches(sums, terms)
-    return step * later.astype(np.float64), stretches.mean(), stretches.errors(), count, stretches, found.dimensions
+    times, about = step * later.astype(np.float64), (found.dimensions, found.units)
+    return times, stretches.mean(), stretches.errors(), count, stretches, *about
 
 
 def _stretch(x: Floats, origins: int, lags: int, displacements: bool) -> Floats:

@@ -14,6 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.freedom import whole_motion
 from kickdrift.model.state import Floats
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.trajectory.layout.run_parts import RunFile
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.frames import Frames
@@ -87,6 +88,11 @@ class Vectors:
     def dimensions(self) -> int:
         """Number of dimensions: 3, or 2 for a run in two dimensions."""
         return int(self.source.system_record.get("dimensions", 3)) if isinstance(self.source, reader.Run) else 3
+
+    @property
+    def units(self) -> UnitSystem | None:
+        """The run's unit system; None for an array."""
+        return self.source.units if isinstance(self.source, reader.Run) else None
 
     @property
     def box(self) -> Box:

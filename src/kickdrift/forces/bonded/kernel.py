@@ -13,6 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from kickdrift.forces.lists.along import ALL
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.inner import overload
@@ -37,7 +38,7 @@ class Listed(NamedTuple):
     longest2: NDArray[np.float64]  # (1,) squared length from which a bond's nearest image is uncertain, or infinity
     inverse_masses: NDArray[np.float64]  # (n,)
     room: NDArray[np.float64]  # (numbers of an item, BLOCK)
-    along: Any = None  # (1, 3) virial along each axis, for a barostat; else None
+    along: Any = None  # virial of one chunk, for a barostat; see `lists.along`
 
 
 class BondKernel(Listed):
@@ -157,17 +158,28 @@ def _clear_along(along):
     return clear
 
 
-def note_along(along: Any, axis: int, virial: Any) -> None:
-    """Add to the virial along an axis, if it is asked."""
+def note_along(along: Any, axis: int, pull: Any, d: Any) -> None:
+    """Subtract a pull along an axis times the displacement d (3,) from the virial, if it is asked."""
 
 
 @overload(note_along, forceinline=True)
-def _note_along(along, axis, virial):
+def _note_along(along, axis, pull, d):
     if isinstance(along, types.NoneType):
-        return lambda along, axis, virial: None
+        return lambda along, axis, pull, d: None
+    if along.ndim == ALL:
 
-    def note(along, axis, virial):
-        along[0, axis] += virial
+        def note_all(along, axis, pull, d):
+            along[0, 0, axis] -= pull * d[axis]
+            if axis == 0:
+                along[0, 1, 1] -= pull * d[2]
+                along[0, 1, 2] -= pull * d[1]
+            elif axis == 1:
+                along[0, 1, 0] -= pull * d[2]
+
+        return note_all
+
+    def note(along, axis, pull, d):
+        along[0, axis] -= pull * d[axis]
 
     return note
 
@@ -223,7 +235,7 @@ def bond_forces(force, t, x, v, a, sums):
                 a[axis, i] -= pull * inverse_masses[i]
                 a[axis, j] += pull * inverse_masses[j]
                 if sums is not None:
-                    note_along(force.along, axis, -pull * room[axis, k])
+                    note_along(force.along, axis, pull, (room[0, k], room[1, k], room[2, k]))
             if sums is not None:
                 energies += room[4, k]
     if sums is not None:
@@ -258,7 +270,8 @@ def angle_forces(force, t, x, v, a, sums):
             for axis in range(3):
                 room[axis, k], room[3 + axis, k] = one * first[axis], two * last[axis]
                 if sums is not None:
-                    note_along(force.along, axis, -(one * first[axis] * d[axis] + two * last[axis] * e[axis]))
+                    note_along(force.along, axis, room[axis, k], d)
+                    note_along(force.along, axis, room[3 + axis, k], e)
             if sums is not None:
                 energies += energy
         for k in range(count):
@@ -303,8 +316,9 @@ def dihedral_forces(force, t, x, v, a, sums):
                 room[axis, k], room[3 + axis, k] = -one * p[axis], two * q[axis]
                 room[6 + axis, k] = mixed * p[axis] - other * q[axis]
                 if sums is not None:
-                    first, last, inner = room[axis, k], room[3 + axis, k], room[6 + axis, k]
-                    note_along(force.along, axis, -(first * f[axis] + inner * g[axis] + last * h[axis]))
+                    note_along(force.along, axis, room[axis, k], f)
+                    note_along(force.along, axis, room[6 + axis, k], g)
+                    note_along(force.along, axis, room[3 + axis, k], h)
             if sums is not None:
                 energies += energy
         for k in range(count):

@@ -59,7 +59,7 @@ def _compiled(force: BoundForce) -> BoundForce:
 
 
 def in_live_box(force: BoundForce, lengths: Floats, shortest: Floats, along: Floats | None) -> BoundForce:
-    """Return the bound force in a box with its edge lengths in this memory.
+    """Return the bound force in a box with its edges in this memory, see `LiveBox.lengths`.
 
     A force follows the box if its parts have a ``cell`` or a list. Unless ``along`` is None, the force sums its virial
     along each axis there. ``shortest`` (3,) are lengths to which the box may shrink."""
@@ -107,7 +107,8 @@ class BoundForces:
 
     Attributes
     ----------
-    along : (rows, 3) virial along each axis at the last evaluation with sums, in parts; None unless edges vary apart
+    along : (rows, 3) or (rows, 2, 3) virial at the last evaluation with sums, in parts, see `lists.along`; None unless
+        edges vary apart
     """
 
     def __init__(
@@ -128,7 +129,8 @@ class BoundForces:
         self._varies = live is not None
         self.along: Floats | None = None
         if live is not None:
-            self._follow(live.lengths, live.lengths_of_height(2.0 * reach_of(system)), apart)
+            form = () if not apart else (2, 3) if live.free else (3,)
+            self._follow(live.lengths, live.lengths_of_height(2.0 * reach_of(system)), form)
         self._table: tuple[tuple[BoundForce, ...], Forces] | None = None  # bound forces and their table
         self.hosts: tuple[Host | None, ...] = tuple(host_of(force.parts) for force in self.forces)
         if thin:
@@ -137,12 +139,12 @@ class BoundForces:
             if isinstance(force, PairKernel):
                 force.pairs.counts[JUMPS_ALLOWED] = jumps
 
-    def _follow(self, lengths: Floats, shortest: Floats, apart: bool) -> None:
-        """Put all forces in a box with its edge lengths in this memory."""
+    def _follow(self, lengths: Floats, shortest: Floats, form: tuple[int, ...]) -> None:
+        """Put all forces in a box with its edges in this memory. A virial along the axes has this form, if any."""
         parts = [force.parts for force in self.forces]
         rows = [len(getattr(each, "sums", (0,))) if hasattr(each, "along") else 0 for each in parts]
         ends = np.cumsum(rows)
-        self.along = np.zeros((sum(rows), 3)) if apart else None
+        self.along = np.zeros((sum(rows), *form)) if form else None
         self.forces = tuple(
             in_live_box(force, lengths, shortest, None if self.along is None else self.along[end - count : end])
             for force, count, end in zip(self.forces, rows, ends, strict=True)
@@ -191,6 +193,13 @@ class BoundForces:
         """Whether a pair law acts alone, and can take steps by itself; see `sorted_steps`. Subclasses of
         `PairKernel` do not: their forces have other sums, or their runs carry more than particles."""
         return [type(force) for force in self.forces] == [PairKernel]
+
+    @property
+    def sums_before_samples(self) -> bool:
+        """Whether a force sums energy and virial in the evaluation before a sample, so that a sample by these forces
+        costs little; see `forces.seam.samples`. Samples with forces of Python have forces of their own."""
+        large = (force for force in self.forces if force is not few_of(self.forces))
+        return any(hasattr(force.parts, "looks") for force in large) and not any(self.hosts)
 
     def keep_sorted(self) -> None:
         """Give the force that takes steps its memory for particles in the order of the clusters."""

@@ -22,16 +22,18 @@ LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
 
 
 class Charged(NamedTuple):
-    """What the errors depend on: number of charges, volume, and the sum of squared charges (energy times length)."""
+    """What the errors depend on: number of charges, volume, and the sums of squares and of fourth powers of the charges
+    (energy times length, and its square)."""
 
     charges: int
     volume: float
     squares: float
+    fourths: float
 
     @classmethod
     def of(cls, charges: Floats, volume: float) -> Charged:
         """The Charged with these charges, scaled by the root of Coulomb's constant."""
-        return cls(max(int(np.count_nonzero(charges)), 1), volume, float(charges @ charges))
+        return cls(max(int(np.count_nonzero(charges)), 1), volume, float(charges @ charges), float((charges**4).sum()))
 
     @property
     def unit(self) -> float:
@@ -50,18 +52,21 @@ class Charged(NamedTuple):
 
 
 class Split(NamedTuple):
-    """Parameters of Ewald's sum: splitting parameter, cutoff, and largest wave number."""
+    """Parameters of Ewald's sum: splitting parameter, cutoff, and largest wave number, or a mesh and the order of its
+    splines."""
 
     alpha: float
     cutoff: float
     waves: float
+    mesh: tuple[int, ...] = ()
+    order: int = 0
 
     def error(self, charged: Charged) -> float:
-        """Predicted error of the forces, relative to ``charged.unit``."""
+        """Predicted error of the forces without a mesh, relative to ``charged.unit``."""
         return math.hypot(charged.near_error(self.alpha, self.cutoff), charged.far_error(self.alpha, self.waves))
 
 
-def _rising(function: Callable[[float], float], low: float, high: float) -> float:
+def rising(function: Callable[[float], float], low: float, high: float) -> float:
     """Place at which a function that falls reaches zero, by bisection of the logarithm."""
     for _ in range(80):
         middle = math.sqrt(low * high)
@@ -73,10 +78,10 @@ def split_at(charged: Charged, accuracy: float, cutoff: float, alpha: float | No
     """The Split with this cutoff, and with the given values of the others, for a wanted error."""
     wanted = SHARE * accuracy
     if alpha is None:
-        alpha = _rising(lambda a: charged.near_error(a, cutoff) - wanted, 1e-3 / cutoff, 1e2 / cutoff)
+        alpha = rising(lambda a: charged.near_error(a, cutoff) - wanted, 1e-3 / cutoff, 1e2 / cutoff)
     if waves is None:
         given = alpha
-        waves = _rising(lambda k: charged.far_error(given, k) - wanted, 1e-2 * alpha, 1e2 * alpha)
+        waves = rising(lambda k: charged.far_error(given, k) - wanted, 1e-2 * alpha, 1e2 * alpha)
     return Split(alpha, cutoff, waves)
 
 

@@ -10,11 +10,12 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import direct_kernel, far_kernel
+from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel
 from kickdrift.forces.charges.accuracy import Split
-from kickdrift.forces.charges.far_kernel import Far, add_far
+from kickdrift.forces.charges.far_kernel import Far
+from kickdrift.forces.charges.mesh_kernel import Mesh
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
-from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD, Radial
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, Radial
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
@@ -23,7 +24,7 @@ from kickdrift.forces.pairs.beside_pairs import BesidePairs
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
 from kickdrift.forces.pairs.lanes import AtCutoff, Cut
 from kickdrift.forces.pairs.law import PairForce
-from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force
+from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force, run_body
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.threads.chunks import in_chunks
@@ -59,7 +60,7 @@ class Charges(Protocol):
 class ChargedParts(NamedTuple):
     """Near and far part of Coulomb's law, without a pair force."""
 
-    far: Far
+    far: Far | Mesh
     force: Any  # PairWork of the near part
     address: int  # of its machine code
     work: int
@@ -78,14 +79,14 @@ class ChargedKernel(BesidePairs):
             if status != OK:
                 return status
             if what == FORCES_AND_SUMS:
-                return add_far(force.far, x, a, sums)
-            return add_far(force.far, x, a, None)
+                return run_body(force.far, t, x, v, a, sums)
+            return run_body(force.far, t, x, v, a, None)
 
         return compute
 
     def with_list(self, **changes: Any) -> ChargedKernel:
         """See PairKernel."""
-        far: Far = self.parts.far
+        far: Far | Mesh = self.parts.far
         if "live" in changes:
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
@@ -136,30 +137,24 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Charges, system: Subject, threads: int) -> Far:
-    """Bind what is beside the sum over near pairs: waves, the energies of single charges, and pairs left out."""
+def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh:
+    """Bind what is beside the sum over near pairs: waves or a mesh, the energies of single charges, and pairs left
+    out."""
     charges, split = force.scaled_charges(system), force.split(system)
     squares = float(charges @ charges)
-    ewald = force.method == EWALD
     alone, background = 0.0, 0.0
-    if ewald:
+    if force.method in ALL_IMAGES:
         alone = -split.alpha / math.sqrt(math.pi) * squares
         background = force.background(system)
     elif force.method == DAMPED_SHIFTED:
         alone = -squares * (
             0.5 * math.erfc(split.alpha * split.cutoff) / split.cutoff + split.alpha / math.sqrt(math.pi)
         )
-    return far_kernel.bind(
-        split.alpha if ewald else 0.0,
-        waves_of(system.box, split.waves),
-        alone,
-        background,
-        charges,
-        system.coherent_masses,
-        system.box,
-        special_pairs(system),
-        threads,
-    )
+    given = alone, background, charges, system.coherent_masses, system.box, special_pairs(system), threads
+    if split.mesh:
+        return mesh_kernel.bind(split.alpha, split.order, split.mesh, *given)
+    alpha = split.alpha if force.method == EWALD else 0.0
+    return far_kernel.bind(alpha, waves_of(system.box, split.waves), *given)
 
 
 def special_pairs(system: Subject) -> tuple[NDArray[np.int64], Floats]:

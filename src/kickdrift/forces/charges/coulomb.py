@@ -10,11 +10,15 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, split_at
+from kickdrift.forces.charges.fourier import SMALLEST, is_smooth
+from kickdrift.forces.charges.mesh_choice import cheapest_mesh
 from kickdrift.forces.charges.radial import (
+    ALL_IMAGES,
     DAMPED_SHIFTED,
     DIRECT,
     EWALD,
     METHODS,
+    PME,
     REACTION_FIELD,
     STRONGEST,
     Radial,
@@ -22,8 +26,9 @@ from kickdrift.forces.charges.radial import (
     ewald_near,
     reaction_field,
 )
+from kickdrift.forces.charges.splines import ORDERS
 from kickdrift.forces.pairs.law import PairForce
-from kickdrift.forces.seam.arguments import number
+from kickdrift.forces.seam.arguments import number, vector
 from kickdrift.forces.seam.group import Grouped, refuse_massless
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.state import Floats
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
 
 KEYS: dict[str, tuple[str, ...]] = {  # of each method
     EWALD: ("accuracy", "cutoff", "alpha", "waves"),
+    PME: ("accuracy", "cutoff", "alpha", "mesh", "order"),
     DIRECT: (),
     REACTION_FIELD: ("cutoff", "surroundings"),
     DAMPED_SHIFTED: ("cutoff", "alpha"),
@@ -52,24 +58,31 @@ class Coulomb(Grouped):
 
     Methods: "ewald" (Ewald 1921, doi:10.1002/andp.19213690304) sums over all images in a box that is periodic along
     three axes, surrounded by a conductor. Errors follow Kolafa & Perram (1992, doi:10.1080/08927029208049126). A net
-    charge gets a uniform background of the opposite charge. "direct" sums over all pairs in open space.
+    charge gets a uniform background of the opposite charge. "pme" does the same with a mesh (Essmann et al. 1995,
+    doi:10.1063/1.470117), whose errors are those of `mesh_error`. "direct" sums over all pairs in open space.
     "reaction-field" cuts the law off, and a medium acts from beyond the cutoff (Tironi et al. 1995,
     doi:10.1063/1.469273). "damped-shifted" is the damped shifted force of Fennell & Gezelter (2006,
     doi:10.1063/1.2206581).
 
     Attributes
     ----------
-    method : "ewald", "direct", "reaction-field" or "damped-shifted"
+    method : "ewald", "pme", "direct", "reaction-field" or "damped-shifted"
     accuracy : float
-        Root-mean-square error of the forces by Ewald's sum, relative to the typical force 0.5 C q^2 / d^2. Here q^2 is
-        the mean square of the charges, and d^3 = V / n.
+        Root-mean-square error of the forces by "ewald" or "pme", relative to the typical force 0.5 C q^2 / d^2. Here
+        q^2 is the mean square of the charges, and d^3 = V / n.
     cutoff : float, optional
-        Cutoff of the near part. Ewald's sum chooses the cheapest one; a pair force gives the default of other methods.
+        Cutoff of the near part. "ewald" and "pme" choose the cheapest one; a pair force gives the default of other
+        methods.
     alpha : float, optional
         Splitting parameter of Ewald's sum, or damping, in an inverse length. The default follows from the accuracy, and
         without damping it is 0.
     waves : float, optional
         Largest wave number of Ewald's sum, in an inverse length; the default follows from the accuracy.
+    mesh : (x, y, z), optional
+        Points of the mesh along each edge of the box, without prime factors above 5, the last one even; the default
+        follows from the accuracy.
+    order : int, optional
+        Order of the splines, 4 to 8, likewise.
     surroundings : float, optional
         Relative permittivity of the medium of a reaction field; default that of a conductor.
     dielectric : float
@@ -81,6 +94,8 @@ class Coulomb(Grouped):
     cutoff: float | None = None
     alpha: float | None = None
     waves: float | None = None
+    mesh: tuple[int, int, int] | None = None
+    order: int | None = None
     surroundings: float | None = None
     dielectric: float = 1.0
 
@@ -94,13 +109,15 @@ class Coulomb(Grouped):
             raise InputError(f"{self.name}: method {shown(self.method)} is not one of {', '.join(METHODS)}")
         for key in ("accuracy", "dielectric"):
             object.__setattr__(self, key, number(self.name, key, getattr(self, key)))
-        for key in ("accuracy", "cutoff", "alpha", "waves", "surroundings"):
+        for key in ("accuracy", "cutoff", "alpha", "waves", "mesh", "order", "surroundings"):
             if (value := getattr(self, key)) is None or (key == "accuracy" and value == Coulomb.accuracy):
                 continue
             if key not in KEYS[self.method]:
                 owners = " and ".join(f'"{method}"' for method in METHODS if key in KEYS[method])
                 raise InputError(f'{self.name}: {key} goes with method {owners}, not "{self.method}"')
-            object.__setattr__(self, key, number(self.name, key, value))
+            if key not in ("mesh", "order"):
+                object.__setattr__(self, key, number(self.name, key, value))
+        self._check_mesh()
         if not LEAST <= self.accuracy <= MOST:
             raise InputError(f"{self.name}: accuracy must be from {LEAST:g} to {MOST:g}, got {shown(self.accuracy)}")
         for key in ("cutoff", "waves", "dielectric"):
@@ -111,13 +128,32 @@ class Coulomb(Grouped):
         if self.surroundings is not None and self.surroundings < 1:
             raise InputError(f"{self.name}: surroundings must be 1 or more, got {shown(self.surroundings)}")
 
+    def _check_mesh(self) -> None:
+        """Refuse a mesh that no transform takes, and splines of another order."""
+        if self.order is not None:
+            object.__setattr__(self, "order", order := number(self.name, "order", self.order))
+            if order not in ORDERS:
+                raise InputError(f"{self.name}: order must be from 4 to 8, got {shown(self.order)}")
+            object.__setattr__(self, "order", int(order))
+        if self.mesh is not None:
+            sizes = vector(self.name, "mesh", self.mesh)
+            for axis, n in zip("xyz", sizes, strict=True):
+                if not (n.is_integer() and n >= SMALLEST and is_smooth(int(n))) or (axis == "z" and n % 2):
+                    even = "an even number" if axis == "z" else "a number"
+                    raise InputError(
+                        f"{self.name}: mesh along {axis} must be {even} of points, {SMALLEST} or more, without prime "
+                        f"factors above 5, got {n:g}"
+                    )
+            object.__setattr__(self, "mesh", tuple(int(n) for n in sizes))
+
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support."""
         if system.charges is None:
             raise InputError(f"{self.name}: the particles have no charges; give charge in [particles], or charges")
         if system.units.coulomb is None:
             raise InputError(
-                f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal and si have one"
+                f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal, real, gromacs and si "
+                "have one"
             )
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
@@ -143,10 +179,12 @@ class Coulomb(Grouped):
         axes = system.box.periodic_axes
         if self.method == DIRECT and any(axes):
             raise InputError(f'{self.name}: method "direct" needs open space, and the box is periodic')
-        if self.method == EWALD and not all(axes):
+        if self.method in ALL_IMAGES and not all(axes):
             along = " and ".join(axis for axis, there in zip("xyz", axes, strict=True) if there)
             instead = 'and the box is open; take method = "direct"' if not along else f"and this box is along {along}"
-            raise InputError(f'{self.name}: method "ewald" needs a box that is periodic along three axes, {instead}')
+            raise InputError(
+                f'{self.name}: method "{self.method}" needs a box that is periodic along three axes, {instead}'
+            )
 
     def host(self, system: Any) -> PairForce | None:
         """The pair force that takes the near part into its sum, if there is one."""
@@ -181,24 +219,37 @@ class Coulomb(Grouped):
         waves."""
         host = self.host(system)
         given = None if host is None else host.cutoff
-        if self.method != EWALD:
+        if self.method not in ALL_IMAGES:
             if (cutoff := self.cutoff or given) is None:
                 raise InputError(f'{self.name}: cutoff is needed by method "{self.method}"')
             return Split(self.alpha or 0.0, cutoff, 0.0)
         charged = self.charged(system)
+        least = float(system.box.heights.min())
         if charged.squares == 0:
-            return Split(
-                1.0 / float(system.box.heights.min()), self.cutoff or 0.25 * float(system.box.heights.min()), 0.0
-            )
+            mesh = 3 * (SMALLEST,) if self.method == PME else ()
+            return Split(1.0 / least, self.cutoff or 0.25 * least, 0.0, mesh, ORDERS[0])
+        longest = LONGEST * least
+        shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
+        if self.method == PME:
+            return self._mesh_split(system, charged, shortest, longest)
         if self.cutoff is not None:
             return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
-        longest = LONGEST * float(system.box.heights.min())
-        shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
         return cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
+
+    def _mesh_split(self, system: Subject, charged: Charged, shortest: float, longest: float) -> Split:
+        matrix = tuple(map(tuple, system.box.matrix.tolist()))
+        given = (self.cutoff, self.alpha, self.mesh, self.order)
+        found = cheapest_mesh(charged, matrix, self.accuracy, shortest, longest, *given)
+        if found is None:
+            raise InputError(
+                f"{self.name}: no mesh gives accuracy {self.accuracy:g} here with the values that are given; ask for "
+                f'less, or take method = "{EWALD}"'
+            )
+        return found[1]
 
     def radial(self, split: Split) -> Radial:
         """The near part at this Split."""
-        if self.method == EWALD:
+        if self.method in ALL_IMAGES:
             return ewald_near(split.alpha, split.cutoff, self.accuracy)
         if self.method == REACTION_FIELD:
             return reaction_field(split.cutoff, self.surroundings)

@@ -122,8 +122,8 @@ def add_far(force, x, a, sums):
 
 
 @jit
-def measure_box(force):
-    """Write the inverse of the edge vectors, and amplitudes of the waves, for the box of now. Return its volume."""
+def invert(force):
+    """Write the inverse of the edge vectors of the box of now. Return its volume."""
     never_inline()
     follow(force.cell)
     matrix, inverse = force.cell.matrix, force.inverse
@@ -132,7 +132,14 @@ def measure_box(force):
     inverse[1, 0] = -matrix[1, 0] * inverse[0, 0] * inverse[1, 1]
     inverse[2, 1] = -matrix[2, 1] * inverse[1, 1] * inverse[2, 2]
     inverse[2, 0] = -(matrix[2, 0] * inverse[0, 0] + matrix[2, 1] * inverse[1, 0]) * inverse[2, 2]
-    volume = matrix[0, 0] * matrix[1, 1] * matrix[2, 2]
+    return matrix[0, 0] * matrix[1, 1] * matrix[2, 2]
+
+
+@jit
+def measure_box(force):
+    """Write the inverse of the edge vectors, and amplitudes of the waves, for the box of now. Return its volume."""
+    never_inline()
+    volume, inverse = invert(force), force.inverse
     waves, amplitude, falling = force.waves, force.amplitude, force.falling
     over = 0.25 / force.alpha**2
     for c in range(waves.columns.shape[0]):

@@ -9,9 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.charges import mesh_kernel
 from kickdrift.forces.charges.accuracy import LEAST, Charged, Split, split_at
-from kickdrift.forces.charges.radial import EWALD, Radial, force_over_r
+from kickdrift.forces.charges.mesh_choice import predicted
+from kickdrift.forces.charges.radial import ALL_IMAGES, Radial, force_over_r
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.seam.kernel import FORCES, BoundForce, call_force
+from kickdrift.jit.compile import driver
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 
@@ -60,22 +64,22 @@ def errors_of(force: Summed, system: Subject) -> Errors:
     some = np.flatnonzero(charges)
     if not len(some):
         return Errors(0.0, None, None, 0)
-    predicted = split.error(charged)
+    expected = predicted(charged, split, system.box.matrix)
     if n > LARGEST:
-        return Errors(predicted, None, None, 0)
+        return Errors(expected, None, None, 0)
     rows = some[np.linspace(0, len(some) - 1, min(SAMPLE, len(some))).astype(int)]
-    wanted = max(FINER * min(predicted, 1.0), LEAST)
+    wanted = max(FINER * min(expected, 1.0), LEAST)
     finer = split_at(charged, wanted, 0.5 * float(system.box.heights.min()), None, None)
     found, exact = (forces_on(rows, charges, system, each) for each in (split, finer))
     measured, size = (
         math.sqrt(float(np.einsum("ij,ij->i", each, each).mean())) / charged.unit for each in (found - exact, exact)
     )
-    return Errors(predicted, measured, size, len(rows))
+    return Errors(expected, measured, size, len(rows))
 
 
 def forces_on(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
-    """Ewald's forces (m, 3) on the particles ``rows`` (m,), whose charges are scaled by the root of Coulomb's
-    constant."""
+    """Ewald's forces (m, 3) on the particles ``rows`` (m,), whose charges are scaled by the root of Coulomb's constant.
+    A mesh is compiled code, everything else is plain NumPy."""
     from scipy.special import erf, erfc
 
     x, box = np.asarray(system.state.positions), system.box
@@ -110,7 +114,7 @@ def virial_tensor(force: Summed, system: Subject, positions: Floats) -> Floats:
     over_r = np.zeros(len(i))
     over_r[inside] = (factor * charges[i] * charges[j])[inside] * force_over_r(force.radial(split), r2[inside])
     found = np.einsum("m,ma,mb->ab", over_r, apart, apart)
-    if force.method != EWALD:
+    if force.method not in ALL_IMAGES:
         return np.asarray(found)
     k, k2, amplitude = _waves(system, split)
     density = np.concatenate([charges @ phase for _, phase in _phases(positions, k)])
@@ -149,6 +153,8 @@ def _phases(x: Floats, k: Floats) -> Iterator[tuple[slice, NDArray[np.complex128
 
 
 def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+    if split.mesh:
+        return _mesh_forces(charges, system, split)[rows]
     k, _, amplitude = _waves(system, split)
     found = np.zeros((len(rows), 3))
     for some, phase in _phases(np.asarray(system.state.positions), k):
@@ -156,3 +162,19 @@ def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split
         pull = amplitude[some] * (phase[rows] * density.conj()).imag
         found += charges[rows, None] * (pull @ k[some])
     return found
+
+
+def _mesh_forces(charges: Floats, system: Subject, split: Split) -> Floats:
+    """Far forces (n, 3) by the mesh, without the terms of pairs left out."""
+    n, none = len(charges), (np.zeros((0, 2), np.int64), np.zeros(0))
+    parts = mesh_kernel.bind(
+        split.alpha, split.order, split.mesh, 0.0, 0.0, charges, np.ones(n), system.box, none, threads=1
+    )
+    x, found, bound = np.ascontiguousarray(np.asarray(system.state.positions).T), np.zeros((3, n)), BoundForce(parts)
+    _evaluate((ready := bound.ready()).address, ready.work, x, found)
+    return np.asarray(found.T)
+
+
+@driver
+def _evaluate(address, work, x, a):
+    call_force(address, work, FORCES, 0.0, x, x, a, None)

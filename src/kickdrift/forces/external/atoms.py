@@ -12,6 +12,7 @@ from ase.calculators.calculator import all_changes
 
 from kickdrift.errors import InputError
 from kickdrift.forces.external.kernel import Host
+from kickdrift.forces.external.python import in_voigt
 from kickdrift.forces.external.turns import Question, asked
 from kickdrift.forces.seam.named import takes_batches
 from kickdrift.model.state import Floats
@@ -104,10 +105,10 @@ class CalculatorHost(Host):
         along: Any = np.nan
         if self._stress:
             stress = results["stress"]
-            diagonal = np.asarray(stress[:3] if np.shape(stress) == (6,) else np.diag(stress))
+            six = np.asarray(stress if np.shape(stress) == (6,) else in_voigt(np.asarray(stress)), dtype=float)
             volume = self.box.volume / self._scale.length**3
-            virial = -float(diagonal[0] + diagonal[1] + diagonal[2]) * volume * self._scale.energy
-            along = -diagonal * volume * self._scale.energy
+            virial = -float(six[0] + six[1] + six[2]) * volume * self._scale.energy
+            along = -six * volume * self._scale.energy
         self.put(results["forces"], float(energy) * self._scale.energy, virial, along)
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 RENEWAL = 0.25  # angstrom; ASE's neighbour lists serve moves of up to 0.3
 NO_ELEMENT = "X"  # ASE's symbol for no element
 _SHARED: WeakValueDictionary[tuple[Any, str], Any] = WeakValueDictionary()  # by class and arguments
+PASSING = {"atoms", "results"}  # what a calculator keeps of its last calculation
 OBJECT = "an object of the program"  # arguments of a calculator that was given ready-made
 
 
@@ -40,8 +41,9 @@ class CalculatorForce(Field):
 
     A calculator with a class and arguments can be made again, so a run's file stores the import path and the
     arguments. ``kd.resume`` makes the calculator again if the program has named the class, by this force or by
-    ``kd.register_force``; on the command line by ``--load MODULE``. With a ready-made calculator, give ``kd.resume``
-    the system.
+    ``kd.register_force``; on the command line by ``--load MODULE``. A ready-made calculator is stored by its class and
+    its parameters (``todict`` of ASE), if the class makes the same calculator of them. Else, as for a sum of
+    calculators, give ``kd.resume`` the system.
 
     A calculator may keep memory between calls, such as a neighbour list, so its results may depend on earlier calls, to
     rounding. Therefore kickdrift makes the calculator begin anew (``calculator.reset()``, all changes) when an atom has
@@ -106,8 +108,10 @@ class CalculatorForce(Field):
             raise InputError(f"{self.name}: calculator: expected one of ASE's calculators, got {shown(code)}")
         made = code if ready else _shared(self.name, code, dict(arguments or {}))
         _check(self.name, made)
-        put(self, "calculator", path_of(type(made)) if ready else named(code))
-        put(self, "arguments", OBJECT if ready or not _storable(arguments) else dict(arguments or {}))
+        said = _parameters(made) if ready else dict(arguments or {})
+        stored = said is not None and _storable(said)
+        put(self, "calculator", named(type(made) if ready else code) if stored or not ready else path_of(type(made)))
+        put(self, "arguments", said if stored else OBJECT)
         put(self, "symbols", None if self.symbols is None else dict(self.symbols))
         put(self, "made", made)
 
@@ -201,6 +205,40 @@ def _made(name: str, code: Any, arguments: dict[str, Any]) -> Any:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         given = ", ".join(f"{key}={shown(value)}" for key, value in arguments.items())
         raise InputError(f"{name}: calculator: {path_of(code)}({given}) raised {what}") from error
+
+
+def _parameters(made: Any) -> dict[str, Any] | None:
+    """Arguments of which the class of a ready-made calculator makes the same calculator; None if there are none.
+
+    The two are compared by their parameters, and by all plain values that a new calculator has."""
+    cls = type(made)
+    if "<" in path_of(cls):
+        return None
+    try:
+        said = dict(made.todict())
+        again = cls(**said)
+        same = dict(again.todict()) == said and all(
+            _same(value, vars(made).get(key)) for key, value in vars(again).items() if key not in PASSING
+        )
+    except Exception:  # whatever a calculator raises that needs more
+        return None
+    return said if same else None
+
+
+def _same(value: Any, other: Any) -> bool:
+    """Whether two values are equal, as far as they are numbers, text, arrays, or lists and tables of these. What a new
+    calculator does not have yet, such as a neighbour list, may be there in the other one."""
+    if value is None:
+        return not isinstance(other, float | int | str | complex | np.ndarray | list | tuple | Mapping)
+    if isinstance(value, np.ndarray):
+        return isinstance(other, np.ndarray) and np.array_equal(value, other)
+    if isinstance(value, list | tuple):
+        return type(other) is type(value) and len(value) == len(other) and all(map(_same, value, other))
+    if isinstance(value, Mapping):
+        return (
+            isinstance(other, Mapping) and {*value} == {*other} and all(_same(value[key], other[key]) for key in value)
+        )
+    return value == other if isinstance(value, float | int | str | complex) else type(other) is type(value)
 
 
 def _check(name: str, made: Any) -> None:

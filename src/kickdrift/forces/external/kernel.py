@@ -21,11 +21,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.lists.along import ALL
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED, kernel
 from kickdrift.jit.compile import is_finite, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.model.box.box import Box
-from kickdrift.model.box.cell import Cell, cell_of, follow
+from kickdrift.model.box.cell import Cell, cell_of, follow, lengths_and_tilts
+from kickdrift.model.box.edges import lower
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
@@ -33,8 +35,8 @@ from kickdrift.model.state import Floats
 # positions are beyond its reach, and the number of calls of Python.
 KNOWN, BEGUN, FAR, CALLS, NOTES = range(5)
 UNKNOWN, KNOWN_TO_ALL, KNOWN_TO_SAMPLES = range(3)  # the last: a sample has moved on, which the run must do itself
-TIME, ENERGY, VIRIAL, PAIRS, ALONG = range(5)  # slots of ``answer``; the last three hold the virial along each axis
-ANSWERS = ALONG + 3
+TIME, ENERGY, VIRIAL, PAIRS, ALONG = range(5)  # slots of ``answer``; the last six hold the virial as `lists.along` does
+ANSWERS = ALONG + 6
 
 
 class ExternalKernel(NamedTuple):
@@ -54,8 +56,8 @@ class ExternalKernel(NamedTuple):
     reference: NDArray[np.float64]  # (n, 3) positions at which the function last began anew
     factors: NDArray[np.float64]  # (n,) accelerations from forces: the unit of force over the mass
     cell: Cell  # in the system's lengths
-    begun_in: NDArray[np.float64]  # (3,) edge lengths at which the function last began anew
-    along: Any = None  # (1, 3) virial along each axis, for a barostat; else None
+    begun_in: NDArray[np.float64]  # (6,) edge lengths and tilts at which the function last began anew, as in `Cell`
+    along: Any = None  # virial of one chunk, for a barostat; see `lists.along`
 
 
 @intrinsic
@@ -77,7 +79,7 @@ def external_forces(force, t, x, v, a, sums):
     places, speeds, reference = force.positions, force.velocities, force.reference
     same = not follow(force.cell) and notes[KNOWN] != UNKNOWN and not (force.clocked and answer[TIME] != t)
     farthest, bad = 0.0, 0.0
-    for k in range(3):
+    for k in range(force.cell.live.size):
         if force.cell.live[k] != force.begun_in[k]:
             farthest = math.inf
     for i in range(n):
@@ -136,6 +138,14 @@ def _put_along(along, answer):
     if isinstance(along, types.NoneType):
         return lambda along, answer: None
 
+    if along.ndim == ALL:
+
+        def put_all(along, answer):
+            for k in range(6):
+                along[0, k // 3, k % 3] = answer[ALONG + k]
+
+        return put_all
+
     def put(along, answer):
         for k in range(3):
             along[0, k] = answer[ALONG + k]
@@ -193,7 +203,7 @@ class Host:
             reference=np.zeros((n, 3)),
             factors=factors,
             cell=cell_of(box),
-            begun_in=np.zeros(3),
+            begun_in=np.zeros(6),
         )
         self.box = box
         self.parts.answer[PAIRS] = pairs
@@ -223,8 +233,8 @@ class Host:
     # --- what calls find ---
 
     def put(self, forces: Any, energy: float, virial: float, along: Any = np.nan) -> None:
-        """Store an answer, whose virial may be known ``along`` each axis. Raises InputError for forces of a wrong
-        shape."""
+        """Store an answer, whose virial (6,) may be known ``along`` and across the axes: xx, yy, zz, yz, xz, xy. Raises
+        InputError for forces of a wrong shape."""
         parts = self.parts
         if np.shape(forces) != parts.forces.shape:
             raise InputError(f"returned forces of shape {np.shape(forces)}, expected {parts.forces.shape}")
@@ -269,15 +279,15 @@ class Host:
     def begin_here(self) -> None:
         """Make the present positions the reference."""
         self.parts.reference[...] = self.parts.positions
-        self.parts.begun_in[...] = np.diag(self.parts.cell.matrix)
+        self.parts.begun_in[...] = lengths_and_tilts(self.parts.cell.matrix)
         self.parts.notes[BEGUN] = 1
 
     @property
     def box_now(self) -> Box:
         """The box at this call, which a barostat may have changed."""
         matrix = self.parts.cell.matrix
-        if not np.array_equal(np.diag(matrix), np.where(self.box.periodic_axes, np.diag(self.box.matrix), 0.0)):
-            self.box = self.box.with_edges(matrix)
+        if not np.array_equal(matrix, np.where(np.array(self.box.periodic_axes)[:, None], self.box.matrix, 0.0)):
+            self.box = self.box.with_edges(lower(matrix))
         return self.box
 
     def memory(self, varies: bool = False) -> Memory | None:
@@ -293,14 +303,14 @@ class Host:
         """Restore the reference. The memory may come from a file."""
         reference = memory["reference"]
         there = self.parts.reference
-        begun_in = memory.get("begun_in", np.diag(self.parts.cell.matrix))
-        if np.shape(begun_in) != (3,) or not np.isfinite(begun_in).all():
+        begun_in = memory.get("begun_in", lengths_and_tilts(self.parts.cell.matrix))
+        if np.shape(begun_in) not in ((3,), (6,)) or not np.isfinite(begun_in).all():
             raise InputError("checkpoint: its reference of a calculator belongs to another box")
         if reference is not None and (np.shape(reference) != there.shape or not np.isfinite(reference).all()):
             raise InputError("checkpoint: its reference of a calculator belongs to other particles")
         self.begin_anew()
         if reference is not None:
-            there[...], self.parts.begun_in[...] = reference, begun_in
+            there[...], self.parts.begun_in[: len(begun_in)] = reference, begun_in
             self.parts.notes[BEGUN] = 1
 
     def begin_anew(self) -> None:

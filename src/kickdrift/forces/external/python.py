@@ -219,7 +219,7 @@ class PythonForce(Field):
 
 
 def answer_of(value: Any, n: int, works: bool) -> tuple[Floats, float, float, Floats]:
-    """Forces (n, 3), energy, virial and the virial (3,) along each axis that a function returned; nan if unknown.
+    """Forces (n, 3), energy, virial and its six components (`in_voigt`) that a function returned; nan if unknown.
 
     Raises InputError for anything else."""
     if not isinstance(value, tuple | list) or len(value) not in (2, 3):
@@ -232,10 +232,16 @@ def answer_of(value: Any, n: int, works: bool) -> tuple[Floats, float, float, Fl
     energy = 0.0 if value[1] is None else _number("energy", value[1])
     given: Any = value[2] if len(value) == 3 else None
     if np.shape(given) == (3, 3):
-        along = np.diag(np.asarray(given, dtype=float))
-        return forces, energy, float(along.sum()), along
+        along = in_voigt(np.asarray(given, dtype=float))
+        return forces, energy, float(along[:3].sum()), along
     virial = float("nan") if given is None else _number("virial", given)
-    return forces, energy, virial, np.full(3, np.nan)
+    return forces, energy, virial, np.full(6, np.nan)
+
+
+def in_voigt(matrix: Floats) -> Floats:
+    """Components (6,) xx, yy, zz, yz, xz and xy of a matrix (3, 3), which is symmetric but for rounding."""
+    both: Floats = 0.5 * (matrix + matrix.T)
+    return both[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
 
 
 def _number(what: str, value: Any) -> float:

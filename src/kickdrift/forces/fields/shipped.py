@@ -19,6 +19,7 @@ from kickdrift.forces.bonded.shipped import HarmonicBond
 from kickdrift.forces.laws.field_law import field_law
 from kickdrift.forces.seam.arguments import (
     Vector,
+    check_alike,
     check_in_plane,
     check_massive,
     check_place_in_plane,
@@ -66,7 +67,9 @@ class HarmonicTrap(NamedTuple):
     stiffness : float, or three of them
         Energy per length squared, zero or more; three numbers apply along x, y and z.
     centre : (x, y, z)
-        Default the origin. A periodic box is refused: the trap is not periodic.
+        Default the origin. In a periodic box each particle is pulled to the nearest image of the centre. The force
+        turns round at half the box, where the energy has a kink and does not jump. A leaning box takes one stiffness
+        alone, because three would let the energy jump there.
     """
 
     stiffness: float | Vector
@@ -74,6 +77,7 @@ class HarmonicTrap(NamedTuple):
 
     dimensions = {"stiffness": "stiffness", "centre": "length"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
+    nearest = "centre"  # type: ignore[misc]
 
     def law(p, x, v, m, t):
         d = x - p.centre
@@ -84,9 +88,8 @@ class HarmonicTrap(NamedTuple):
             raise InputError(f"stiffness must be zero or more, got {shown(p.stiffness)}")
 
     def check_system(p, system):
-        """Refuse a periodic box, and a centre out of the plane of a two-dimensional system."""
-        if system.box.periodic:
-            raise InputError("a trap needs open space, but the box is periodic")
+        """Refuse three stiffnesses in a leaning box, and a centre out of the plane of a two-dimensional system."""
+        check_alike("stiffness", p.stiffness, system)
         if np.broadcast_to(p.stiffness, 3)[2]:
             check_place_in_plane("harmonic-trap", "centre", p.centre, system)
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import STRIDE
 from kickdrift.forces.seam.kernel import OK, kernel
-from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, lane_sum, rotated, splat
+from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS, no_looks, note_look, sums_expected
+from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, lane_sum, multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_store, store
 from kickdrift.jit.lanes.vector3 import dot, lane_sums, load3, numbers3, plus_dot, rotated3, store3, thrice, vector3
@@ -123,6 +124,7 @@ class GravityKernel(NamedTuple):
     x: NDArray[np.float64]  # (3 slots,)
     a: NDArray[np.float64]  # (chunks x 3 slots,) each chunk's contribution to the accelerations
     sums: NDArray[np.float64]  # (chunks, 2) energy, virial
+    looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
     chunks: Chunks
 
     @property
@@ -165,6 +167,7 @@ def bind(gm_by_id: Floats, masses_by_id: Floats, softening: float, threads: int)
         x=x,
         a=aligned((chunks * clusters * STRIDE,)),
         sums=np.zeros((chunks, 2)),
+        looks=no_looks(),
         chunks=in_chunks(chunks, threads),
     )
 
@@ -185,21 +188,43 @@ def gravity_forces(force, t, x, v, a, sums):
     if n <= MOST_IN_REGISTERS and force.massive == n:
         few_bodies(force, x, a, sums)
         return OK
-    for i in range(n):
-        store3(force.x, place[i], WIDTH, numbers3(x, i, n))
-    if sums is None:
-        each_chunk(force, force.chunks, "chunk_accelerations")
-    else:
-        each_chunk(force, force.chunks, "chunk_accelerations_and_sums")
+    if sums is None or not is_summed(force, x):
+        sum_all(force, sums is not None, x)
+    if sums is not None:
+        note_look(force.looks)
         for c in range(force.chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]
         massive = force.massive
         sums[2] += 0.5 * massive * (massive - 1) + massive * (n - massive)
-    collect(force)
     for i in range(n):
         store3(a, i, n, numbers3(a, i, n) + numbers3(force.a, place[i], WIDTH))
     return OK
+
+
+@jit
+def sum_all(force, wanted, x):
+    """Sum the accelerations at x, and energy and virial where a sample comes."""
+    place, n = force.place, force.place.size
+    for i in range(n):
+        store3(force.x, place[i], WIDTH, numbers3(x, i, n))
+    if sums_expected(force.looks, wanted):
+        each_chunk(force, force.chunks, "chunk_accelerations_and_sums")
+    else:
+        each_chunk(force, force.chunks, "chunk_accelerations")
+    collect(force)
+    force.looks[SUMMED] = force.looks[WITH_SUMS]
+
+
+@jit
+def is_summed(force, x):
+    """Tell whether the last evaluation has energy and virial at the positions x."""
+    n, same = force.place.size, force.looks[SUMMED] != 0
+    for i in range(n):
+        p = force.place[i]
+        for k in range(3):
+            same = same and x[k * n + i] == force.x[p + k * WIDTH]
+    return same
 
 
 @as_written
@@ -275,6 +300,7 @@ def earlier_clusters(force, sums, cluster, first):
         q = p + 1 if i + 1 < force.massive else p  # a massless slot follows the last body
         xi, xk, gm_i, gm_k = numbers3(x, p, WIDTH), numbers3(x, q, WIDTH), gm[i], gm[i + 1]
         ai, ak = thrice(zero), thrice(zero)
+        potential_i, potential_k, virial_i, virial_k = zero, zero, zero, zero  # for unit masses of i and k
         for other in range(cluster):
             xj, gm_j = load3(x, other * STRIDE, WIDTH), load(gm, other * WIDTH)
             there = (first + other) * STRIDE
@@ -285,10 +311,14 @@ def earlier_clusters(force, sums, cluster, first):
             wi, wk = gm_j * cube_i, gm_j * cube_k
             ai, ak = ai + wi * d, ak + wk * e
             if sums is not None:
-                energy = energy - masses[i] * gm_j * inverse_i - masses[i + 1] * gm_j * inverse_k
-                virial = virial - masses[i] * wi * dot(d, d) - masses[i + 1] * wk * dot(e, e)
+                potential_i = multiply_add(gm_j, inverse_i, potential_i)
+                potential_k = multiply_add(gm_j, inverse_k, potential_k)
+                virial_i, virial_k = multiply_add(wi, dot(d, d), virial_i), multiply_add(wk, dot(e, e), virial_k)
             wi, wk = -gm_i * cube_i, -gm_k * cube_k  # the reaction
             store3(a, there, WIDTH, aj + wi * d + wk * e)
+        if sums is not None:
+            energy = energy - masses[i] * potential_i - masses[i + 1] * potential_k
+            virial = virial - masses[i] * virial_i - masses[i + 1] * virial_k
         p = (first + cluster) * STRIDE + lane
         store3(a, p, WIDTH, numbers3(a, p, WIDTH) + lane_sums(ai))
         store3(a, p + 1, WIDTH, numbers3(a, p + 1, WIDTH) + lane_sums(ak))

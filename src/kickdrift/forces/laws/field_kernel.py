@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK, kernel
-from kickdrift.jit.compile import as_written, in_order, never_inline
+from kickdrift.jit.compile import as_written, in_order, jit, never_inline
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the vectors and lanes that a law takes
@@ -24,6 +24,7 @@ from kickdrift.jit.lanes.memory import aligned, flat, load, masked_load, masked_
 from kickdrift.jit.lanes.vector3 import Vector3, joined, load3, store3, vector3
 from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError, cgutils, cpu_target
+from kickdrift.model.box.cell import Cell, cell_of, nearest_image
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -35,6 +36,15 @@ class FieldWork(NamedTuple):
     law: Any  # the parameters: a number, three numbers, or a row of either for all particles, padded to whole lanes
     masses: NDArray[np.float64]  # coherent, padded
     inverse_masses: NDArray[np.float64] | None  # padded; None for a law per mass
+    images: Any = None  # Images, for a law of the image nearest to a place in a periodic box
+
+
+class Images(NamedTuple):
+    """A box, and the place of each particle near which its image is taken."""
+
+    cell: Cell
+    about: NDArray[np.float64]  # (3, n)
+    room: NDArray[np.float64]  # (3, n) the images
 
 
 def bound_field(force: Any, values: dict[str, Any], system: Subject) -> FieldWork:
@@ -45,7 +55,16 @@ def bound_field(force: Any, values: dict[str, Any], system: Subject) -> FieldWor
         cls.compiled_clock = in_order(cls.clock) if hasattr(cls, "clock") else None
     masses = system.coherent_masses
     inverse = None if force.per_mass else _padded(1.0 / masses)
-    return FieldWork(cls(**{key: _packed(value) for key, value in values.items()}), _padded(masses), inverse)
+    law = cls(**{key: _packed(value) for key, value in values.items()})
+    return FieldWork(law, _padded(masses), inverse, _images(force, values, system))
+
+
+def _images(force: Any, values: dict[str, Any], system: Subject) -> Images | None:
+    if not (force.nearest and system.box.periodic):
+        return None
+    shape = (len(system), 3)
+    about = np.ascontiguousarray(np.broadcast_to(np.asarray(values[force.nearest], dtype=float), shape).T)
+    return Images(cell_of(system.box), about.copy(), np.zeros(shape[::-1]))
 
 
 def _packed(value: Any) -> Any:
@@ -64,6 +83,7 @@ def _padded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 @kernel(FieldWork)
 def field_forces(force, t, x, v, a, sums):
     never_inline()
+    x = nearest_images(force.images, x)
     n, x, v, a = x.shape[1], flat(x), flat(v), flat(a)
     energy, whole, t = splat(0.0), n - n % WIDTH, clocked(force, t)
     for i in range(0, whole, WIDTH):
@@ -84,6 +104,36 @@ def field_forces(force, t, x, v, a, sums):
     if sums is not None:
         sums[0] += lane_sum(energy)
     return OK
+
+
+def nearest_images(images: Any, x: Any) -> Any:
+    """Positions x (3, n), or their images nearest to the law's place."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(nearest_images, forceinline=True)
+def _nearest_images(images, x):
+    if isinstance(images, types.NoneType):
+        return lambda images, x: x
+
+    def near(images, x):
+        room = images.room
+        for i in range(room.shape[1]):
+            image_near(images, x, i, room)
+        return room
+
+    return near
+
+
+@jit
+def image_near(images, x, i, room):
+    """Store the image of particle i at x in column i of ``room``."""
+    d = np.empty(3, x.dtype)
+    for k in range(3):
+        d[k] = x[k, i] - images.about[k, i]
+    nearest_image(images.cell, d)
+    for k in range(3):
+        room[k, i] = images.about[k, i] + d[k]
 
 
 @in_order

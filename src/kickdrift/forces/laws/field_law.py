@@ -190,7 +190,9 @@ class FieldForce(LawForce):
     external: ClassVar[bool] = True  # changes the total momentum
     may_overlap: ClassVar[bool] = True  # allows particles to begin at the same place
     alike: ClassVar[bool] = False  # accelerates all particles alike, so that their relative motion stays
+    nearest: ClassVar[str] = ""  # the parameter to whose nearest image in a periodic box the law's position goes
     per_mass: ClassVar[bool] = False
+    reflects: ClassVar[bool] = False  # mirrors particles, in place of a force
 
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support, and a law that does not hold for its particles."""
@@ -233,6 +235,8 @@ def field_law(cls: type) -> Any:
         The law returns energy and force per mass, so it moves massless particles too.
     ``alike`` : bool
         Whether all particles get the same acceleration. The motion of the centre of mass is then no heat.
+    ``nearest`` : name
+        A parameter with a place, such as a centre. In a periodic box the law gets x as the image nearest to this place.
     ``clock(p, t)``
         What ``law`` gets in place of ``t``, such as a cosine of the time; computed once for all particles.
     ``varies`` : names
@@ -244,8 +248,8 @@ def field_law(cls: type) -> Any:
     ``odd_in_time`` : names
         Parameters that change sign in the motion backwards in time, in place of ``reversed``; () if none does.
 
-    In a periodic box x is the unwrapped position. A law must not keep state between calls. The force is registered
-    under the class's name in lower case, with hyphens, as ``pair_law`` does.
+    In a periodic box x is the unwrapped position, unless the class says ``nearest``. A law must not keep state between
+    calls. The force is registered under the class's name in lower case, with hyphens, as ``pair_law`` does.
 
     Raises
     ------
@@ -257,4 +261,5 @@ def field_law(cls: type) -> Any:
     kinds = kinds_of(cls, FIELD_LAW, lambda key: int(varies is None or key in varies))
     cls.kernel_sources = tuple(vars(cls)[key] for key in ("clock",) if key in vars(cls))  # type: ignore[attr-defined]
     hints = {key: kind.hint for key, kind in kinds.items()}
-    return force_of_law(cls, FieldForce, FIELD_LAW, hints, {}, kinds=kinds, **traits_of(cls, ("per_mass", "alike")))
+    traits = traits_of(cls, ("per_mass", "alike", "nearest", "reflects"))
+    return force_of_law(cls, FieldForce, FIELD_LAW, hints, {}, kinds=kinds, **traits)

@@ -1,7 +1,11 @@
 """Virial along each axis, for a barostat whose edges change apart. Without an array for it this is compiled out.
 
-A force gives this virial if its parts have a field ``along``: None, or an array (rows, 3) that the force fills whenever
-it sums energy and virial. The rows are chunks of the force, whose sum is the virial along x, y and z.
+A force gives this virial if its parts have a field ``along`` that the force fills whenever it sums energy and virial:
+
+- None, for nobody asks;
+- an array (rows, 3), whose rows are chunks of the force. Their sum is the virial along x, y and z;
+- an array (rows, 2, 3), for a box that changes its shape. In each row the virial across the axes follows: force along
+  one axis times displacement along another, in the order yz, xz, xy.
 """
 
 from __future__ import annotations
@@ -14,9 +18,11 @@ from kickdrift.forces.lists.pair_rows import in_float64
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, splat
 
+ALL = 3  # dimensions of an array for the virial across the axes too
+
 
 def zeros_along(along: Any, sums: Any) -> Any:
-    """Sums to begin with: three times eight zeros, or None if nobody asks."""
+    """Sums to begin with: three or six times eight zeros, or None if nobody asks."""
     raise NotImplementedError("for compiled code")
 
 
@@ -24,22 +30,32 @@ def zeros_along(along: Any, sums: Any) -> Any:
 def _zeros_along(along, sums):
     if isinstance(along, types.NoneType) or isinstance(sums, types.NoneType):
         return lambda along, sums: None
+    if along.ndim == ALL:
+        return lambda along, sums: (splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0))
     return lambda along, sums: (splat(0.0), splat(0.0), splat(0.0))
 
 
-def add_along(total: Any, x: Any, y: Any, z: Any) -> Any:
-    """Sums with the virials x, y and z of more pairs: force times displacement along each axis."""
+def add_along(total: Any, fx: Any, fy: Any, fz: Any, dx: Any, dy: Any, dz: Any) -> Any:
+    """Sums with the virials of more pairs, by their forces and displacements along each axis."""
     raise NotImplementedError("for compiled code")
 
 
 @overload(add_along)
-def _add_along(total, x, y, z):
+def _add_along(total, fx, fy, fz, dx, dy, dz):
     if isinstance(total, types.NoneType):
-        return lambda total, x, y, z: None
+        return lambda total, fx, fy, fz, dx, dy, dz: None
+    if len(total) == 6:
 
-    def each(total, x, y, z):
+        def all_six(total, fx, fy, fz, dx, dy, dz):
+            xx, yy, zz, yz, xz, xy = total
+            xx, yy, zz = xx + in_float64(fx * dx), yy + in_float64(fy * dy), zz + in_float64(fz * dz)
+            return xx, yy, zz, yz + in_float64(fy * dz), xz + in_float64(fx * dz), xy + in_float64(fx * dy)
+
+        return all_six
+
+    def each(total, fx, fy, fz, dx, dy, dz):
         sum_x, sum_y, sum_z = total
-        return sum_x + in_float64(x), sum_y + in_float64(y), sum_z + in_float64(z)
+        return sum_x + in_float64(fx * dx), sum_y + in_float64(fy * dy), sum_z + in_float64(fz * dz)
 
     return each
 
@@ -52,6 +68,14 @@ def store_along(total: Any, along: Any, c: int) -> None:
 def _store_along(total, along, c):
     if isinstance(total, types.NoneType):
         return lambda total, along, c: None
+    if len(total) == 6:
+
+        def all_six(total, along, c):
+            xx, yy, zz, yz, xz, xy = total
+            along[c, 0, 0], along[c, 0, 1], along[c, 0, 2] = lane_sum(xx), lane_sum(yy), lane_sum(zz)
+            along[c, 1, 0], along[c, 1, 1], along[c, 1, 2] = lane_sum(yz), lane_sum(xz), lane_sum(xy)
+
+        return all_six
 
     def each(total, along, c):
         x, y, z = total

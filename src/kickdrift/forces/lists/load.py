@@ -4,6 +4,9 @@ A barostat scales positions and box by the same factors, and writes the edge len
 that was at least R apart when a list was made is then at least R m - 2 u apart: m is the least factor of an edge since
 then, and u the largest move of a particle beside the scaling. So a list of radius R holds every pair within the cutoff
 as long as 2 u <= R m - cutoff. In a box that keeps its size m is one, and this is the usual condition on half the skin.
+
+A box that changes its shape deforms by x -> x F. Then m is 1 - |F - 1|, at most the least stretch of F. Where a tilt
+jumps by a whole edge, the box has other edges of the same lattice, and all lists are made anew.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import (
+    BUILT,
     LANES,
     N_CLUSTERS,
     SHIFTS,
@@ -32,7 +36,7 @@ from kickdrift.jit.lanes.functions import lane_max, lane_numbers, lane_sum, spla
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
-from kickdrift.model.box.cell import follow, live_cell
+from kickdrift.model.box.cell import LENGTHS, bricks_of, follow, live_cell, put_edges
 
 SEARCHED, PRUNED = 0, 1  # rows of ``made_in``
 
@@ -64,6 +68,8 @@ def adopt_leaning(pairs):
     m, then = cell.matrix, cell.matrix.copy()
     if not follow(cell):
         return
+    if live.size > LENGTHS and not alike(then, m):
+        pairs.counts[BUILT] = 0
     for cluster in range(pairs.counts[N_CLUSTERS]):
         for p in range(STRIDE * cluster, STRIDE * cluster + WIDTH):
             x, y, z = offset[p], offset[p + WIDTH], offset[p + 2 * WIDTH]
@@ -77,8 +83,32 @@ def adopt_leaning(pairs):
 
 
 @strict
+def alike(then, now):
+    """Tell whether the images of two boxes have the same numbers: no tilt has jumped by an edge, and each row of bricks
+    has lost as many edges; see `Bricks`."""
+    for k in range(1, 3):
+        for m in range(k):
+            if then[m, m] > 0.0 and abs(now[k, m] / now[m, m] - then[k, m] / then[m, m]) > 0.5:
+                return False
+    for j in range(-1, 2):
+        for k in range(-1, 2):
+            if edges_lost(then, j, k) != edges_lost(now, j, k):
+                return False
+    return True
+
+
+@strict
+def edges_lost(matrix, j, k):
+    """Whole edges a in j b + k c."""
+    return np.rint((j * matrix[1, 0] + k * matrix[2, 0]) / matrix[0, 0])
+
+
+@strict
 def resize_bricks(pairs, bricks, live):
-    """Bring the shifts of a leaning box to the edge lengths of now."""
+    """Bring the shifts of a leaning box to the edges of now."""
+    if live.size > LENGTHS:
+        remake_bricks(pairs, bricks)
+        return
     for k in range(3):
         for s in range(SHIFTS):
             pairs.shifts[k, s] = bricks.shifts[k, s] = bricks.shifts_by_edge[k, s] * live[k]
@@ -87,9 +117,52 @@ def resize_bricks(pairs, bricks, live):
             bricks.leans[row, k] = bricks.leans_by_edge[row, k] * live[k]
 
 
+@strict
+def remake_bricks(pairs, bricks):
+    """Set the shifts of a box from its edge vectors, as `bricks_of` does."""
+    matrix, row = pairs.cell.matrix, 0
+    for j in range(-1, 2):
+        for k in range(-1, 2):
+            lost = edges_lost(matrix, j, k)
+            x = j * matrix[1, 0] + k * matrix[2, 0] - lost * matrix[0, 0]
+            y, z = j * matrix[1, 1] + k * matrix[2, 1], k * matrix[2, 2]
+            for i in range(-1, 2):
+                s = 9 * (i + 1) + 3 * (j + 1) + k + 1
+                pairs.shifts[0, s] = bricks.shifts[0, s] = x + i * matrix[0, 0]
+                pairs.shifts[1, s] = bricks.shifts[1, s] = y
+                pairs.shifts[2, s] = bricks.shifts[2, s] = z
+            if k == 0 or matrix[2, 2] > 0.0:
+                bricks.leans[row, 0], bricks.leans[row, 1] = x, k * matrix[2, 1]
+                row += 1
+
+
+@strict
+def covered(edges):
+    """Distance within which the bricks have all images, for a live box (6,); see `Bricks`."""
+    matrix, lean = np.zeros((3, 3)), 0.0
+    put_edges(edges, matrix)
+    for j in range(-1, 2):
+        for k in range(-1, 2):
+            x = j * matrix[1, 0] + k * matrix[2, 0] - edges_lost(matrix, j, k) * matrix[0, 0]
+            lean = max(lean, abs(x))
+    least = min(matrix[0, 0] - lean, matrix[1, 1] - abs(matrix[2, 1]))
+    return min(least, matrix[2, 2]) if matrix[2, 2] > 0.0 else least
+
+
+@strict
+def outer_skin_now(pairs):
+    """Skin of the outer list: less where a box that leans far has no images further away."""
+    if pairs.live.size == LENGTHS:
+        return pairs.outer_skin
+    return min(pairs.outer_skin, covered(pairs.made_in[SEARCHED]) - pairs.cutoff)
+
+
 def live_list(pairs: ClusterList, lengths: NDArray[np.float64], shortest: NDArray[np.float64]) -> dict[str, Any]:
-    """Parts of a list whose box has its edge lengths in this memory, and may shrink to the ``shortest`` (3,)."""
+    """Parts of a list whose box has its edge lengths, or lengths and tilts, in this memory. The box may shrink to the
+    ``shortest`` (3,)."""
     cell, bricks = live_cell(pairs.cell, lengths), pairs.bricks
+    if len(lengths) > LENGTHS:
+        return {"live": lengths, "cell": cell, "bricks": bricks_of(cell), "made_in": np.array([lengths] * 2)}
     if not cell.leans:
         return {"live": lengths, "cell": cell}
     resize_bricks.py_func(pairs, bricks, lengths)
@@ -103,8 +176,8 @@ def live_list(pairs: ClusterList, lengths: NDArray[np.float64], shortest: NDArra
 
 @strict
 def keep_lengths(pairs, which):
-    """Keep the edge lengths at a search or a pruning."""
-    for k in range(3):
+    """Keep the edges at a search or a pruning."""
+    for k in range(pairs.live.size):
         pairs.made_in[which, k] = pairs.live[k]
 
 
@@ -116,8 +189,23 @@ def factor(pairs, which, k):
 
 
 @strict
+def deformation(pairs, which):
+    """Lower triangle (6,) of F, which brings the edges at the last search or pruning to those of now: h' = h F. The
+    order is that of a live box."""
+    then, now = pairs.made_in[which], pairs.live
+    a, b, c = then[0], then[1], then[2] if then[2] > 0.0 else 1.0
+    x, y, z = now[0] / a, now[1] / b, now[2] / c if now[2] > 0.0 else 1.0
+    yx, zy = (now[5] - then[5] * x) / b, (now[3] - then[3] * y) / c
+    return x, y, z, zy, (now[4] - then[4] * x - then[3] * yx) / c, yx
+
+
+@strict
 def least_factor(pairs, which):
-    """Least factor of the edges along periodic axes; exactly 1 in a box that keeps its size."""
+    """Least factor of the edges along periodic axes; exactly 1 in a box that keeps its size. For a box that changes its
+    shape, a bound of its least stretch."""
+    if pairs.live.size > LENGTHS:
+        x, y, z, zy, zx, yx = deformation(pairs, which)
+        return 1.0 - ((x - 1.0) ** 2 + (y - 1.0) ** 2 + (z - 1.0) ** 2 + zy * zy + zx * zx + yx * yx) ** 0.5
     least = np.inf
     for k in range(3):
         if pairs.made_in[which, k] > 0.0:
@@ -129,7 +217,7 @@ def least_factor(pairs, which):
 def changed_since(pairs, which):
     """Whether an edge has another length than at the last search or pruning."""
     changed = False
-    for k in range(3):
+    for k in range(pairs.live.size):
         changed |= pairs.live[k] != pairs.made_in[which, k]
     return changed
 
@@ -138,13 +226,18 @@ def changed_since(pairs, which):
 def largest_own_move(pairs, reference, which):
     """Return the largest squared displacement from the reference beside the scaling of the box, and a sum that is
     finite if all are finite. Padding lanes, which do not scale, are left out."""
-    a, b, c = factor(pairs, which, 0), factor(pairs, which, 1), factor(pairs, which, 2)
+    a, b, c, zy, zx, yx = factor(pairs, which, 0), factor(pairs, which, 1), factor(pairs, which, 2), 0.0, 0.0, 0.0
+    shears = pairs.live.size > LENGTHS
+    if shears:
+        a, b, c, zy, zx, yx = deformation(pairs, which)
     largest = splat(0.0)
     total = splat(0.0)
     for cluster in range(pairs.counts[N_CLUSTERS]):
         x, y, z = load_vector(pairs.x, cluster)
         x0, y0, z0 = load_vector(reference, cluster)
         dx, dy, dz = x - a * x0, y - b * y0, z - c * z0
+        if shears:
+            dx, dy = dx - yx * y0 - zx * z0, dy - zy * z0
         d2 = select(lane_numbers() < float(pairs.filled[cluster]), dx * dx + dy * dy + dz * dz, 0.0)
         largest = select(d2 > largest, d2, largest)
         total = total + d2

@@ -30,6 +30,7 @@ from kickdrift.forces.lists.load import (
     keep_positions,
     least_factor,
     move_since,
+    outer_skin_now,
 )
 from kickdrift.forces.lists.pair_rows import copy_to_single
 from kickdrift.forces.lists.particle_rows import particle_rows, write_tiles
@@ -231,13 +232,15 @@ def outlasts(pairs, chunks):
     )  # a particle has passed the whole range of the force since the last call
     if not is_finite(total) or (jumped and not pairs.counts[JUMPS_ALLOWED]):
         return BLOWN_UP
-    room = pairs.inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + pairs.inner_skin)
+    outer_skin = outer_skin_now(pairs)
+    inner_skin = min(pairs.inner_skin, outer_skin)
+    room = inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + inner_skin)
     if room >= 0.0 and 4.0 * inner <= room**2:
         return OK
     each_chunk(pairs, chunks, "outer_move_chunk")
     outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
-    room = pairs.outer_skin - pairs.inner_skin
-    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + pairs.outer_skin)
+    room = outer_skin - inner_skin
+    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + outer_skin)
     if room >= 0.0 and 4.0 * outer <= room**2:
         prune(pairs, chunks)
         return OK

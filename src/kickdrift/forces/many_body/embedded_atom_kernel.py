@@ -234,7 +234,7 @@ def chunk_embedded_forces(force, c):
                 at += WIDTH
                 keep += (3 if several else 2) * WIDTH
                 virial = virial - (gx * dx + gy * dy + gz * dz)
-                by_axis = add_along(by_axis, -gx * dx, -gy * dy, -gz * dz)
+                by_axis = add_along(by_axis, -gx, -gy, -gz, dx, dy, dz)
             forces[p] += lane_sum(fx)
             forces[p + 1] += lane_sum(fy)
             forces[p + 2] += lane_sum(fz)

@@ -44,7 +44,7 @@ class ManyBodyWork(NamedTuple):
     cutoff: float
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
-    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
+    along: Any  # virial of each chunk, for a barostat; see `lists.along`
     rows: Neighbours
     pairs: ClusterList
     chunks: Chunks

@@ -148,7 +148,7 @@ def chunk_stillinger_weber(force, c):
             gx, gy, gz = in_double(gx + along * nx), in_double(gy + along * ny), in_double(gz + along * nz)
             virial = virial - in_double(along * load(kept, at + R * WIDTH))
             r = -in_double(load(kept, at + R * WIDTH))
-            by_axis = add_along(by_axis, r * gx * in_double(nx), r * gy * in_double(ny), r * gz * in_double(nz))
+            by_axis = add_along(by_axis, r * gx, r * gy, r * gz, in_double(nx), in_double(ny), in_double(nz))
             fx, fy, fz = fx + gx, fy + gy, fz + gz
             add_rows_at(forces, places, WIDTH * (j + 1), (-gx, -gy, -gz, 0.0 * gx))
         add_rows_at(forces, places, 0, (fx, fy, fz, 0.0 * fx))

@@ -96,7 +96,7 @@ def chunk_tersoff(force, c):
             virial = virial - in_double(load(bonds, at + R) * (gx * nx + gy * ny + gz * nz))
             gx, gy, gz = in_double(gx), in_double(gy), in_double(gz)
             r = -in_double(load(bonds, at + R))
-            by_axis = add_along(by_axis, r * gx * in_double(nx), r * gy * in_double(ny), r * gz * in_double(nz))
+            by_axis = add_along(by_axis, r * gx, r * gy, r * gz, in_double(nx), in_double(ny), in_double(nz))
             fx, fy, fz = fx + gx, fy + gy, fz + gz
             add_rows_at(forces, places, WIDTH * (j + 1), (-gx, -gy, -gz, 0.0 * gx))
         add_rows_at(forces, places, 0, (fx, fy, fz, 0.0 * fx))

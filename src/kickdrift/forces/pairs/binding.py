@@ -13,6 +13,7 @@ from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
 from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, Shift, Switch
 from kickdrift.forces.pairs.upkeep import tables_of
+from kickdrift.forces.seam.samples import no_looks
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the lanes that a law takes
 from kickdrift.jit.threads.chunks import in_chunks
@@ -76,7 +77,7 @@ def bind(force: PairPotential, system: Subject, threads: int, mixed: bool = Fals
         tail_volume=float(volume_of.py_func(pairs.live)),
         inverse_masses=1.0 / system.coherent_masses,
         sums=np.zeros((chunks, 3)),
-        looks=np.zeros(4, np.int64),
+        looks=no_looks(),
         along=None,
         pairs=pairs,
         chunks=in_chunks(chunks, threads),

@@ -116,7 +116,7 @@ def _pairs_apart(laws, at, own, cutoff2, places, along, part):
         energy, force_over_r = terms_within(laws, at, places, r2)
         g = select(inside, force_over_r, 0.0)
         energy, count = select(inside, energy, 0.0), select(inside, splat(1.0), 0.0)
-        along = add_along(along, part * g * dx * dx, part * g * dy * dy, part * g * dz * dz)
+        along = add_along(along, part * g * dx, part * g * dy, part * g * dz, dx, dy, dz)
         return g * dx, g * dy, g * dz, energy, g * select(inside, r2, 0.0), count, along
 
     return meets

@@ -15,15 +15,16 @@ from kickdrift.forces.lists.clusters import (
     copy,
 )
 from kickdrift.forces.lists.list_code import list_code, prune, refresh
-from kickdrift.forces.lists.load import PRUNED, SEARCHED, scaled_tail
+from kickdrift.forces.lists.load import PRUNED, SEARCHED, adopt, scaled_tail
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
 from kickdrift.forces.pairs.lanes import AtCutoff
-from kickdrift.forces.pairs.sampled import SUMMED, WITH_SUMS, gather_again, is_summed, note_look, sum_forces
+from kickdrift.forces.pairs.sampled import gather_again, is_summed, sum_forces
 from kickdrift.forces.pairs.sorted_steps import take_steps
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
 from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
+from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS, note_look
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.threads.chunks import Chunks
@@ -44,8 +45,8 @@ class PairWork(NamedTuple):
     tail_volume: float  # of the box that these belong to
     inverse_masses: NDArray[np.float64]  # (n,)
     sums: NDArray[np.float64]  # (chunks, 3) energy, virial, pairs
-    looks: NDArray[np.int64]  # (4,) what is known of samples; see `sampled`
-    along: Any  # (chunks, 3) virial along each axis, for a barostat; else None
+    looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
+    along: Any  # virial of each chunk, for a barostat; see `lists.along`
     pairs: ClusterList
     chunks: Chunks
 
@@ -134,6 +135,7 @@ def remake(force, built_at, pruned_at):
     status = refresh(pairs, built_at, force.chunks)
     if status == OK:
         copy(then[PRUNED], pairs.live)
+        adopt(pairs)
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
     copy(now, pairs.live)
@@ -155,7 +157,7 @@ def add_forces(force, wanted, x, a, sums):
         add_accelerations(force, a)
         force.looks[SUMMED] = force.looks[WITH_SUMS]
     if wanted:
-        note_look(force)
+        note_look(force.looks)
         for c in range(chunks.number):
             sums[0] += force.sums[c, 0]
             sums[1] += force.sums[c, 1]

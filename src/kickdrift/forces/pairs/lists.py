@@ -20,6 +20,7 @@ from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.model.box.cell import LENGTHS
 
 LONGEST_SCALE = 2.0  # in cutoffs
 THIN = 1e-3  # part of the cutoff: a skin for rounding alone
@@ -60,9 +61,10 @@ def _scale(bound: PairKernel) -> float:
     """Edge of a cluster of a pair law in a periodic box, up to twice the cutoff; 0 for others. The cost of a list grows
     with the volume around clusters, so a skin in units of a cutoff shorter than a cluster would be too thin."""
     pairs = bound.pairs
-    if type(bound) is not PairKernel or not pairs.live.all():
+    lengths = pairs.live[:LENGTHS]
+    if type(bound) is not PairKernel or not lengths.all():
         return 0.0
-    edge = float(WIDTH * pairs.live.prod() / len(pairs.place)) ** (1 / 3)
+    edge = float(WIDTH * lengths.prod() / len(pairs.place)) ** (1 / 3)
     return min(edge, LONGEST_SCALE * pairs.cutoff)
 
 
@@ -96,11 +98,12 @@ def memory(bound: PairKernel, varies: bool = False) -> dict[str, Any]:
 def _put_boxes(bound: PairKernel, boxes: Any) -> None:
     """Set the edge lengths at the last search and pruning; the other arguments are as in `recalled`."""
     own = bound.pairs.made_in
+    there = own[:, :LENGTHS] > 0
     if not (
         np.shape(boxes) == own.shape
         and np.all(np.isfinite(boxes))
-        and np.array_equal(np.asarray(boxes) > 0, own > 0)
-        and np.all(np.asarray(boxes)[own > 0] >= 2 * bound.pairs.cutoff)
+        and np.array_equal((lengths := np.asarray(boxes)[:, :LENGTHS]) > 0, there)
+        and np.all(lengths[there] >= 2 * bound.pairs.cutoff)
     ):
         raise InputError("checkpoint: its pair list belongs to another box")
     own[...] = boxes

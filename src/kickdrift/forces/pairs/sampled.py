@@ -1,9 +1,4 @@
-"""Samples that cost little: the sum of the pairs before a sample carries energy and virial along.
-
-A force counts its evaluations from one sample to the next, and expects the next sample after as many. The last
-evaluation before then sums energy and virial too. The sample finds these sums, if its positions are those of the
-evaluation. Forces have the same bits with and without sums, so a sample changes nothing in a run.
-"""
+"""The sum of a pair force, with energy and virial where a sample comes; see `forces.seam.samples`."""
 
 from __future__ import annotations
 
@@ -13,33 +8,21 @@ from numba import types
 
 from kickdrift.forces.lists.clusters import BUILT, LANES, unsigned
 from kickdrift.forces.lists.sums import Gathering, mean_acceleration
+from kickdrift.forces.seam.samples import SUMMED, sums_expected
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.threads.chunks import each_chunk
-
-# slots of `PairWork.looks`: evaluations since the last sample, evaluations between the two samples before, whether the
-# last evaluation had sums, whether its accelerations were added up
-SINCE, BETWEEN, WITH_SUMS, SUMMED = range(4)
+from kickdrift.model.box.cell import differs
 
 
 @jit
 def sum_forces(force, wanted):
     """Sum the forces of all chunks; if a sample is ``wanted`` or expected, also their energies and virials."""
-    looks = force.looks
-    looks[SINCE] += int(not wanted)
-    looks[WITH_SUMS] = wanted or looks[SINCE] == looks[BETWEEN]
-    if looks[WITH_SUMS]:
+    if sums_expected(force.looks, wanted):
         each_chunk(force, force.chunks, "chunk_forces_and_sums")
     else:
         each_chunk(force, force.chunks, "chunk_forces")
-
-
-@jit
-def note_look(force):
-    """Begin to count the evaluations after a sample."""
-    looks = force.looks
-    looks[BETWEEN], looks[SINCE] = looks[SINCE], 0
 
 
 @jit
@@ -48,9 +31,8 @@ def is_summed(force, x):
     pairs = force.pairs
     if force.looks[SUMMED] == 0 or pairs.counts[BUILT] == 0:
         return False
-    for k in range(3):
-        if pairs.live[k] != pairs.cell.matrix[k, k]:
-            return False
+    if differs(pairs.cell):
+        return False
     own, offset, same = pairs.x, pairs.offset, True
     for i in range(pairs.place.size):
         p = unsigned(pairs.place[i])

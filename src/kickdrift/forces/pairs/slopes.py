@@ -47,7 +47,6 @@ from kickdrift.forces.pairs.beside_pairs import (
 )
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lanes import pair_slopes
-from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.pairs.sum import sum_pairs
 from kickdrift.forces.pairs.upkeep import refresh_force
 from kickdrift.forces.pairs.variation import (
@@ -59,6 +58,7 @@ from kickdrift.forces.pairs.variation import (
     store_vector_like,
 )
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.seam.samples import SUMMED
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import splat

@@ -21,9 +21,10 @@ from kickdrift.forces.lists.list_code import outlasts
 from kickdrift.forces.lists.load import AT_ONCE, add_moves, note_moves, total_move
 from kickdrift.forces.lists.pair_rows import copy_to_single
 from kickdrift.forces.lists.sums import add_collected, collected_mean, forces_on, no_mean_yet
-from kickdrift.forces.pairs.sampled import SUMMED, WITH_SUMS, sum_forces
+from kickdrift.forces.pairs.sampled import sum_forces
 from kickdrift.forces.pairs.upkeep import refresh_force
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload

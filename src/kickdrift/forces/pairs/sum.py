@@ -101,7 +101,7 @@ def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
                 energies = energies + select(inside, factor * energy, 0.0)
                 virials = virials + g * select(inside, r2, 0.0)
                 counts = counts + select(inside, zero + 1.0, 0.0)
-                along = add_along(along, fx * dx, fy * dy, fz * dz)
+                along = add_along(along, fx, fy, fz, dx, dy, dz)
                 sx, sy, sz = load_vector(row_sums, row)
                 store_vector(row_sums, row, sx + fx, sy + fy, sz + fz)
             ax, ay, az = load_vector(forces, other)
@@ -212,7 +212,7 @@ def sum_pairs(force, sums, deviation, together, c, thread):
                     energy_sum = energy_sum + in_float64(select(inside, energy, 0.0))
                     virial_sum = virial_sum + in_float64(g * select(inside, r2, 0.0))
                     pair_count = pair_count + in_float64(select(inside, zero + 1.0, 0.0))
-                    along_sum = add_along(along_sum, g * dx * dx, g * dy * dy, g * dz * dz)
+                    along_sum = add_along(along_sum, g * dx, g * dy, g * dz, dx, dy, dz)
                 if together is not None:
                     before, place = place, next_place
                 other, dx, dy, dz, r2, g, energy = next_other, next_dx, next_dy, next_dz, next_r2, next_g, next_energy

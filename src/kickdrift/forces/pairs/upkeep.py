@@ -12,8 +12,8 @@ from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.pair_rows import slot_of
 from kickdrift.forces.lists.row_lanes import RowLanes, Wide, WideSingle
-from kickdrift.forces.pairs.sampled import SUMMED
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.seam.samples import SUMMED
 from kickdrift.jit.compile import features, jit
 from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import overload

@@ -84,6 +84,13 @@ def check_place_in_plane(name: str, key: str, place: Vector, system: Subject) ->
         )
 
 
+def check_alike(key: str, values: Any, system: Subject) -> None:
+    """Refuse values that differ along axes in a leaning box: the nearest image is then not that of least energy, so the
+    energy of a particle half the box away would jump."""
+    if system.box.triclinic and len({*np.broadcast_to(values, 3).tolist()}) > 1:
+        raise InputError(f"{key} has three values, but a leaning box takes one, so that the energy does not jump")
+
+
 def check_massive(name: str, system: Subject, ids: Iterable[int]) -> None:
     """Refuse massless particles, which this force would accelerate without limit."""
     for i in ids:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
 from kickdrift.forces.bonded.kernel import AngleKernel, BondKernel, DihedralKernel
+from kickdrift.forces.fields.restraint_kernel import RestraintKernel
 from kickdrift.forces.laws.body_kernel import BodyWork
-from kickdrift.forces.laws.field_kernel import FieldWork, clocked, parameters_of
+from kickdrift.forces.laws.field_kernel import FieldWork, clocked, image_near, parameters_of
 from kickdrift.forces.seam.kernel import OK, run_body
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals import arrays as arrays  # what duals, alone and in arrays, take part in
@@ -22,7 +24,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import cpu_target
 
 NO_DUALS = -1  # status of a force without a formula on duals
-BODIES = (BodyWork, BondKernel, AngleKernel, DihedralKernel)  # their bodies take arrays of duals as they are
+BODIES = (BodyWork, BondKernel, AngleKernel, DihedralKernel, RestraintKernel)  # their bodies take arrays of duals
 
 
 @jit
@@ -34,7 +36,7 @@ def slopes_of_bodies(force, t, x, v, a):
 @jit
 def slopes_of_field(force, t, x, v, a):
     never_inline()
-    t = clocked(force, t)
+    t, x = clocked(force, t), dual_images(force.images, x)
     for i in range(x.shape[1]):
         push = push_of(parameters_of(force.law, i), vector_at(x, i), vector_at(v, i), force.masses[i], t)
         push = over_mass(push, force.inverse_masses, i)
@@ -42,6 +44,25 @@ def slopes_of_field(force, t, x, v, a):
         a[1, i] += push.y
         a[2, i] += push.z
     return OK
+
+
+def dual_images(images: Any, x: Any) -> Any:
+    """Positions x (3, n) as duals, or their images nearest to the law's place."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(dual_images)
+def _dual_images(images, x):
+    if isinstance(images, types.NoneType):
+        return lambda images, x: x
+
+    def near(images, x):
+        room = np.empty(x.shape, x.dtype)
+        for i in range(x.shape[1]):
+            image_near(images, x, i, room)
+        return room
+
+    return near
 
 
 @jit

@@ -63,7 +63,7 @@ class Varied:
                 f"force {force.name!r}: has no variational equations of second order; gravity alone has them"
             )
         self._found: Any = None
-        for trait in ("external", "works", "velocity_dependent"):
+        for trait in ("external", "works", "velocity_dependent", "reflects"):
             setattr(self, trait, getattr(force, trait, False))
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, kernel
+from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS, no_looks, note_look, sums_expected
 from kickdrift.forces.tree.build import (
     BEYOND,
     BOUND,
@@ -33,7 +34,7 @@ from kickdrift.forces.tree.build import (
     find_groups,
 )
 from kickdrift.forces.tree.cut import SHARE_COLUMNS
-from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_max, lane_numbers, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, load, store
@@ -237,6 +238,7 @@ class TreeKernel(NamedTuple):
     counts: NDArray[np.int64]  # numbers of tasks and groups
     cut: NDArray[np.float64]  # the cut of a large node: see `cut`
     shares: NDArray[np.float64]  # (CHUNKS, SHARE_COLUMNS) what each chunk finds there
+    looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
     chunks: Chunks
 
 
@@ -263,27 +265,51 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         counts=np.zeros(2, np.int64),
         cut=np.zeros(5),
         shares=aligned((CHUNKS, SHARE_COLUMNS)),
+        looks=no_looks(),
         chunks=in_chunks(CHUNKS, threads),
     )
 
 
 @kernel(TreeKernel)
 def tree_forces(force, t, x, v, a, sums):
-    if not build(force, x):
+    if (sums is None or not is_summed(force, x)) and not sum_all(force, sums is not None, x):
         return BLOWN_UP
-    each_chunk(force, force.chunks, "subtrees")
-    each_chunk(force, force.chunks, "upper_moments")
-    find_groups(force, GROUP_CLUSTERS)
-    if sums is None:
-        each_chunk(force, force.chunks, "group_accelerations")
-    else:
-        each_chunk(force, force.chunks, "group_accelerations_and_sums")
+    if sums is not None:
+        note_look(force.looks)
         add_sums(force, sums)
-    each_chunk(force, force.chunks, "in_order_of_ids")
     for k in range(3):
         for i in range(x.shape[1]):
             a[k, i] += force.spare[i, k]
     return OK
+
+
+@jit
+def sum_all(force, wanted, x):
+    """Sum the accelerations at x, and the potential where a sample comes. Return whether x is finite."""
+    force.looks[SUMMED] = 0
+    if not build(force, x):
+        return False
+    each_chunk(force, force.chunks, "subtrees")
+    each_chunk(force, force.chunks, "upper_moments")
+    find_groups(force, GROUP_CLUSTERS)
+    if sums_expected(force.looks, wanted):
+        each_chunk(force, force.chunks, "group_accelerations_and_sums")
+    else:
+        each_chunk(force, force.chunks, "group_accelerations")
+    each_chunk(force, force.chunks, "in_order_of_ids")
+    force.looks[SUMMED] = force.looks[WITH_SUMS]
+    return True
+
+
+@jit
+def is_summed(force, x):
+    """Tell whether the last evaluation has the potential at the positions x (3, n)."""
+    rows, same = force.rows, force.looks[SUMMED] != 0
+    for s in range(rows.shape[0]):
+        i = int(rows[s, 3])
+        for k in range(3):
+            same = same and x[k, i] == rows[s, k]
+    return same
 
 
 @chunk_task

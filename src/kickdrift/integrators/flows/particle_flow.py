@@ -15,7 +15,7 @@ from kickdrift.forces.seam.group import ListedForce
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
-from kickdrift.integrators.options import APART
+from kickdrift.integrators.options import APART, FULL
 from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.observers import Looks, Sample
@@ -106,6 +106,10 @@ class ParticleStates:
         )
         return np.array(phase, dtype=float, order="C")
 
+    def look_cost(self, fresh: bool) -> float:
+        """Time of a look in evaluations of the forces. ``fresh`` is as in `looking`."""
+        return TAKEN_COST
+
     def begin(self, record: Record, y: Floats) -> None:
         """Begin a record of conservation here."""
         record.begin(self.subject.coherent_masses, y)
@@ -140,6 +144,9 @@ def clocked(force: Any) -> bool:
     return bool(getattr(force, "time_dependent", not own))
 
 
+# time of a look in evaluations of the forces: with the sums of the last evaluation, with one of its own, and with one
+# that makes its lists first
+TAKEN_COST, APART_COST, LISTED_COST = 0.3, 1.2, 4.0
 MANY = 50_000  # particles whose lists are not kept for samples alone
 
 
@@ -148,12 +155,12 @@ class ParticleFlow(ParticleStates):
 
     def __init__(self, system: System, threads: int, jumps: bool, mixed: bool = False, coupling: str = "") -> None:
         super().__init__(system)
-        self.live = LiveBox(system.box) if coupling else None
+        self.live = LiveBox(system.box, coupling == FULL) if coupling else None
         under = self._under(system)
         apart = coupling in APART
         self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
-        self._shared = self._listed and not mixed
+        self._shared = (self._listed or self.forces.sums_before_samples) and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
         self.others: BoundForces | None = None  # forces that a method has bound by itself
@@ -228,6 +235,12 @@ class ParticleFlow(ParticleStates):
         if self.live or (self._listed and not (fresh and self._shared)):
             return None
         return Looking(self._looks(fresh), self._desk, self._cursor)
+
+    def look_cost(self, fresh: bool) -> float:
+        """See ParticleStates."""
+        if fresh and self._shared:
+            return TAKEN_COST
+        return LISTED_COST if self._listed else APART_COST
 
     def accelerations(self, y: Floats, time: float) -> Floats | None:
         """Accelerations (3, n) at y; None if they are not finite."""

@@ -65,6 +65,10 @@ class ProblemFlow:
     def looking(self, fresh: bool) -> None:
         """Return None: each sample calls Python."""
 
+    def look_cost(self, fresh: bool) -> float:
+        """Return 0: a sample evaluates no right-hand side."""
+        return 0.0
+
     def sample(self, y: Floats, time: float, steps: int, fresh: bool = False) -> Sample:
         """Sample of the problem's conserved quantity at y."""
         energy = self.subject.energy

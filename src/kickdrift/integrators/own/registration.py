@@ -271,7 +271,7 @@ def register_step(
     """
     declared = own_options(options)
     for each in declared:
-        if each.type is str or each.several or each.default is None or not each.written:
+        if each.type is str or each.several or each.count > 1 or each.default is None or not each.written:
             raise InputError(f"option {each.name}: of a compiled step is a number or a switch, and has a default")
 
     def register(function: Callable[..., None]) -> Callable[..., None]:

@@ -60,6 +60,10 @@ class Stretched:
     def stages(self) -> Floats:
         return self.row.stages * np.array([[self.stretch], [self.stretch], [1.0]])
 
+    def mirrored(self) -> Stretched:
+        """See Splitting."""
+        return replace(self, row=self.row.mirrored())
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self.row, name)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, zip_longest
 from math import fsum
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import COMPENSATED, OF_PRESSURE, SUBSTEPS, Option
-from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, group_of, letters_of, nested, rows_of
+from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, MIRROR, group_of, letters_of, nested, rows_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class Splitting(Method):
     family = "splitting"
     separable = True
     rescalable = True
+    reflects = True
 
     def __post_init__(self) -> None:
         letters = letters_of(self.name, self.word)
@@ -188,6 +189,12 @@ class Splitting(Method):
     @cached_property
     def _rows(self) -> Floats:
         return rows_of(self.letters, self.weights, self.further)
+
+    def mirrored(self) -> Any:
+        """The word with bounces off hard walls after each drift."""
+        letters = [(each, weight) for each, weight in zip(self.letters, self.weights, strict=True)]
+        both = [(made, weight) for each, weight in letters for made in (each, MIRROR)[: 1 + (each == DRIFT)]]
+        return replace(self, word=" ".join(each for each, _ in both), weights=tuple(weight for _, weight in both))
 
     def timed(self, options: Options) -> Any:
         """The rows for steps of ``options.dt``: these, where the parts of a step do not depend on its length."""

@@ -88,6 +88,8 @@ class Composition(Lettered, Protocol):
 
     def timed(self, options: Options) -> Any: ...
 
+    def mirrored(self) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -97,11 +99,11 @@ class SplittingStepper(FixedStepper):
         self.barostat: Barostat | None = None
         self.manifold: Manifold | None = None
         word = self._word(flow, options)
-        self.warnings = bath_warnings(options.dt, options) if self._baths else []
+        self._warned = bath_warnings(options.dt, options) if self._baths else []
         if self.barostat:
-            self.warnings = [*self.warnings, *pressure_warnings(options.dt, options, flow.subject)]
+            self._warned = [*self._warned, *pressure_warnings(options.dt, options, flow.subject)]
         if groups := word.groups:
-            self.warnings += [
+            self._warned += [
                 f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
                 for group in sorted({*groups.kicks.tolist()} - {*groups.forces.tolist()})
             ]
@@ -111,11 +113,26 @@ class SplittingStepper(FixedStepper):
         )  # fmt: skip
         self.ends_fresh, self._all_fresh = method.ends_fresh, (1 << max(1, method.groups)) - 1
 
+    @property
+    def warnings(self) -> list[str]:
+        """One line for each doubtful choice, and for what the run has shown of it."""
+        return [*self._warned, *(self.barostat.warnings if self.barostat else [])]
+
+    @warnings.setter
+    def warnings(self, lines: list[str]) -> None:
+        self._warned = lines
+
     def _word(self, flow: Flow, options: Options) -> Word:
         """Bind the further flows and the barostat with these options."""
-        method, rows = self._method, [FLOWS[letter] for letter in self._method.further]
+        walled, held = _walled(flow), getattr(flow.subject, "constraints", None) is not None
+        if walled and held:
+            raise InputError(
+                "reflecting-wall: mirrors single particles, and constraints hold whole molecules; take a soft wall, "
+                "such as harmonic-wall"
+            )
+        method = self._method.mirrored() if walled else self._method
+        rows = [FLOWS[letter] for letter in method.further]
         stages, further_stages, kick_groups = method.stages, method.further_stages, method.kick_groups
-        held = getattr(flow.subject, "constraints", None) is not None
         if held:
             letters, weights = on_manifold(method.letters, method.weights)
             own = rows_of(letters, weights, method.further + "".join(Manifold.letters))
@@ -225,6 +242,11 @@ class SplittingStepper(FixedStepper):
     @property
     def fresh(self) -> bool:  # type: ignore[override]
         return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _walled(flow: Flow) -> bool:
+    """Whether the flow's System has hard walls."""
+    return isinstance(flow.subject, System) and bool(flow.subject.acting("reflects"))
 
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:

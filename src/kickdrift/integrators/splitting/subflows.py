@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping.subflow_code import BoundSubflow
 
 
-DRIFT, KICK = "A", "B"
+DRIFT, KICK, MIRROR = "A", "B", "W"
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,12 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
     return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options, *OF_PRESSURE, ALLOW_GRAVITY), bind)
 
 
+def _mirrors(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+    from kickdrift.integrators.splitting.mirrors import bind
+
+    return bind(flow, options, weights)
+
+
 FLOWS = {
     DRIFT: Subflow("drift", moves=True),
     KICK: Subflow("kick", moves=False),
@@ -88,6 +94,7 @@ FLOWS = {
     "C": _bath("C", "stochastic rescaling", TAU, SEED, drags=False),
     "D": _bath("D", "Andersen's collisions", RATE, SEED, drags=True),
     "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
+    MIRROR: Subflow("bounces off hard walls", moves=True, bind=_mirrors),
 }
 
 

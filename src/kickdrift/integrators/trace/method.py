@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.around.spins import spinning
 from kickdrift.integrators.method import OWN_FORCES, Method
-from kickdrift.integrators.options import HILL_RADII, INNER, PERICENTRE
+from kickdrift.integrators.options import HILL_RADII, INNER, PERICENTRE, Option
 from kickdrift.integrators.wisdom_holman.method import one_gravity
 
 if TYPE_CHECKING:
@@ -51,9 +51,10 @@ class Trace(Method):
     family = "Kepler splitting"
     reversible = True
     particles_only = True
+    batched = stops_in_lanes = True
     evaluations = 0
     float64_because = OWN_FORCES
-    declared: Any = (HILL_RADII, PERICENTRE, INNER)
+    declared: ClassVar[tuple[Option, ...]] = (HILL_RADII, PERICENTRE, INNER)
 
     def check(self, system: System) -> None:
         """Raise InputError for a System without a central body, without gravity, with softened gravity, or with spins
@@ -82,14 +83,6 @@ class Trace(Method):
         from kickdrift.integrators.trace.stepper import TraceStepper
 
         return TraceStepper(flow, WAYS.index(options.pericentre), METHODS.index(options.inner), options)
-
-    @property
-    def batched(self) -> bool:
-        return True
-
-    @property
-    def stops_in_lanes(self) -> bool:
-        return True
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         from kickdrift.integrators.trace.batch import TraceLanes

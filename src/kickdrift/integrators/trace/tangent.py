@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.trace.state import FULL, POINTS
-from kickdrift.integrators.trace.tangent_meeting import enter_meeting, heavy_passes, meet_again, pull_of
+from kickdrift.integrators.trace.tangent_meeting import enter_meeting, heavy_passes, meet_again
 from kickdrift.integrators.trace.tangent_others import kick_by_others_duals
 from kickdrift.integrators.trace.tangent_state import (
     AFTER_V,
@@ -32,6 +32,7 @@ from kickdrift.integrators.trace.tangent_state import (
     X,
     dual_meeting,
 )
+from kickdrift.integrators.wisdom_holman.tangent import pull_of
 from kickdrift.integrators.wisdom_holman.tangent_columns import (
     Derived,
     blocks_of,

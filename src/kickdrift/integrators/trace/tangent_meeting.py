@@ -6,8 +6,6 @@ the accelerations, so a dual's numbers join their state as they are.
 
 from __future__ import annotations
 
-import math
-
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import AGAIN, CONVERGED, MOST, PATIENCE, TERMS
@@ -16,22 +14,15 @@ from kickdrift.integrators.trace.meeting import enter_work, leave_work, stepping
 from kickdrift.integrators.trace.state import FULL, GAUSS_RADAU
 from kickdrift.integrators.trace.tangent_others import add_inside_duals
 from kickdrift.integrators.trace.tangent_state import MASSES, MIDDLE_V, MIDDLE_X
+from kickdrift.integrators.wisdom_holman.tangent import pull_of
 from kickdrift.jit.compile import as_written, inlined, is_finite, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
-from kickdrift.jit.duals.dual import as_dual, dual, dual_rows
+from kickdrift.jit.duals.dual import as_dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes.memory import flat
 
 STALLED = 1e-3  # a stalled residual below this is rounding, of places far from the centre in a close encounter
 LEAST = 2  # iterations before the first that may be the last: by then the scale of residuals is known
-
-
-@jit
-def pull_of(d):
-    """Return d / r^3 for a dual separation d."""
-    square = 1.0 / (d.value @ d.value)
-    cube = square * math.sqrt(square)
-    return dual(cube * d.value, cube * (d.slope - (3.0 * square * (d.slope @ d.value)) * d.value))
 
 
 @jit

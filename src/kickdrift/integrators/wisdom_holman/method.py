@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -139,18 +139,10 @@ class WisdomHolman(Method):
     reversible = True
     separable = True
     particles_only = True
-
-    @property
-    def evaluations(self) -> int:
-        return 1
-
-    @property
-    def float64_because(self) -> str:
-        return OWN_FORCES
-
-    @property
-    def declared(self) -> tuple[Option, ...]:
-        return COORDINATES, CORRECTOR, KERNEL, COMPENSATED
+    batched = True
+    evaluations = 1
+    float64_because = OWN_FORCES
+    declared: ClassVar[tuple[Option, ...]] = (COORDINATES, CORRECTOR, KERNEL, COMPENSATED)
 
     def table(self, options: Options) -> Splitting:
         """Row of weights."""
@@ -197,10 +189,6 @@ class WisdomHolman(Method):
 
         return WisdomHolmanStepper(flow, self.table(options), options)
 
-    @property
-    def batched(self) -> bool:
-        return True
-
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         from kickdrift.integrators.wisdom_holman.batch import WisdomHolmanLanes
 
@@ -211,17 +199,8 @@ class WisdomHolman(Method):
 class Saba(WisdomHolman):
     """The same drifts and kicks with more of them in a step."""
 
-    @property
-    def evaluations(self) -> int:
-        return 0
-
-    @property
-    def float64_because(self) -> str:
-        return OWN_FORCES
-
-    @property
-    def declared(self) -> tuple[Option, ...]:
-        return COORDINATES, SABA_ORDER, COMPENSATED
+    evaluations = 0
+    declared: ClassVar[tuple[Option, ...]] = (COORDINATES, SABA_ORDER, COMPENSATED)
 
     def table(self, options: Options) -> Splitting:
         row: Splitting = SABA[options.order]

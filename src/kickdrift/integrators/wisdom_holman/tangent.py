@@ -7,7 +7,6 @@ other forces, and the kernels that change a kick (see `kernels`). Duals of duals
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,8 @@ from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_
 from kickdrift.integrators.wisdom_holman.tangent_pushes import add_pushes, to_first_order
 from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
-from kickdrift.jit.duals.dual import SLOT, Dual, as_dual, dual, dual_rows
-from kickdrift.jit.duals.operators import bare, dual_vector, put_vector, vector_at
-from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes.vector3 import dot
+from kickdrift.jit.duals.dual import SLOT, as_dual, dual, dual_rows
+from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
 from kickdrift.jit.lanes.vectors import WIDTH
 
 # Rows of a block: Jacobi positions and velocities, accelerations, inertial positions, masses; a place aside for
@@ -65,11 +62,11 @@ def from_jacobi(x, masses, inertial):
 
 
 @jit
-def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order, pulls):
+def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order):
     """Kick for a time dt, by the accelerations B(x) and ``weight`` times a correction: B at x + weight B, or with
     ``modified`` B + weight B' B. Return a status."""
     never_inline()
-    status = fill_accelerations(blocks, n, X, t, others, pushes, order, pulls)
+    status = fill_accelerations(blocks, n, X, t, others, pushes, order)
     if status == OK and weight != 0.0 and modified:
         add_corrections(blocks, n, weight)
     elif status == OK and weight != 0.0:
@@ -78,7 +75,7 @@ def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order, pulls
             aside = dual_rows(blocks[block, ASIDE], n)
             for i in range(n):
                 put_vector(aside, i, vector_at(x, i) + weight * vector_at(a, i))
-        status = fill_accelerations(blocks, n, ASIDE, t, others, pushes, order, pulls)
+        status = fill_accelerations(blocks, n, ASIDE, t, others, pushes, order)
     for block in range(blocks.shape[0]):
         v, a = dual_rows(blocks[block, V], n), dual_rows(blocks[block, A], n)
         for i in range(n):
@@ -87,29 +84,21 @@ def kick_blocks(blocks, n, dt, weight, modified, t, others, pushes, order, pulls
 
 
 @jit
-def fill_accelerations(blocks, n, at, t, others, pushes, order, pulls):
+def fill_accelerations(blocks, n, at, t, others, pushes, order):
     """Accelerations <- those of gravity less the attraction of the Kepler motions, and of the other forces, at the
     positions in row ``at``. Return a status."""
     status = OK
     for block in range(blocks.shape[0]):
         rows = blocks[block]
-        x, a, inertial, masses = (
-            dual_rows(rows[at], n),
-            dual_rows(rows[A], n),
-            dual_rows(rows[INERTIAL], n),
-            dual_rows(rows[MASSES], n),
-        )
+        x, a = dual_rows(rows[at], n), dual_rows(rows[A], n)
+        inertial, masses = dual_rows(rows[INERTIAL], n), dual_rows(rows[MASSES], n)
         from_jacobi(x, masses, inertial)
-        if block == 0:
-            fill_pulls(x, inertial, pulls)
-        pull_pairs(a, inertial, masses, pulls)
+        pull_pairs(a, inertial, masses)
         if others.shape[0] > 0:
             status = max(status, add_others(rows, n, t, others, pushes, order, block))
         to_jacobi(a, masses, others.shape[0] > 0)
-        row = n * (n - 1) // 2
         for i in range(1, n):
-            put_vector(a, i, vector_at(a, i) + masses[1, i] * pulled(vector_at(x, i), pulls[row]))
-            row += 1
+            put_vector(a, i, vector_at(a, i) + masses[1, i] * pull_of(vector_at(x, i)))
         if others.shape[0] == 0:  # the centre of mass moves on
             put_vector(a, 0, dual_vector((0.0, 0.0, 0.0)))
     return status
@@ -137,58 +126,25 @@ def add_others(rows, n, t, others, pushes, order, block):
 
 
 @jit
-def fill_pulls(x, inertial, pulls):
-    """pulls (n (n + 1) / 2, 2) <- 1 / r^3 and 3 / r^2 for each pair of bodies, and then for each Kepler motion."""
-    row = 0
-    for i in range(x.shape[1]):
-        for j in range(i):
-            row = put_pull(pulls, row, bare(vector_at(inertial, j)) - bare(vector_at(inertial, i)))
-    for i in range(1, x.shape[1]):
-        row = put_pull(pulls, row, bare(vector_at(x, i)))
+def pull_of(d):
+    """Return d / r^3 for a dual separation d."""
+    square = 1.0 / (d.value @ d.value)
+    cube = square * math.sqrt(square)
+    return dual(cube * d.value, cube * (d.slope - (3.0 * square * (d.slope @ d.value)) * d.value))
 
 
 @jit
-def put_pull(pulls, row, d):
-    """Fill a row; return the number of the next one."""
-    square = 1.0 / dot(d, d)
-    pulls[row, 0], pulls[row, 1] = square * math.sqrt(square), 3.0 * square
-    return row + 1
-
-
-@jit
-def pulled(d, pull):
-    """Return d / r^3 for a dual separation d and its row of ``fill_pulls``."""
-    cube, square = powers_of(d.value, pull)
-    slope = d.slope - (square * (d.slope @ d.value)) * d.value
-    return dual(cube * d.value, cube * slope)
-
-
-def powers_of(d: Any, pull: Any) -> Any:
-    """1 / r^3 and 3 / r^2 of a vector d, as duals if d is one, from its row of ``fill_pulls``."""
-
-
-@overload(powers_of, forceinline=True)
-def _powers_of(d, pull):
-    def with_slopes(d, pull):
-        along = pull[1] * (d.slope @ d.value)
-        return dual(pull[0], -pull[0] * along), dual(pull[1], ((-2.0 / 3.0) * pull[1]) * along)
-
-    return with_slopes if isinstance(d, Dual) else lambda d, pull: (pull[0], pull[1])
-
-
-@jit
-def pull_pairs(a, inertial, masses, pulls):
+def pull_pairs(a, inertial, masses):
     """a <- the attraction of all pairs of bodies."""
-    n, row = a.shape[1], 0
+    n = a.shape[1]
     for i in range(n):
         put_vector(a, i, dual_vector((0.0, 0.0, 0.0)))
     for i in range(n):
         own = vector_at(a, i)
         for j in range(i):
-            pull = pulled(vector_at(inertial, j) - vector_at(inertial, i), pulls[row])
+            pull = pull_of(vector_at(inertial, j) - vector_at(inertial, i))
             own = own + masses[0, j] * pull
             put_vector(a, j, vector_at(a, j) - masses[0, i] * pull)
-            row += 1
         put_vector(a, i, own)
 
 
@@ -197,12 +153,8 @@ def add_corrections(blocks, n, weight):
     """Add ``weight`` times the change of the accelerations when bodies move along them; gravity alone."""
     for block in range(blocks.shape[0]):
         rows = blocks[block]
-        x, a, inertial, masses = (
-            dual_rows(rows[X], n),
-            dual_rows(rows[A], n),
-            dual_rows(rows[INERTIAL], n),
-            dual_rows(rows[MASSES], n),
-        )
+        x, a = dual_rows(rows[X], n), dual_rows(rows[A], n)
+        inertial, masses = dual_rows(rows[INERTIAL], n), dual_rows(rows[MASSES], n)
         moved, change = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_A], n)
         from_jacobi(a, masses, moved)
         for i in range(n):
@@ -284,7 +236,7 @@ def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, 
     ``others`` (k, 2) are the addresses of the slopes of other forces and of their parts. ``pushes`` (p, 3) are what
     columns of masses and parameters do in these forces. ``order`` (n,) are the rows of the bodies in the system.
     """
-    slopes, changes, pulls = np.empty(6 * n * WIDTH), np.empty((n, 6)), np.empty((n * (n + 1) // 2, 2))
+    slopes, changes = np.empty(6 * n * WIDTH), np.empty((n, 6))
     drifts, kicks = stages[0], stages[1]
     for step in range(steps):
         for stage in range(drifts.size):
@@ -297,7 +249,7 @@ def tangent_steps(blocks, n, stages, modified, dt, start, first, steps, others, 
             if kicks[stage] != 0.0:
                 h, t = kicks[stage] * dt, start + (first + step + stages[2, stage]) * dt
                 weight = stages[3, stage] * h * h
-                status = kick_blocks(blocks, n, h, weight, modified, t, others, pushes, order, pulls)
+                status = kick_blocks(blocks, n, h, weight, modified, t, others, pushes, order)
                 if status != OK:
                     return status
     return OK

@@ -229,15 +229,6 @@ def _joined_three(x, y, z):
     return lambda x, y, z: vector3(x, y, z)
 
 
-def bare(x: Any) -> Any:
-    """The number or the vector of a dual, without any slopes."""
-
-
-@overload(bare, forceinline=True)
-def _bare(x):
-    return (lambda x: bare(x.value)) if isinstance(x, Dual) else (lambda x: x)
-
-
 @as_written
 def dual_zeros(n):
     """Array (3, n) of duals without value and slopes."""

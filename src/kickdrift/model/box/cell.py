@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import inlined, jit, strict
 from kickdrift.model.box.box import Box
+from kickdrift.model.box.edges import SMALLER
 
 SHIFTS = 27  # images of the brick that may touch the brick
+LENGTHS = 3  # numbers of a live box that keeps its shape; with six it has tilts too, see `Cell`
 
 
 class Shape(NamedTuple):
@@ -32,7 +34,8 @@ class Cell(NamedTuple):
     """Box in compiled code; `kickdrift.model.box.box.Images` describes the fields from ``reduced`` to ``sure2``.
 
     A barostat writes the edge lengths to ``live``, and `follow` brings the other arrays to these lengths. The arrays
-    depend on nothing but the shape and these lengths, so the way there does not change their bits."""
+    depend on nothing but the shape and these lengths, so the way there does not change their bits. A ``live`` with six
+    numbers has the tilts too. Such a box counts as leaning, also while its tilts are zero."""
 
     matrix: NDArray[np.float64]  # (3, 3) edge vectors as rows; a zero row for an axis that is not periodic
     leans: bool
@@ -41,7 +44,8 @@ class Cell(NamedTuple):
     inverse: NDArray[np.float64]  # (3, 3)
     neighbours: NDArray[np.float64]  # (26, 3) or fewer
     sure2: NDArray[np.float64]  # (1,)
-    live: NDArray[np.float64]  # (3,) lengths ax, by and cz now; zero along axes that are not periodic
+    live: NDArray[np.float64]  # (3,) lengths ax, by and cz now; zero along axes that are not periodic; or (6,), with
+    # the tilts cy, cx and bx
     shape: Shape
 
 
@@ -75,28 +79,58 @@ def cell_of(box: Box) -> Cell:
     return Cell(matrix, box.triclinic, of_axes, reduced, inverse, neighbours, np.array([sure2]), live, shape)
 
 
+def lengths_and_tilts(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The numbers (6,) of edge vectors (3, 3) in the order of a live box: ax, by, cz, cy, cx, bx."""
+    return matrix[[0, 1, 2, 2, 2, 1], [0, 1, 2, 1, 0, 0]]
+
+
 def live_cell(cell: Cell, lengths: NDArray[np.float64]) -> Cell:
-    """Return the Cell with its edge lengths in this memory. Its arrays are those that `follow` gives."""
+    """Return the Cell with its edge lengths, or lengths and tilts, in this memory. Its arrays are those that `follow`
+    gives."""
     made = cell._replace(live=lengths)
+    if len(lengths) > LENGTHS:
+        images = 3 ** int(np.count_nonzero(lengths[:LENGTHS])) - 1
+        made = made._replace(leans=True, edges=np.zeros(3), neighbours=np.zeros((images, 3)))
     resize.py_func(made)
     return made
 
 
 @strict
 def follow(cell):
-    """Bring a Cell to the edge lengths of now; tell whether these have changed."""
-    changed = False
-    for k in range(3):
-        changed = changed or cell.live[k] != cell.matrix[k, k]
+    """Bring a Cell to the edges of now; tell whether these have changed."""
+    changed = differs(cell)
     if changed:
         resize(cell)
     return changed
 
 
 @strict
+def differs(cell):
+    """Tell whether the live edges are others than those of the Cell's arrays."""
+    live, matrix = cell.live, cell.matrix
+    found = live[0] != matrix[0, 0] or live[1] != matrix[1, 1] or live[2] != matrix[2, 2]
+    if live.size > LENGTHS:
+        found = found or live[3] != matrix[2, 1] or live[4] != matrix[2, 0] or live[5] != matrix[1, 0]
+    return found
+
+
+@strict
+def put_edges(live, matrix):
+    """matrix (3, 3) <- the edge vectors of a live box (6,)."""
+    matrix[0, 0], matrix[1, 1], matrix[2, 2] = live[0], live[1], live[2]
+    matrix[2, 1], matrix[2, 0], matrix[1, 0] = live[3], live[4], live[5]
+    matrix[0, 1] = matrix[0, 2] = matrix[1, 2] = 0.0
+
+
+@strict
 def resize(cell):
-    """Set the arrays of a Cell from its shape and the edge lengths of now."""
-    shape, sure2 = cell.shape, np.inf
+    """Set the arrays of a Cell from its shape and the edge lengths of now, or from live lengths and tilts."""
+    if cell.live.size > LENGTHS:
+        put_edges(cell.live, cell.matrix)
+        reduce_edges(cell.matrix, cell.reduced, cell.inverse, cell.neighbours)
+        put_sure2(cell)
+        return
+    shape = cell.shape
     for k in range(3):
         edge = cell.live[k]
         for m in range(3):
@@ -107,10 +141,65 @@ def resize(cell):
             cell.neighbours[m, k] = shape.neighbours[m, k] * edge
         if not cell.leans:
             cell.edges[k] = edge
+    put_sure2(cell)
+
+
+@strict
+def put_sure2(cell):
+    """Set the square of a separation below which no image is nearer."""
+    sure2 = np.inf
     for m in range(cell.neighbours.shape[0]):
         step = cell.neighbours[m]
         sure2 = min(sure2, 0.25 * (step[0] * step[0] + step[1] * step[1] + step[2] * step[2]))
     cell.sure2[0] = sure2
+
+
+@strict
+def reduce_edges(matrix, reduced, inverse, neighbours):
+    """Set the Minkowski-reduced vectors of the lattice with the rows of ``matrix``, their inverse, and the sums of -1,
+    0 and 1 times each vector.
+
+    Each vector is shortened by sums of -1, 0 and 1 times the others until none becomes shorter, which are Minkowski's
+    conditions in up to four dimensions. See `kickdrift.model.box.edges.shortest` for what they give."""
+    reduced[:] = matrix
+    axes = 3 if matrix[2, 2] > 0.0 else 2
+    shorter = True
+    while shorter:
+        shorter = False
+        for k in range(axes):
+            m, n = (k + 1) % axes, (k + 2) % axes
+            least = SMALLER * (reduced[k, 0] ** 2 + reduced[k, 1] ** 2 + reduced[k, 2] ** 2)
+            best_i, best_j = 0.0, 0.0
+            for s in range(9):
+                i, j = s // 3 - 1.0, (s % 3 - 1.0 if axes == 3 else 0.0)
+                x = reduced[k, 0] + i * reduced[m, 0] + j * reduced[n, 0]
+                y = reduced[k, 1] + i * reduced[m, 1] + j * reduced[n, 1]
+                z = reduced[k, 2] + i * reduced[m, 2] + j * reduced[n, 2]
+                square = x * x + y * y + z * z
+                if square < least:
+                    least, best_i, best_j = square, i, j
+            if best_i != 0.0 or best_j != 0.0:
+                shorter = True
+                for c in range(3):
+                    reduced[k, c] += best_i * reduced[m, c] + best_j * reduced[n, c]
+    a, b, c = reduced[0], reduced[1], reduced[2]
+    cx, cy, cz = (c[0], c[1], c[2]) if axes == 3 else (0.0, 0.0, 1.0)
+    volume = a[0] * (b[1] * cz - b[2] * cy) + a[1] * (b[2] * cx - b[0] * cz) + a[2] * (b[0] * cy - b[1] * cx)
+    inverse[0, 0], inverse[1, 0] = (b[1] * cz - b[2] * cy) / volume, (b[2] * cx - b[0] * cz) / volume
+    inverse[2, 0] = (b[0] * cy - b[1] * cx) / volume
+    inverse[0, 1], inverse[1, 1] = (cy * a[2] - cz * a[1]) / volume, (cz * a[0] - cx * a[2]) / volume
+    inverse[2, 1] = (cx * a[1] - cy * a[0]) / volume
+    if axes == 3:
+        inverse[0, 2], inverse[1, 2] = (a[1] * b[2] - a[2] * b[1]) / volume, (a[2] * b[0] - a[0] * b[2]) / volume
+        inverse[2, 2] = (a[0] * b[1] - a[1] * b[0]) / volume
+    row, middle = 0, neighbours.shape[0] // 2
+    for s in range(neighbours.shape[0] + 1):
+        if s == middle:
+            continue
+        p, q, r = (s // 9 - 1.0, s // 3 % 3 - 1.0, s % 3 - 1.0) if axes == 3 else (s // 3 - 1.0, s % 3 - 1.0, 0.0)
+        for m in range(3):
+            neighbours[row, m] = p * reduced[0, m] + q * reduced[1, m] + r * reduced[2, m]
+        row += 1
 
 
 @strict
@@ -144,7 +233,7 @@ def bricks_of(cell: Cell) -> Bricks:
     along = np.array(leans)
     room = np.diag(cell.matrix) - [*np.abs(along).max(axis=0), 0.0]
     reach = float(min((room[k] for k in range(3) if most[k]), default=np.inf))
-    edges = np.where(cell.live > 0.0, cell.live, 1.0)
+    edges = np.where(np.diag(cell.matrix) > 0.0, np.diag(cell.matrix), 1.0)
     return Bricks(shifts, along, np.array(whole, np.int64), reach, shifts / edges[:, None], along / edges[:2])
 
 
@@ -205,6 +294,16 @@ def square_by_edges(matrix, inverse, dx, dy, dz):
     dx, dy = dx - count * matrix[1, 0], dy - count * matrix[1, 1]
     dx -= floor(dx * inverse[0] + 0.5) * matrix[0, 0]
     return dx * dx + dy * dy + dz * dz
+
+
+@jit
+def nearest_image(cell, d):
+    """Replace a separation d (3,) by that between nearest images."""
+    if cell.leans:
+        leaning_image(cell, d)
+    else:
+        for k in range(3):
+            d[k] = along(cell.edges[k], d[k])
 
 
 @jit

@@ -152,8 +152,11 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("langevin", "friction with noise belongs to the integrator baoab"),
     ),
     "units": (
-        ("real", "{word} is not there; 'metal' takes quantities with units, such as \"0.24 kcal/mol\" and \"2 fs\""),
-        ("gromacs nm kj/mol akma", "{word} is not there; 'metal' takes units, such as \"0.34 nm\" and \"1 kJ/mol\""),
+        (
+            "akma amber charmm kcal/mol",
+            "{word} is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
+        ),
+        ("nm kj/mol md openmm", "kJ/mol, nm and ps are 'gromacs' here"),
         ("electron atomic hartree bohr", "{word} is not there; 'metal' takes units, such as \"2 bohr\""),
         ("cgs micro nano", "{word} is not there; 'si' takes quantities with units, such as \"1 cm\" and \"1 g\""),
         ("mks international", "{word} is 'si' here"),

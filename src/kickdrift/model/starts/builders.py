@@ -21,8 +21,9 @@ from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.state import Floats
+from kickdrift.model.units.file_units import Scale
 from kickdrift.model.units.quantities import quantity
-from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import shown, suggestion
 
 if TYPE_CHECKING:
@@ -199,10 +200,10 @@ def read_structure(
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta and charges
     if any.
 
-    ASE's units are angstrom, u and eV, so ``units`` must be metal; for LAMMPS' data files also lj or si, with the
-    numbers of the file. There, species are the comments beside the masses of all types; without these the elements of
-    the masses in metal units, else the numbers of the types. The cell may have any shape. Where the cell has not
-    the form of a `Box`, positions and velocities are turned with the cell.
+    ASE's units are angstrom, u and eV, so ``units`` must be metal, real or gromacs. Data files of LAMMPS are in metal,
+    real, lj or si, with the numbers of the file. There, species are the comments beside the masses of all types;
+    without these the elements of the masses in metal and real units, else the numbers of the types. The cell may have
+    any shape. Where the cell has not the form of a `Box`, positions and velocities are turned with the cell.
 
     Parameters
     ----------
@@ -211,10 +212,12 @@ def read_structure(
     atom_style : style of the atoms in a data file of LAMMPS, default the one in the file or a guess from its columns
     """
     lammps = is_lammps_data(path)
-    if units.name not in (("metal", "lj", "si") if lammps else ("metal",)):
+    if units.name not in (("metal", "real", "lj", "si") if lammps else ("metal", "real", "gromacs")):
         if lammps:
-            raise InputError(f'data files of LAMMPS are in lj, metal or si units; got units = "{units.name}"')
-        raise InputError(f'structure files are in angstrom and u; expected units = "metal", got "{units.name}"')
+            raise InputError(f'data files of LAMMPS are in lj, metal, real or si units; got units = "{units.name}"')
+        raise InputError(
+            f'structure files are in angstrom and u; expected units = "metal", "real" or "gromacs", got "{units.name}"'
+        )
     if why := unfit(path):
         raise InputError(f"{why}: {path}")
     if atom_style and not lammps:
@@ -240,7 +243,8 @@ def read_structure(
         raise InputError(f"{path} holds no atoms")
     along = tuple(bool(there) for there in atoms.pbc)
     axes = np.broadcast_to(along if periodic is None else periodic, 3)
-    edges, rotation = _edges(np.array(atoms.cell.array, dtype=float), axes, boxed, path)
+    scale = Scale.of(UNIT_SYSTEMS["lj"] if lammps else units)  # the numbers of LAMMPS' files stand as they are
+    edges, rotation = _edges(np.array(atoms.cell.array, dtype=float) * scale.length, axes, boxed, path)
     masses = atoms.get_masses()
     velocities = None
     if lammps and atoms.has("momenta"):  # the numbers of the file, whatever its units
@@ -250,13 +254,13 @@ def read_structure(
         masses = masses / convert(1.0, "mass", "metal", "ASE")
         velocities = atoms.get_velocities() * (1000.0 * fs)
     elif atoms.has("momenta"):  # in u angstrom over ASE's unit of time, in which a mass of 1 u is coherent
-        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass)
-    positions, symbols = atoms.positions, atoms.get_chemical_symbols()
+        velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass / scale.energy)
+    positions, symbols = atoms.positions * scale.length, atoms.get_chemical_symbols()
     if lammps:
         types, names = atoms.arrays["type"].tolist(), _names_of_types(path)
         if all(each in names for each in types):
             symbols = [names[each] for each in types]
-        elif units.name != "metal":
+        elif units.name not in ("metal", "real"):
             symbols = [str(each) for each in types]  # masses say nothing of elements
     if rotation is not None:
         positions = positions @ rotation.T

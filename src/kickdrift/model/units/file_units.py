@@ -16,6 +16,8 @@ _PICOSECOND = {"ps": 1.0, "fs": 1e-3, "s": 1e12}
 _KJ_PER_MOL = "kJ mol-1 Angstrom-1"
 _FORCE = {
     ("eV", "angstrom"): (constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000, _KJ_PER_MOL),
+    ("kcal/mol", "angstrom"): (4.184, _KJ_PER_MOL),
+    ("kJ/mol", "nm"): (0.1, _KJ_PER_MOL),
     ("J", "m"): (1.0, "Newton"),
 }
 
@@ -26,8 +28,8 @@ def elementary_charge(units: UnitSystem) -> float:
 
 
 class FileUnits(NamedTuple):
-    """Factors from the system's units to stored positions, times and forces; exactly 1 for length and time except
-    ``si``.
+    """Factors from the system's units to stored positions, times and forces; exactly 1 for the length except in
+    ``gromacs`` and ``si``, and for the time except in ``real`` and ``si``.
 
     ``nominal`` means that a length unit is written as one angstrom and a time unit as one ps, because there is no
     conversion, as in reduced units.

@@ -38,6 +38,13 @@ EXAMPLES = {
     "charge": "1 e",
 }
 
+# Units that a unit system has and people rarely think in, with their size in a familiar unit.
+FAMILIAR = {
+    "eV/angstrom^3": (constants.ELEMENTARY_CHARGE * 1e25, "bar"),
+    "angstrom^2/ps": (1e-4, "cm^2/s"),
+    "m^2/s": (1e4, "cm^2/s"),
+}
+
 _COMMON = (
     "angstrom nm pm um mm cm m km AU pc fs ps ns us ms s min hour day yr u amu Da g kg Msun "
     "eV meV keV J kJ cal kcal mol K mK bar atm Pa GPa hartree rydberg"
@@ -157,6 +164,8 @@ def _registry() -> Any:
     registry.define(f"atomic_mass_constant = {constants.ATOMIC_MASS!r} kg = m_u")  # pint's CODATA may be another year's
     registry.define(f"solar_mass = {MSUN!r} kg = Msun")
     registry.define("@alias astronomical_unit = AU")
+    for each in ("kcal", "kJ"):
+        registry.define(f"{each}_of_one = {each} / {constants.AVOGADRO!r}")  # an energy per mole, of one particle
     return registry
 
 
@@ -196,7 +205,7 @@ def _convert(number: float, unit: str, dimension: str, units: UnitSystem, wrong:
             if moles != _moles(dimension):
                 raise InputError(wrong)
             given = given * registry.avogadro_constant**moles
-        return float(given.to(units.unit(dimension)).magnitude)
+        return float(given.to(_of_particles(registry, units.unit(dimension))).magnitude)
     except pint.PintError:
         raise InputError(wrong) from None
     except (OverflowError, ZeroDivisionError, ArithmeticError):
@@ -212,8 +221,13 @@ def _is_pure(registry: Any, unit: Any, dimension: str) -> bool:
     return not any(registry.Unit(part).dimensionless for part in (*unit._units, *root._units))
 
 
+def _of_particles(registry: Any, unit: str) -> Any:
+    """pint's unit of this name, with the energy of one particle in place of an energy per mole."""
+    return registry.parse_units(re.sub(r"\bk(cal|J)/mol\b", r"k\1_of_one", unit))
+
+
 def _moles(dimension: str) -> int:
     """Power of the amount of substance in a quantity of this dimension: energies and masses per mole, moles per
     volume."""
     name = dimension.replace("_", " ")
-    return 1 if name == "number density" else -1 if name == "mass" or "E" in DIMENSIONS[name] else 0
+    return 1 if name == "number density" else -1 if name == "mass" else -DIMENSIONS[name].get("E", 0)

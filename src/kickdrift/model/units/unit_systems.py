@@ -59,7 +59,8 @@ class UnitSystem:
     """Names of the units, and Boltzmann's constant, G and the speed of light in them.
 
     G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
-    acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2; elsewhere it is 1.
+    acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2. It is 1 in ``lj``,
+    ``si``, ``astro`` and ``nbody``, and 1.00000000105 in ``gromacs``, where N_A u is not quite 1 g/mol.
 
     The unit of charge and Coulomb's constant follow from the name; see ``CHARGES``.
     """
@@ -115,10 +116,14 @@ class UnitSystem:
 
 
 _IN_VACUUM = 1.0 / (4.0 * math.pi * constants.VACUUM_PERMITTIVITY)  # N m^2/C^2
+_BETWEEN_E = _IN_VACUUM * constants.ELEMENTARY_CHARGE**2  # J m: Coulomb's constant between elementary charges
+_KCAL, _KJ = 4184.0 / constants.AVOGADRO, 1000.0 / constants.AVOGADRO  # J, of one particle; the thermochemical calorie
 # Unit of charge and Coulomb's constant. In lj and nbody, two unit charges at distance r have the energy 1 / r.
 CHARGES: dict[str, tuple[str, float | None]] = {
     "lj": ("charge", 1.0),
     "metal": ("e", _IN_VACUUM * constants.ELEMENTARY_CHARGE / 1e-10),  # eV angstrom
+    "real": ("e", _BETWEEN_E / _KCAL / 1e-10),  # kcal/mol angstrom
+    "gromacs": ("e", _BETWEEN_E / _KJ / 1e-9),  # kJ/mol nm
     "si": ("C", _IN_VACUUM),
     "astro": ("C", None),
     "nbody": ("charge", 1.0),
@@ -136,6 +141,28 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         boltzmann=constants.BOLTZMANN / constants.ELEMENTARY_CHARGE,
         light=constants.LIGHT * 1e-12 / 1e-10,
         coherent_mass=constants.ATOMIC_MASS * (1e-10 / 1e-12) ** 2 / constants.ELEMENTARY_CHARGE,
+    ),
+    "real": UnitSystem(
+        "real",
+        "angstrom",
+        "fs",
+        "u",
+        "kcal/mol",
+        "K",
+        boltzmann=constants.BOLTZMANN / _KCAL,
+        light=constants.LIGHT * 1e-15 / 1e-10,
+        coherent_mass=constants.ATOMIC_MASS * (1e-10 / 1e-15) ** 2 / _KCAL,
+    ),
+    "gromacs": UnitSystem(
+        "gromacs",
+        "nm",
+        "ps",
+        "u",
+        "kJ/mol",
+        "K",
+        boltzmann=constants.BOLTZMANN / _KJ,
+        light=constants.LIGHT * 1e-12 / 1e-9,
+        coherent_mass=constants.ATOMIC_MASS * (1e-9 / 1e-12) ** 2 / _KJ,
     ),
     "si": UnitSystem(
         "si", "m", "s", "kg", "J", "K", boltzmann=constants.BOLTZMANN, gravity=constants.GRAVITY, light=constants.LIGHT

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 SAMPLES = 1000
 GLIMPSES = 10  # for a run without an energy, in which only the check for stiffness looks
 LEAST = 50  # the verdict on the drift needs 40 looks
-EVALUATIONS = 100  # force evaluations for each look; a look costs as much as one to seven
+SHARE = 0.1  # most time of these, as a part of the time of the steps
+EVALUATIONS = 100  # force evaluations for each look
 BODIES = 16_000  # looks times bodies in a run of any length: a few milliseconds in all
 
 
@@ -160,13 +161,21 @@ class Plan:
         return min(1000, int(1000 * done)), 1000
 
 
-def looks_at(steps: int, evaluations: int, bodies: int) -> int:
-    """Return the default number of looks of a run; ``evaluations`` counts the force evaluations of one step.
+def looks_at(steps: int, evaluations: int, bodies: int, cost: float = 0.0) -> int:
+    """Return the default number of looks of a run; ``evaluations`` counts the force evaluations of one step, and
+    ``cost`` is the time of a look in evaluations.
 
     The number is 1000, or one for each 100 force evaluations if that is fewer. It is at least 16000 / bodies, and at
-    least 50.
+    least 50 if these take a tenth of the time of the steps or less.
     """
-    return min(SAMPLES, max(LEAST, steps * max(evaluations, 1) // EVALUATIONS, BODIES // bodies))
+    all_evaluations = steps * max(evaluations, 1)
+    least = min(LEAST, int(SHARE * all_evaluations / cost)) if cost else LEAST
+    return min(SAMPLES, max(1, least, all_evaluations // EVALUATIONS, BODIES // bodies))
+
+
+def _look_cost(sim: Planned) -> float:
+    run = sim.integration
+    return float(run.flow.look_cost(getattr(run.stepper, "ends_fresh", False)))
 
 
 def plan_of(
@@ -202,7 +211,7 @@ def plan_of(
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
         count = steps_to(sim, steps, until, exact)
-        samples = looks_at(count, sim.method.evaluations, len(sim.system)) if seen else GLIMPSES
+        samples = looks_at(count, sim.method.evaluations, len(sim.system), _look_cost(sim)) if seen else GLIMPSES
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
         check_samples(count / cadence, "every")

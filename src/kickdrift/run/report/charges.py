@@ -7,7 +7,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from kickdrift.forces.charges.coulomb import Coulomb
-from kickdrift.forces.charges.radial import DAMPED_SHIFTED, DIRECT, EWALD
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.system import System
@@ -24,13 +24,15 @@ class ChargeReport:
 
     ``predicted_error`` follows from the parameters. ``measured_error`` is the difference from an exact sum for
     ``measured_particles`` at the end of the run, or at its start if the box has changed. Both are ``relative_to`` the
-    size of the forces. Only Ewald's sum has these, and waves."""
+    size of the forces. Only sums over all images have these, and waves or a mesh with the order of its splines."""
 
     method: str
     accuracy: float | None = None
     alpha: float | None = None
     cutoff: float | None = None
     waves: int | None = None
+    mesh: tuple[int, ...] | None = None
+    order: int | None = None
     predicted_error: float | None = None
     measured_error: float | None = None
     measured_particles: int = 0
@@ -46,6 +48,8 @@ class ChargeReport:
             said.append(f"alpha = {measured(f'{self.alpha:.5g}', length and f'1/{length}')}")
         if self.waves is not None:
             said.append(f"{self.waves:,} waves")
+        if self.mesh is not None:
+            said.append(f"mesh {' x '.join(map(str, self.mesh))}, order {self.order}")
         lines = [("charges", ", ".join(said))]
         if self.predicted_error is not None:
             found = f"{self.predicted_error:.1e} predicted"
@@ -72,7 +76,7 @@ def _made(force: Coulomb, system: System) -> ChargeReport:
         return ChargeReport(force.method, net_charge=force.net_charge(system))
     split = force.split(system)
     given: dict[str, Any] = {"cutoff": split.cutoff, "net_charge": force.net_charge(system)}
-    if force.method != EWALD:
+    if force.method not in ALL_IMAGES:
         return ChargeReport(force.method, alpha=split.alpha if force.method == DAMPED_SHIFTED else None, **given)
     errors = errors_of(force, system)
     size, relative_to = _scale(errors)
@@ -80,7 +84,9 @@ def _made(force: Coulomb, system: System) -> ChargeReport:
         force.method,
         force.accuracy,
         split.alpha,
-        waves=int(waves_of(system.box, split.waves).kept.sum()),
+        waves=None if split.mesh else int(waves_of(system.box, split.waves).kept.sum()),
+        mesh=split.mesh or None,
+        order=split.order or None,
         predicted_error=errors.predicted / size,
         measured_error=None if errors.measured is None else errors.measured / size,
         measured_particles=errors.particles,
@@ -102,7 +108,7 @@ def charge_warnings(system: Any) -> list[str]:
     if force is None:
         return ["charges have no effect, since no force acts between them; add the force coulomb"]
     net = force.net_charge(system)
-    if force.method != EWALD or not net:
+    if force.method not in ALL_IMAGES or not net:
         return []
     charge = measured(f"{net:.6g}", system.units.symbol("charge"))
     energy = measured(f"{force.background(system) / system.volume:.6g}", system.units.symbol("energy"))

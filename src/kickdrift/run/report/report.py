@@ -14,7 +14,7 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.seam.group import ListedForce
-from kickdrift.integrators.options import PRESSURE, TEMPERATURE
+from kickdrift.integrators.options import TEMPERATURE, mean_pressure
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks.values import unwarned
@@ -88,7 +88,8 @@ class Report(ShownReport):
     that collisions and removed bodies took out, None without such events; the energy's error excludes it.
     ``angular_momentum_taken`` (3 numbers) is the angular momentum that went from orbits into spins, and that of removed
     bodies. ``stopped``
-    names the event that ended the run, "" if none did.
+    names the event that ended the run, "" if none did. ``equilibrated`` tells how the run was equilibrated before its
+    record began, "" if it was not.
     """
 
     system: str
@@ -131,6 +132,7 @@ class Report(ShownReport):
     warnings: list[str]
     about: About = field(compare=False)
     charges: ChargeReport | None = None
+    equilibrated: str = ""
     molecules: MoleculeReport | None = None
 
     @cached_property
@@ -167,7 +169,7 @@ class Report(ShownReport):
         """The mean pressure beside the pressure of the barostat, in words; None without a barostat."""
         if self.volume is None or self.pressure is None:
             return None
-        return verdict(self.pressure, self.pressure_error, self.options[PRESSURE.name])
+        return verdict(self.pressure, self.pressure_error, mean_pressure(self.options))
 
     def _error(self, values: Floats | None) -> float | None:
         if values is None:
@@ -269,6 +271,7 @@ def report(sim: Any) -> Report:
             *(line for line in doubts if line and line not in record.warnings),
         ],
         charges=charge_report(system, sim),
+        equilibrated=record.equilibrated,
         molecules=molecule_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 from kickdrift.display.card import Spark
 from kickdrift.display.showing import Lines, Shown, above, lines_of
+from kickdrift.integrators.options import mean_pressure
 from kickdrift.looks.report_lines import energy_lines, energy_spark, mean_text, method_text, verdict_text
 from kickdrift.model.event_log import event_lines
 from kickdrift.model.units.unit_systems import symbol_of
@@ -37,6 +38,8 @@ class ShownReport(Shown):
             lines += self.charges.lines(units.symbol("length"))
         if units and self.molecules is not None:
             lines += self.molecules.lines(units.symbol("length"), units.symbol("temperature"))
+        if self.equilibrated:
+            lines.append(("equilibrated", self.equilibrated))
         steps = counted(self.steps, "step", ",")
         rejected = f" ({self.rejected_steps:,} rejected)" if self.rejected_steps else ""
         lines.append(("length", f"{steps}{rejected}, {measured(f'{self.time:g}', time_unit)}"))
@@ -56,7 +59,7 @@ class ShownReport(Shown):
             lines.append(("temperature", f"{mean_text(self.temperature, self.temperature_error, symbol)}{verdict}"))
         if units and self.pressure is not None:
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
-            verdict = verdict_text(self.options.get("pressure"), self.pressure_verdict, per)
+            verdict = verdict_text(mean_pressure(self.options), self.pressure_verdict, per)
             lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}{verdict}"))
         if units and self.volume is not None:
             per = symbol_of(f"{units.length}^{self.about.dimensions}")

@@ -25,7 +25,12 @@ HEAD_BYTES = 8
 FORCE_BYTES = 16  # bytes for each particle of MDCOMM: an index and three numbers
 MOST_STEPS = 2**31 - 1  # in the packet of energies; the packet of the time has 64 bits
 
-_PER_MOL = {"eV": constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000, "J": constants.AVOGADRO / 1000}
+_PER_MOL = {
+    "eV": constants.ELEMENTARY_CHARGE * constants.AVOGADRO / 1000,
+    "kcal/mol": 4.184,
+    "kJ/mol": 1.0,
+    "J": constants.AVOGADRO / 1000,
+}
 AT_ONCE = 65536  # bytes read at a time
 BODY_READS = 16  # of these, at most, while forces are passed over
 

@@ -18,7 +18,7 @@ from kickdrift.model.state import Floats
 from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format, Placed
 from kickdrift.trajectory.read.universe import topology_of
 
-UNITS = ("lj", "metal", "si")  # LAMMPS has the same
+UNITS = ("lj", "metal", "real", "si")  # LAMMPS has the same
 FARTHEST = 511  # image that LAMMPS holds in 10 bits
 MARGIN = 0.01  # of the particles' extent, around them along an open axis
 

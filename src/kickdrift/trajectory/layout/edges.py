@@ -1,6 +1,7 @@
 """Edges of a box in a run's file.
 
-A rectangular box has three lengths in each frame, a leaning box its edge vectors, one a row. The edge along an open
+A rectangular box has three lengths in each frame, a leaning box its edge vectors, one a row. So has a box that changes
+its shape during the run, also while it is rectangular. The edge along an open
 axis is zero in the file, because MDAnalysis takes any other edge as periodic.
 """
 
@@ -19,15 +20,21 @@ from kickdrift.trajectory.layout.contents import Contents
 EDGES = "particles/trajectory/box/edges/value"
 
 
-def shape_of(box: Box) -> tuple[int, ...]:
-    """Shape of one frame's edges: (3,) for lengths, or (3, 3) for edge vectors."""
-    return (3, 3) if box.triclinic else (3,)
+def shape_of(box: Box, free: bool = False) -> tuple[int, ...]:
+    """Shape of one frame's edges: (3,) for lengths, or (3, 3) for edge vectors, as of a box that is ``free`` to change
+    its shape."""
+    return (3, 3) if free or box.triclinic else (3,)
 
 
-def stored(box: Box) -> Floats:
-    """Edges of a box in its own unit, shape (3,) or (3, 3), zero along open axes."""
+def shape_in(contents: Contents, box: Box) -> tuple[int, ...]:
+    """Shape of one frame's edges in a file, for a run that begins in this box."""
+    return shape_of(box, getattr(contents.anything(EDGES), "ndim", 0) == 3)
+
+
+def stored(box: Box, free: bool = False) -> Floats:
+    """Edges of a box in its own unit, in the shape of `shape_of`, zero along open axes."""
     rows = np.where(np.array(box.periodic_axes)[:, None], box.matrix, 0.0)
-    return rows if box.triclinic else np.diag(rows)
+    return rows if free or box.triclinic else np.diag(rows)
 
 
 def restored(found: Floats, like: Box) -> Box:
@@ -40,9 +47,10 @@ def boxes(
 ) -> list[Box]:
     """Boxes of some frames; the file stores edges times ``factor``. A frame with the ``first`` box's edges gets that
     very object, and so do frames that the mask ``whole`` (frames,) leaves out."""
-    there = contents.read(contents.series(EDGES, "f8", 0, shape_of(first)), chosen)
+    shape = shape_in(contents, first)
+    there = contents.read(contents.series(EDGES, "f8", 0, shape), chosen)
     found = [first] * len(there)
-    other = (there != stored(first) * factor).any(axis=tuple(range(1, there.ndim)))
+    other = (there != stored(first, len(shape) == 2) * factor).any(axis=tuple(range(1, there.ndim)))
     for k in np.flatnonzero(other if whole is None else other & whole):
         try:
             found[k] = restored(there[k] / factor, first)

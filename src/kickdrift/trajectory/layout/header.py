@@ -135,7 +135,7 @@ def read(contents: Contents) -> Header:
         contents.series(f"{particles}/position/{key}", kind, frames)
     box = edges.box_of(contents, record["box"])
     if box.periodic:
-        contents.series(edges.EDGES, "f8", frames, edges.shape_of(box))
+        contents.series(edges.EDGES, "f8", frames, edges.shape_in(contents, box))
     series = [sampled(contents, key, samples) for key, _ in CLOCK]
     contents.dataset(f"{own}/system/phase", "f8", (2, 3, n))
     closed = bool(contents.array(f"{own}/closed", "i1", (1,))[0])

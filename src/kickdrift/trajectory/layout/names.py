@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.options import FULL, coupling_of
 from kickdrift.looks.columns import KNOWN
 from kickdrift.model.changing import empty_rows
 from kickdrift.model.molecules.topology import SIZES
@@ -127,7 +128,7 @@ def header_image(
     """
     with image(run_id) as file:
         committed = new_counts(file)
-        _particles(file, system, flush_frames, options)
+        _particles(file, system, flush_frames, options, free=coupling_of(method) == FULL)
         _connectivity(file, system)
         h5md = file.create_group("h5md")
         h5md.attrs["version"] = np.array([1, 1], dtype="i4")
@@ -198,7 +199,7 @@ def new_samples(file: h5py.File) -> None:
     _events(file)
 
 
-def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions) -> None:
+def _particles(file: h5py.File, system: System, flush_frames: int, options: FileOptions, free: bool) -> None:
     n = len(system)
     # Both begin in the file's first page, so that they grow in one write: MDAnalysis counts frames by the positions and
     # ends a loop by the steps.
@@ -228,7 +229,7 @@ def _particles(file: h5py.File, system: System, flush_frames: int, options: File
     if system.box.periodic:
         # A row for each frame although the box is fixed: MDAnalysis reads no other form.
         edges = box.create_group("edges")
-        new_series(edges, "value", shape_of(system.box), "f8").attrs["unit"] = "Angstrom"
+        new_series(edges, "value", shape_of(system.box, free), "f8").attrs["unit"] = "Angstrom"
         _link(edges, clock)
     names = {name: index for index, name in enumerate(system.species)}
     kind = h5py.enum_dtype(names, basetype="i4")

@@ -13,6 +13,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces import home
+from kickdrift.forces.external.calculator import OBJECT
 from kickdrift.forces.seam.named import path_of
 from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
@@ -191,6 +192,9 @@ def differences(system: System, run: RunFile) -> list[str]:
     skipped = {"name", "invariants", "run", "equilibration", "seed"}  # keys that do not change what the forces do
     for record in (here, there):
         record["forces"] = [_compared(force) for force in record["forces"]]
+    for one, other in zip(here["forces"], there["forces"], strict=False):
+        if (other["parameters"] or {}).get("arguments") == OBJECT:  # files of version 0.2.0 say no more
+            one["parameters"]["arguments"] = OBJECT
     found = [key for key in here if key not in skipped and here[key] != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {

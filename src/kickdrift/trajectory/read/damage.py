@@ -20,7 +20,7 @@ from kickdrift.trajectory.layout.checksums import (
     sums_of_vectors,
 )
 from kickdrift.trajectory.layout.contents import Contents
-from kickdrift.trajectory.layout.edges import EDGES, shape_of
+from kickdrift.trajectory.layout.edges import EDGES, shape_in
 from kickdrift.trajectory.layout.header import CLOCK as CLOCK_SERIES
 from kickdrift.trajectory.layout.header import EVENT_COLUMNS, Outline, event_column, framed, plan_numbers, sampled
 from kickdrift.trajectory.layout.names import TRAJECTORY
@@ -113,7 +113,7 @@ class Checks:
         contents = self._contents
         series = [contents.series(f"{TRAJECTORY}/position/{key}", kind, rows) for key, kind in CLOCK_SERIES]
         if self._header.box.periodic:
-            series.append(contents.series(EDGES, "f8", rows, shape_of(self._header.box)))
+            series.append(contents.series(EDGES, "f8", rows, shape_in(contents, self._header.box)))
         return series
 
     @cached_property

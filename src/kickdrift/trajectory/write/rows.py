@@ -18,7 +18,7 @@ from kickdrift.trajectory.layout import checksums, header
 from kickdrift.trajectory.layout import problem_header as problem_header
 from kickdrift.trajectory.layout.checksums import CHECKSUMS
 from kickdrift.trajectory.layout.contents import Contents
-from kickdrift.trajectory.layout.edges import EDGES, shape_of, stored
+from kickdrift.trajectory.layout.edges import EDGES, shape_in, shape_of, stored
 from kickdrift.trajectory.layout.names import (
     EVENTS,
     KIND_BYTES,
@@ -99,6 +99,7 @@ class Rows:
         self.columns: Mapping[str, str] = {}
         self._growing, self._vectors, self._block = found.growing, found.vectors, 0
         self._box = found.box
+        self._free = found.box.periodic and len(shape_in(contents, found.box)) == 2
         self._look_for_checksums()
 
     @property
@@ -173,7 +174,7 @@ class Rows:
         edges: dict[str, Sequence[ArrayLike]] = {}
         if self._box.periodic:
             boxes = {id(box): box for box in waiting.boxes}  # most frames share one
-            made = {key: stored(box) * factors.length for key, box in boxes.items()}
+            made = {key: stored(box, self._free) * factors.length for key, box in boxes.items()}
             edges[EDGES] = [made[id(box)] for box in waiting.boxes]
         step, time = f"{TRAJECTORY}/position/step", f"{TRAJECTORY}/position/time"
         clock = self._columns({step: frames.steps, time: [time * factors.time for time in frames.times], **edges})
@@ -247,7 +248,7 @@ class Rows:
         """Raise InputError for a box that does not fit the form of the file's edges."""
         if box is self._box:
             return
-        if (box.periodic_axes, shape_of(box)) != (self._box.periodic_axes, shape_of(self._box)):
+        if box.periodic_axes != self._box.periodic_axes or (shape_of(box) != shape_of(self._box) and not self._free):
             unit = self._units.symbol("length")
             raise InputError(
                 f"{self._out.path}: its frames have a box like {self._box.described(unit)}, but this state's is "

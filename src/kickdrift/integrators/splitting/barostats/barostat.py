@@ -14,21 +14,32 @@ from kickdrift.integrators.options import (
     BAROSTAT,
     C_RESCALE,
     COMPRESSIBILITY,
+    FULL,
     MONTE_CARLO,
     MTK,
     OF_PRESSURE,
     PRESSURE,
     PRESSURE_EVERY,
     PRESSURE_TAU,
+    STRESS,
     TEMPERATURE,
     coupling_of,
 )
-from kickdrift.integrators.splitting.barostats import c_rescale, monte_carlo, mtk
-from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, Piston
+from kickdrift.integrators.splitting.barostats import (
+    c_rescale,
+    c_rescale_shape,
+    monte_carlo,
+    monte_carlo_shape,
+    mtk,
+    mtk_shape,
+)
+from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRAINED, Piston
+from kickdrift.integrators.splitting.barostats.shape import shape_of
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, Bathed, bathed
 from kickdrift.integrators.splitting.subflows import rows_of
 from kickdrift.integrators.stepping.subflow_code import ACTED, SUMMED, BoundSubflow, Pressed
 from kickdrift.looks.centres import parted
+from kickdrift.model.box.cell import LENGTHS
 from kickdrift.model.freedom import NONE
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
@@ -43,10 +54,15 @@ TAKES = {  # options that each needs, and others
     MTK: ((PRESSURE_TAU.name,), ()),
     MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
 }
-GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2)}
+GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2), FULL: (0, 0, 0)}
 FEWEST_ACTIONS = 5  # in a time constant
 ALONG, SUMS = "along", "sums"  # names in a memory: virials along the axes; energy, virial and pairs
 OF_PAIRS = 2  # place of the number of pairs, which is nan if a force does not know it
+FAR = 0.15  # largest difference of two stretches of a box that holds its shape
+WANDERS = (
+    f"coupling: the shape of the box has changed by more than {FAR:.0%}; a fluid does not hold the shape of its box, "
+    "so the shape wanders; take coupling = isotropic for a fluid"
+)
 NEVER = np.iinfo(np.int64).min
 
 
@@ -114,15 +130,25 @@ def check_pressed(system: Any, options: Options) -> None:
         if reason:
             raise InputError(f"pressure: force {force.name!r} does not scale with the box: {reason}")
     coupling = coupling_of(options)
-    if system.constraints is not None and coupling not in GROUPS:
-        raise InputError(f"coupling: {coupling} does not act on constraints; take {', '.join(GROUPS)}")
+    if system.constraints is not None and coupling == FULL:
+        raise InputError(f"coupling: {FULL} does not act on constraints; take isotropic, semi-isotropic or per-axis")
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
-    if coupling in APART and system.box.tilts:
-        raise InputError(f"coupling: {coupling} needs a rectangular box; a leaning box takes isotropic")
+    if coupling in APART and coupling != FULL and system.box.tilts:
+        raise InputError(f"coupling: {coupling} needs a rectangular box; a leaning box takes isotropic or full")
     for force in system.forces:
         if coupling in APART and (reason := force.fixes_shape(system)):
             raise InputError(f"coupling: {coupling} needs the virial along each axis, and {reason}; or take isotropic")
+    if options.get(STRESS.name) is not None and coupling != FULL:
+        raise InputError(f"stress: needs coupling = full, because {coupling} keeps angles between edges")
+    if system.dimensions == 2 and any(stress_of(options)[2]):
+        raise InputError("stress: zz, yz and xz must be zero in a plane")
+
+
+def stress_of(options: Options) -> Floats:
+    """Wanted stress (3, 3) beside the pressure; zeros if none is."""
+    xx, yy, zz, yz, xz, xy = options.get(STRESS.name) or (0.0,) * 6
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
 
 
 class Barostat:
@@ -143,15 +169,16 @@ class Barostat:
         self._reach = reach_of(system)
         self._coupling = coupling_of(options)
         self.piston = self._made(flow, options, method)
+        free = self._coupling == FULL
+        self._shape = shape_of(self.piston, 2.0 * self._reach, stress_of(options)) if free else None
         self.flows: dict[str, BoundSubflow] = {}
         at, every = (0, 0), 1
         if self._kind == MTK:
-            self.flows = {letter: bound.ready() for letter, bound in mtk.flows(self.piston, options).items()}
+            made = mtk_shape.flows(self._shape, options) if self._shape else mtk.flows(self.piston, options)
+            self.flows = {letter: bound.ready() for letter, bound in made.items()}
         else:
             every = int(options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default)
-            n = len(system)
-            of = c_rescale.action(self.piston, options) if self._kind == C_RESCALE else None
-            self._action = (of or monte_carlo.action(self.piston, options, n)).ready()
+            self._action = self._between(options, len(system)).ready()
             at = self._action.address, self._action.work
         self.pressed = Pressed(
             np.array(at, np.int64),
@@ -162,10 +189,20 @@ class Barostat:
             self.piston.felt,
         )
 
+    def _between(self, options: Options, n: int) -> BoundSubflow:
+        """The barostat as an action between two steps."""
+        if self._kind == C_RESCALE:
+            return (
+                c_rescale_shape.action(self._shape, options) if self._shape else c_rescale.action(self.piston, options)
+            )
+        if self._shape:
+            return monte_carlo_shape.action(self._shape, options, n)
+        return monte_carlo.action(self.piston, options, n)
+
     def _made(self, flow: Flow, options: Options, method: Lettered) -> Piston:
         lengths: Floats = self._live.lengths
         shortest = self._live.lengths_of_height(2.0 * self._reach)
-        group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths, strict=True)]
+        group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths[:LENGTHS], strict=True)]
         bath = bathed(flow, options, (TEMPERATURE,), conserving=not method.drags)
         return Piston(
             bath, lengths,
@@ -197,6 +234,20 @@ class Barostat:
         return float(self.piston.work[0])
 
     @property
+    def warnings(self) -> list[str]:
+        """A line if the shape of the box has changed as that of a fluid does."""
+        if self._shape is None:
+            return []
+        edges = []
+        for numbers in (self._shape.reference, self._shape.piston.lengths):
+            rows = np.diag(np.where(numbers[:LENGTHS] > 0, numbers[:LENGTHS], 1.0))
+            rows[[2, 2, 1], [1, 0, 0]] = numbers[LENGTHS:]
+            edges.append(rows)
+        axes = self._shape.piston.bath.axes
+        stretches = np.linalg.svd(np.linalg.solve(*edges)[:axes, :axes], compute_uv=False)
+        return [WANDERS] if stretches.max() > (1.0 + FAR) * stretches.min() else []
+
+    @property
     def trouble(self) -> str:
         """Why the barostat stopped."""
         cause, which, value = self.piston.trouble
@@ -209,12 +260,15 @@ class Barostat:
                 if self._coupling in APART
                 else "take more particles or another pressure"
             )
-            height = 2.0 * reach * value / self.piston.shortest[axis] if reach else value
-            edge = f"the box height across {'abc'[axis]}" if self._live.box.tilts else f"box edge {'xyz'[axis]}"
+            height = 2.0 * reach * value / self.piston.shortest[axis] if reach and not self._shape else value
+            tilted = self._shape or self._live.box.tilts
+            edge = f"the box height across {'abc'[axis]}" if tilted else f"box edge {'xyz'[axis]}"
             return (
                 f"the barostat would make {edge} {height:.6g}, shorter than twice the cutoff, "
                 f"2 x {reach:.6g} = {2 * reach:.6g}; {advice}"
             )
+        if cause == TOO_STRAINED:
+            return f"the barostat would strain the box by {which:.3g} at once; give a longer pressure_tau"
         return f"the barostat would change the volume by a factor of {which:.3g} at once; give a longer pressure_tau"
 
     @property
@@ -223,13 +277,17 @@ class Barostat:
         own |= {"work": self.piston.work, "state": self.piston.state}
         own |= {} if self.piston.along is None else {ALONG: self.piston.along}
         own |= {} if self.piston.felt is None else {"felt": self.piston.felt}
+        if self._shape:
+            own |= {"reference": self._shape.reference, "strain": self._shape.state, "notes": self._shape.notes}
         chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
         return own | {f"chain {letter}": chain.state for letter, chain in chains if chain}
 
     def reset(self) -> None:
         """Begin anew in the box of now."""
         for name, array in self._arrays.items():
-            if name != "lengths":
+            if name == "reference":
+                array[...] = self._live.lengths
+            elif name != "lengths":
                 array[...] = 0
         self.pressed.place[ACTED] = NEVER
         self.piston.trouble[...] = 0.0
@@ -250,7 +308,7 @@ class Barostat:
             known = given[:OF_PAIRS] if name == SUMS else given
             if given.shape != array.shape or not np.all(np.isfinite(known)):
                 raise InputError(f"checkpoint: {name} of its barostat does not fit a run of this system")
-            if name == "lengths" and not np.array_equal(given > 0, array > 0):
+            if name == "lengths" and not np.array_equal(given[:LENGTHS] > 0, array[:LENGTHS] > 0):
                 raise InputError("checkpoint: its box is open along other axes")
             array[...] = given
 
