@@ -1,9 +1,8 @@
 """Charges: the error of the forces that the user asks, beside the error measured.
 
-A warm crystal, a melt, a dilute electrolyte and a slab of a melt in vacuum, in rectangular and leaning boxes, by the sum
-of Ewald
-and by a mesh. Errors are relative to the typical force, as the accuracy is. None of these configurations was used
-to find the formulas of the errors.
+A warm crystal, a melt, a dilute electrolyte and a slab of a melt in vacuum, in rectangular and leaning boxes, by the
+sum over waves and by a mesh. Errors are relative to the typical force, as the accuracy is. None of these configurations
+was used to find the formulas of the errors.
 """
 
 from collections.abc import Iterator

@@ -21,6 +21,7 @@ from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
+from kickdrift.jit.inner import overload
 from kickdrift.model.state import Floats
 
 _NUMBERS = types.CPointer(types.float64)
@@ -95,6 +96,7 @@ class Pressed(NamedTuple):
     # number of the step after the last action, plus 1
     sums: Floats  # (3,) potential energy, virial and pairs at the last evaluation with sums
     kept: Floats  # (3, n) accelerations before a proposal
+    felt: Any = None  # (3, n) accelerations of the last evaluation with sums, where the barostat needs them
 
 
 @inlined
@@ -108,12 +110,25 @@ def evaluate(barostat, bound, t, x, v, work, done, cursor):
     return fill_accelerations(bound, t, x, v, work, None, cursor)
 
 
+def keep_felt(felt: Any, work: Any) -> None:
+    """felt <- accelerations, for a barostat that needs them."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(keep_felt)
+def _keep_felt(felt, work):
+    if isinstance(felt, types.NoneType):
+        return lambda felt, work: None
+    return lambda felt, work: copy_rows(work, felt)
+
+
 @jit
 def fill_with_sums(barostat, bound, t, x, v, work, cursor):
     """work and the barostat's sums <- those at x; return a status."""
     for k in range(barostat.sums.size):
         barostat.sums[k] = 0.0
     status = fill_accelerations(bound, t, x, v, work, barostat.sums, cursor)
+    keep_felt(barostat.felt, work)
     barostat.place[SUMMED] = int(status == OK)
     return status
 
