@@ -16,7 +16,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.compare.stiffness import stiffness
-from kickdrift.engines import ENGINES
+from kickdrift.engines import ENGINES, tables
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.read.info import info
@@ -239,6 +239,21 @@ def test_same_energies_forces_pressure_and_steps(k):
     assert theirs.energy().total == pytest.approx(ours.energy().total, rel=ROUND_OFF)
 
 
+def test_lammps_has_the_switch_by_tables_to_the_error_that_it_states():
+    species = {"species": ["A", "B", "C"] * 72}
+    force = kd.LennardJones(cutoff=2.2, truncation="switch", species=SPECIES)
+    for system in (truncated("switch"), liquid(forces=[force], **species)):
+        ours, theirs = (kd.Simulation(system, "velocity-verlet", 0.002, engine=name) for name in ("native", "lammps"))
+        expected, found = ours.sample(), theirs.sample()
+        assert found.energies.potential == pytest.approx(expected.energies.potential, rel=tables.ERROR)
+        assert found.pressure == pytest.approx(expected.pressure, rel=10 * tables.ERROR)
+        assert relative(theirs.forces(), ours.forces()) < tables.ERROR
+        report = theirs.run(10)
+        ours.run(10)
+        assert relative(theirs.state.positions, ours.state.positions) < tables.ERROR
+        assert [line for line in report.warnings if "tables of 20,000 points" in line]
+
+
 def test_ias15_is_looked_at_inside_its_steps():
     ours, theirs = (kd.Simulation(planets(), "gauss-radau15", engine=name) for name in ("native", "rebound"))
     seen = {"native": [], "rebound": []}
@@ -455,7 +470,7 @@ REFUSED = [
     ("rebound", planets, {"integrator": "saba", "order": "10,2"}, f"order '10,2': rebound's saba has 4,2.*{ALONE}"),
     ("rebound", planets, {"integrator": "saba", "coordinates": "democratic-heliocentric"}, f"coordinates .*{ALONE}"),
     ("rebound", with_event, {"integrator": "ias15"}, f"event 'close-approach': only a native run .*{ALONE}"),
-    ("lammps", lambda: liquid(forces=[kd.LennardJones(truncation="switch")]), {}, ".*; native, openmm and cuda can"),
+    ("ase", lambda: truncated("switch"), {}, ".*; native, lammps, openmm and cuda can"),
     ("lammps", lambda: liquid(forces=[]), {}, f"has no force: LAMMPS takes one force of .*{ALONE}"),
     ("lammps", lambda: liquid(forces=[kd.LennardJones(), kd.LennardJones(2)]), {}, f"forces 'l.*s' and 'l.*{ALONE}"),
     ("lammps", lambda: liquid(masses=np.arange(216) + 1.0), {}, "masses: 216 .*; native, ase, openmm and cuda can"),
