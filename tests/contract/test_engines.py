@@ -578,7 +578,7 @@ def test_other_versions_are_told_of_once_and_before_the_run(monkeypatch, kickdri
         (["lj-1000", "--engine", "rebound", "--steps", "2"], 2, "engine 'rebound'"),
         (["outer-solar-system", "--engine", "rebound", "--integrator", "whfast", "--steps", "2"], 0, "rebound 5"),
         (["lj-1000", "--engine", "lammps", "--dt", "0.5", "--steps", "9"], 1, "LAMMPS: Lost atoms: original 1000"),
-        (["lj-1000-switch", "--engine", "openmm", "--steps", "2"], 2, "native and cuda can"),
+        (["test-particles-1000", "--engine", "openmm", "--integrator", "leapfrog"], 2, "native and cuda can"),
     ],
 )
 def test_command_line(arguments, status, said, kickdrift):

@@ -7,15 +7,14 @@ import json
 import numpy as np
 import pytest
 from numba import typeof
-from typer.testing import CliRunner
 
 import kickdrift as kd
-from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.lists import list_code
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.systemfile.files import shipped
 from tests.systems import fluid, make_system
 
 SIZES = (9, 33, 500)
@@ -146,32 +145,12 @@ def test_methods_that_solve_equations_take_float64_alone(name):
         kd.Simulation(liquid(), name, precision="mixed", **dt)
 
 
-def test_the_file_and_the_command_line(tmp_path):
-    text = """
-        units = "lj"
-        [particles]
-        lattice = "sc"
-        count = 216
-        density = 0.8
-        [velocities]
-        temperature = 1.0
-        seed = 1
-        [box]
-        periodic = true
-        [[force]]
-        type = "lennard-jones"
-        truncation = "switch"
-        [run]
-        dt = 0.002
-        steps = 20
-    """
-    path, out = tmp_path / "liquid.toml", tmp_path / "out.json"
-    path.write_text(text)
-    states = []
-    said = '        precision = "mixed"\n'
+def test_the_file_and_the_command_line(tmp_path, kickdrift):
+    path, out, states = tmp_path / "liquid.toml", tmp_path / "out.json", []
+    text, said = shipped()["lj-1000-switch"].read_text(encoding="utf-8"), 'precision = "mixed"'
     for flags, key in (([], ""), (["--mixed"], ""), ([], said), (["--double"], said)):
-        path.write_text(text + key)
+        path.write_text(text.replace("[run]", f"[run]\n{key}"), encoding="utf-8")
         out.unlink(missing_ok=True)
-        assert CliRunner().invoke(app, ["run", str(path), "--json", str(out), "--quiet", *flags]).exit_code == 0
+        assert kickdrift("run", path, "--steps", 2, "--json", out, "--quiet", *flags)[0] == 0
         states.append(json.loads(out.read_text())["options"])
     assert states == [{}, {"precision": "mixed"}, {"precision": "mixed"}, {"precision": "double"}]
