@@ -26,6 +26,7 @@ from kickdrift.integrators.splitting.barostats.piston import (
     STOPPED,
     TOO_FAST,
     Piston,
+    add_motion_within,
     pressures,
     stretch,
     volume,
@@ -83,6 +84,7 @@ def c_rescale(parts, t, x, v, span, step, stage):
     state, groups = piston.state, piston.sizes.size
     found = piston.room[4:7]
     heat = pressures(piston, v, found)
+    add_motion_within(piston.molecules, piston, x, v, found)
     if stage == PROPOSE:
         draw(parts.places, parts.noise, step, piston.bath.seed)
         piston.room[0] = piston.sums[0] + heat
