@@ -62,6 +62,11 @@ PYTHON = [
         "kd.System(X, forces=kd.LennardJones())",
         "forces: expected a list of forces, such as [kd.LennardJones(cutoff=2.5)], got LennardJones(cutoff=2.5, truncation='shift', switch_start...",
     ),
+    ("kd.System(X, forces=[kd.Restraint(1.0, [7])])", "restraint: particles: there is no particle 7; ids are 0 to 1"),
+    (
+        "kd.System(X, forces=[kd.ReflectingWall((1, 0, 0), (1, 0, 0))])",
+        "reflecting-wall: particle 0 is 1 behind the wall; the normal points to the side of the particles",
+    ),
     ("kd.LennardJones(rc=2.5)", "LennardJones: no argument 'rc'…"),
     (
         'kd.LennardJones(truncation="shifted")',
@@ -182,6 +187,7 @@ COMMANDS = [
     ("run lj-1000 --steps -1", "kickdrift: --steps: '-1' is not a whole number, 0 or more…"),
     ("bench lammps --seconds inf", "kickdrift: --seconds: 'inf' is no number of seconds, 0.001 or more…"),
     ("bench speed --seconds nan", "kickdrift: --seconds: 'nan' is no number of seconds, 0.001 or more…"),
+    ("bench compile --only lj-100", "kickdrift: bench compile: 'lj-100' is unknown; known are lj-1000, lj-1000-mixed…"),
     ("run lj-1000 --steps 10 --time 1", "kickdrift: give --steps or --time, not both"),
     (
         "run lj-1000 --step 10",

@@ -18,6 +18,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.engines import ENGINES
+from kickdrift.engines.fields import IN_LAMMPS, IN_OPENMM
 from kickdrift.engines.job import Job
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
@@ -49,11 +50,13 @@ REASONS = {  # words by the text of a refusal
     r"a heat bath makes no sense": "gravity has no equilibrium",
     r"which has no volume": "open space has no volume",
     r"does not scale with the box": "the force has no virial",
+    r"such a box takes other edges": "its places belong to the edges",
     r"needs a rectangular box": "a leaning box keeps its shape",
     r"returns its virial as one number|give only their whole virial": "the virial is one number",
     r"takes neither mixed precision nor a barostat": "spins turn in open space",
     r"mixed needs pair forces": "no pairs to sum",
     r"(ASE|LAMMPS|OpenMM|rebound) (takes|has no)|rebound: |force '.*': ": "the program lacks this force",
+    r"coulomb: method .* possible are": "the program lacks this method",
     r"the device takes": "the program lacks this force",
     r"the device has no bonds": "the program lacks bonds",
     r"cannot use a leaning box|two dimensions|periodic along|perpendicular edges": "the program lacks this box",
@@ -105,14 +108,14 @@ def system_of(name: str, box: str) -> kd.System:
 
 def usual(name: str) -> kd.System:
     """The force where it is at home: in a periodic box if it takes one, else in open space. Bonded forces have pairs
-    beside them, and forces around a central body have gravity."""
+    beside them, as have the fields that other programs take, and forces around a central body have gravity."""
     try:
         system = system_of(name, "periodic")
     except InputError:
         system = system_of(name, "open")
     if ".around." in FORCES[name].__module__:
         return system.with_forces(*system.forces, kd.Gravity(G=1e-4))
-    if system.topology is not None:
+    if system.topology is not None or FORCES[name] in {*IN_LAMMPS, *IN_OPENMM}:
         return system.with_forces(*system.forces, kd.LennardJones(cutoff=1.5))
     return system
 

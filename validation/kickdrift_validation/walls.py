@@ -2,7 +2,7 @@
 
 Restrained particles and a particle at a soft wall have closed solutions, from which velocity Verlet differs by its
 error of order two. Free particles between hard walls are where straight lines fold, for any step. A liquid between hard
-walls keeps its energy and goes back. A trap and a restraint in a periodic box do not change when a particle moves by
+walls goes back to its start. A trap and a restraint in a periodic box do not change when a particle moves by
 whole edges. The virial of a restraint is the slope of its energy with the box.
 """
 
@@ -63,7 +63,7 @@ def gas(forces: list[Any], box: Any = None, n: int = 40) -> kd.System:
     return kd.System(x, rng.normal(size=(n, 3)), rng.uniform(0.5, 2.0, n), box=box, forces=forces)
 
 
-def mirrors(long: bool) -> Iterator[Claim]:
+def mirrors() -> Iterator[Claim]:
     for name, dt in (("velocity-verlet", 0.01), ("velocity-verlet", 9.0), ("yoshida6", 3.0)):
         system = gas(room())
         sim = kd.Simulation(system, name, dt)
@@ -81,24 +81,17 @@ def mirrors(long: bool) -> Iterator[Claim]:
     x = np.stack(np.meshgrid(*[[0.7, 2.0, 3.3]] * 3), -1).reshape(-1, 3)
     v = np.random.default_rng(7).normal(size=x.shape)
     system = kd.System(x, v, forces=[kd.LennardJones(cutoff=2.5, truncation="switch"), *room()])
-    errors = []
-    for dt in (0.002, 0.001):
-        sim = kd.Simulation(system, "velocity-verlet", dt)
-        report = sim.run(round((200.0 if long else 20.0) / dt), every=100)
-        errors.append(report.energy.max_relative_error)
-        print(f"  27 Lennard-Jones particles between hard walls, dt = {dt}: {report.energy.drift}", flush=True)
-    text = "27 Lennard-Jones particles between hard walls, dt = 0.001: largest relative error of the energy"
-    yield at_most(text, errors[1], 1e-3, "the energy at the start")
     sim = kd.Simulation(system, "velocity-verlet", 0.002)
     sim.run(500)
     state = sim.state
     back = kd.Simulation(system.at(np.array([state.phase[0], -state.phase[1]]), 0.0), "velocity-verlet", 0.002)
     back.run(500)
     far = float(np.abs(back.state.positions - x).max())
-    yield at_most("the same, 500 steps and back: largest distance from the start", far, 1e-9, "the start")
+    text = "27 Lennard-Jones particles between hard walls, 500 steps and back: largest distance from the start"
+    yield at_most(text, far, 1e-9, "the start")
 
 
-def oscillators(long: bool) -> Iterator[Claim]:
+def oscillators() -> Iterator[Claim]:
     """Errors of dt and half of it differ by four."""
     particles = gas([kd.Restraint((2.0, 8.0, 3.0))], (5.0, 5.0, 5.0))
     stiffness, masses = np.array([2.0, 8.0, 3.0]), particles.state.masses[:, None]
@@ -108,8 +101,8 @@ def oscillators(long: bool) -> Iterator[Claim]:
         "restrained particles": (
             particles, 50.0, lambda t: particles.state.positions + particles.state.velocities * np.sin(rate * t) / rate
         ),
-        "a particle that a harmonic wall throws back": (
-            wall, 3.0, lambda t: np.array([[0.7 * (t - 0.5 * np.pi), 0.3 * t, 0.0]])
+        "a particle inside a harmonic wall": (
+            wall, 1.5, lambda t: np.array([[-0.35 * np.sin(2.0 * t), 0.3 * t, 0.0]])
         ),
     }  # fmt: skip
     for name, (system, time, solution) in cases.items():
@@ -150,8 +143,8 @@ def restraint() -> kd.Restraint:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    yield from mirrors(long)
-    yield from oscillators(long)
+    yield from mirrors()
+    yield from oscillators()
     yield from images()
 
 

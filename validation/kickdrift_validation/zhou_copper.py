@@ -1,13 +1,15 @@
 """Copper of Zhou, Johnson and Wadley, written as a file that kickdrift, ASE and LAMMPS read.
 
-    python -m kickdrift_validation.zhou_copper FILE.eam.alloy
+    python -m kickdrift_validation.zhou_copper [--smooth] FILE.eam.alloy
 
 X. W. Zhou, R. A. Johnson and H. N. G. Wadley, Phys. Rev. B 69, 144113 (2004), doi:10.1103/PhysRevB.69.144113. The paper
-leaves the cutoff to the user. Here it is sqrt(10) / 2 lattice constants, where the pair energy is 1e-6 eV.
+leaves the cutoff to the user. Here it is sqrt(10) / 2 lattice constants, where the pair energy is 1e-6 eV. This is the
+fifth shell of neighbours in the perfect crystal, where small strains make the energy jump. With ``--smooth`` density
+and pair energy go to zero between the fourth and the fifth shell, and three derivatives with them.
 """
 
+import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ MIDDLE = (-2.19, 0.0, 0.561830, -2.100595)  # F_0 to F_3
 F_E, ETA = -2.186568, 0.310490
 LATTICE, MASS = math.sqrt(2.0) * RE, 63.546
 CUTOFF = math.sqrt(10.0) / 2.0 * LATTICE
+TAPER = (5.2, 5.6)  # angstrom; the fourth and fifth shell are at 5.112 and 5.716
 HIGHEST = 2.5 * RHO_E  # of the table of densities
 POINTS = 2000  # intervals of each table
 
@@ -51,21 +54,34 @@ def embedding(rho: np.ndarray) -> np.ndarray:
     )
 
 
-def setfl(points: int = POINTS) -> str:
+def taper(r: np.ndarray) -> np.ndarray:
+    """Factor that falls from 1 to 0 over the range of ``TAPER``, with three continuous derivatives."""
+    u = np.clip((r - TAPER[0]) / (TAPER[1] - TAPER[0]), 0.0, 1.0)
+    return np.asarray(1.0 - u**4 * (35.0 - u * (84.0 - u * (70.0 - 20.0 * u))))
+
+
+def setfl(points: int = POINTS, smooth: bool = False) -> str:
     """Text of an ``.eam.alloy`` file with this number of intervals in each table."""
-    dr, drho = CUTOFF / points, HIGHEST / points
+    cutoff = TAPER[1] if smooth else CUTOFF
+    dr, drho = cutoff / points, HIGHEST / points
     r, rho = np.arange(points + 1) * dr, np.arange(points + 1) * drho
+    factor = taper(r) if smooth else 1.0
+    end = f", with a smooth end from {TAPER[0]} to {TAPER[1]} angstrom" if smooth else ""
     head = [
         "Copper of Zhou, Johnson & Wadley 2004, Phys. Rev. B 69, 144113, doi:10.1103/PhysRevB.69.144113",
-        "Tables of the published formulas, written by kickdrift_validation.zhou_copper",
+        f"Tables of the published formulas{end}, written by kickdrift_validation.zhou_copper",
         "eV and angstroms; public formulas and numbers, without restriction on their use",
         "1 Cu",
-        f"{points + 1} {drho!r} {points + 1} {dr!r} {CUTOFF!r}",
+        f"{points + 1} {drho!r} {points + 1} {dr!r} {cutoff!r}",
         f"29 {MASS} {LATTICE!r} fcc",
     ]
-    tables = (embedding(rho), density(r), r * pair_energy(r))
+    tables = (embedding(rho), density(r) * factor, r * pair_energy(r) * factor)
     return "\n".join([*head, *(f"{value:.16e}" for table in tables for value in table), ""])
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(setfl(), encoding="ascii")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--smooth", action="store_true", help="an end between two shells of neighbours")
+    given = parser.parse_args()
+    given.file.write_text(setfl(smooth=given.smooth), encoding="ascii")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.certify.force_testing import force_checks
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
+    from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
     "Diffusion": "kickdrift.analysis.observables.motion",
+    "ElasticConstants": "kickdrift.analysis.crystals.elastic",
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
     "ForceChecks": "kickdrift.analysis.certify.certificate",
     "OrbitReport": "kickdrift.analysis.orbits.secular_report",
@@ -34,6 +36,7 @@ _HOMES = {
     "SamplingRow": "kickdrift.analysis.compare.sampling",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
+    "elastic_constants": "kickdrift.analysis.crystals.elastic",
     "engine_checks": "kickdrift.analysis.certify.certifying",
     "ensemble_checks": "kickdrift.analysis.certify.certifying",
     "force_checks": "kickdrift.analysis.certify.force_testing",
@@ -48,6 +51,7 @@ _HOMES = {
 
 __all__ = [
     "Diffusion",
+    "ElasticConstants",
     "EnsembleChecks",
     "ForceChecks",
     "OrbitReport",
@@ -57,6 +61,7 @@ __all__ = [
     "SamplingRow",
     "Spectrum",
     "block_average",
+    "elastic_constants",
     "engine_checks",
     "ensemble_checks",
     "force_checks",

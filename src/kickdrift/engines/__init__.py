@@ -122,6 +122,10 @@ class Engine:
         found: str | None = self.module.refusal(job)
         return found
 
+    def remarks(self, job: Job) -> list[str]:
+        """How the program's forces differ from those of the job, a line each."""
+        return list(getattr(self.module, "remarks", lambda job: [])(job))
+
     def check(self, job: Job) -> None:
         """Raise InputError if the engine cannot run the job (the error lists engines that can) or is not installed."""
         if reason := self.refusal(job):

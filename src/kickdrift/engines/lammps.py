@@ -26,9 +26,10 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
 from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.engines.tables import ERROR, POINTS, switched
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
-from kickdrift.forces.charges.radial import EWALD
+from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -37,8 +38,8 @@ TAKES = (
     "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
     "alone or beside lennard-jones; position restraints and walls"
 )
-LINEAR = "force-shift"
-TRUNCATIONS = ("cut", "shift", LINEAR)
+LINEAR, TABLED = "force-shift", "switch"
+TRUNCATIONS = ("cut", "shift", LINEAR, TABLED)
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
@@ -48,14 +49,17 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=(EWALD,))
+        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES)
         or small_units(system)
     ):
         return reason
+    if coulomb_of(system) is not None and not all(system.box.periodic_axes):
+        return "coulomb: slabs are not possible"
     if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
-    if coulomb_of(system) is not None and getattr(beside_charges(system), "truncation", None) == LINEAR:
-        return f"truncation {LINEAR!r}: LAMMPS has it for Lennard-Jones without charges"
+    cut = getattr(beside_charges(system), "truncation", None)
+    if coulomb_of(system) is not None and cut in (LINEAR, TABLED):
+        return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
     if system.dimensions == 2 and beside_charges(system).tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
     if (count := len(_kinds(job)[0])) > MOST_TYPES:
@@ -70,12 +74,23 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     return kinds, which.reshape(-1)
 
 
+def remarks(job: Job) -> list[str]:
+    """How LAMMPS' forces differ from those asked for."""
+    force = beside_charges(without(job.system, IN_LAMMPS))
+    if getattr(force, "truncation", "") != TABLED:
+        return []
+    return [
+        f"LAMMPS takes truncation {TABLED!r} from tables of {POINTS:,} points, with relative errors up to {ERROR:g}"
+    ]
+
+
 def ewald_of(system: System) -> Ewald | None:
-    """Ewald's sum in LAMMPS' terms; None without one."""
+    """Ewald's sum, or that by a mesh, in LAMMPS' terms; None without one."""
     if (force := coulomb_of(system)) is None:
         return None
     split = force.split(system)
-    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, waves_of(system.box, split.waves).most)
+    mesh = split.mesh or waves_of(system.box, split.waves).most
+    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, mesh, split.order)
 
 
 def model_of(job: Job, seed: int) -> Model:
@@ -97,6 +112,9 @@ def model_of(job: Job, seed: int) -> Model:
             "shifted": force.truncation == "shift", "linear": force.truncation == LINEAR,
             "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
+        if force.truncation == TABLED:
+            ends = float(force.switch_start), float(force.cutoff)
+            given["tables"] = tuple(switched(law, (i, j), *ends) for i, j, law in laws)
     walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),

@@ -19,6 +19,7 @@ from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.fields import Held
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
+from kickdrift.engines.tables import POINTS, PairTable, written
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.relatives import measured
 from kickdrift.model.molecules.topology import SIZES
@@ -185,18 +186,20 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
         lmp.command(f"read_data {path}")
 
 
+HIGHEST = 7  # order of LAMMPS' pppm
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
 MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Ewald(NamedTuple):
-    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum."""
+    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum or of a mesh."""
 
     charges: Floats
     cutoff: float
     alpha: float
-    waves: tuple[int, int, int]  # most along each axis
+    waves: tuple[int, ...]  # most along each axis, or the points of the mesh
+    order: int = 0  # of a mesh
 
 
 class Model(NamedTuple):
@@ -214,6 +217,7 @@ class Model(NamedTuple):
     ewald : charges, if any
     walls : commands of each wall
     held : position restraints
+    tables : energies and forces of each pair of types, in place of a law
     linear : whether the energy is less its tangent at the cutoff, which makes the force zero there
     many_body : of a many-body force, the pair style, the text of its file, and the species of each type
     """
@@ -234,6 +238,7 @@ class Model(NamedTuple):
     walls: tuple[tuple[str, ...], ...] = ()
     held: tuple[Held, ...] = ()
     linear: bool = False
+    tables: tuple[PairTable, ...] = ()
 
     @property
     def longest(self) -> float:
@@ -293,6 +298,8 @@ class World:
             self._commands(f"region box {shape} units box", f"create_box {len(model.masses)} box")
         if model.many_body:
             self._many_body(*model.many_body)
+        elif model.tables:
+            self._tables(model.tables)
         else:
             style = f"lj/{'smooth/linear' if model.linear else 'cut'} {model.cutoff!r}"
             if model.ewald:
@@ -306,11 +313,12 @@ class World:
                 *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:
-            most = " ".join(map(str, model.ewald.waves))
+            most, order = " ".join(map(str, model.ewald.waves)), min(model.ewald.order, HIGHEST)
             self._commands(
                 "pair_modify table 0",
-                "kspace_style ewald 1e-6",  # the next line replaces what LAMMPS would choose
-                f"kspace_modify gewald {model.ewald.alpha!r} kmax/ewald {most}",
+                f"kspace_style {'pppm' if order else 'ewald'} 1e-6",  # the next line replaces what LAMMPS would choose
+                f"kspace_modify gewald {model.ewald.alpha!r} "
+                + (f"mesh {most} order {order}" if order else f"kmax/ewald {most}"),
             )
         self._commands(
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
@@ -361,6 +369,15 @@ class World:
             file = Path(folder) / "potential"
             file.write_text(text, encoding="utf-8")
             self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
+
+    def _tables(self, tables: Sequence[PairTable]) -> None:
+        """Give LAMMPS pair forces as tables, which it reads from files."""
+        self.lmp.command(f"pair_style table spline {POINTS}")
+        with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
+            for table in tables:
+                file = Path(folder) / "table"
+                written(table, file)
+                self.lmp.command(f"pair_coeff {table.types[0]} {table.types[1]} {str(file)!r} pair")
 
     def run(self, steps: int) -> None:
         """Take steps without a new set-up, so that the lists do not depend on the division of a run."""

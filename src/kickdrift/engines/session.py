@@ -97,6 +97,9 @@ class Program(Protocol):
     @property
     def baths(self) -> Mapping[str, EngineBath]: ...
 
+    def remarks(self, job: Job) -> list[str]:
+        """How the program's forces differ from those of the job, a line each."""
+
     def session(self, job: Job) -> Session:
         """Start the program."""
 
@@ -153,6 +156,7 @@ class EngineStepper:
         with self._one_line():
             self._session = engine.session(job)
         self.warnings, self._bath = list(engine.warnings), engine.baths.get(job.method.name)
+        self.warnings += engine.remarks(job)
         if self._bath:
             self.warnings += filter(None, [self._bath.remark, *bath_warnings(self._dt, job.options)])
         self._evaluations, self._given = 0, 0.0

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.certify.force_testing import shell_notes
 from kickdrift.analysis.certify.force_tests import jump_along
+from kickdrift.model.starts.builders import lattice
+from kickdrift.systemfile.files import shipped
 
 
 def drop(force, **options):
@@ -166,3 +169,16 @@ def test_a_force_by_its_name_and_a_calculator_on_a_structure(kickdrift, tmp_path
     assert code == 2
     assert "defines no LenardJones; did you mean 'LennardJones'?" in err
     assert "expected a System, a pair force" in kickdrift("certify", "gravity")[2]
+
+
+def test_a_table_whose_cutoff_lies_on_a_shell_is_named():
+    """The copper that ships ends on the fifth shell, and its table with a smooth end between shells."""
+    plain = str(shipped()["copper-864"].with_name("Cu_zhou2004.eam.alloy"))
+    for path, expected in ((plain, 1), (plain.replace("2004", "2004_smooth"), 0)):
+        x, edges = lattice("fcc", 256, 4 / (2**0.5 * 2.556162) ** 3)
+        crystal = kd.System(
+            x, box=edges, forces=[kd.EmbeddedAtom(path)], units="metal", species=["Cu"] * 256, masses=63.5
+        )
+        notes = list(shell_notes(crystal))
+        assert len(notes) == expected
+        assert all("eam: its cutoff, 5.71575, lies on shell 5 of the neighbours (3072 pairs)" in note for note in notes)

@@ -15,9 +15,11 @@ from kickdrift.analysis.certify.force_tests import WHERE, Evaluator, Jump, jump_
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.group import ListedForce
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.step_choice.step_length import MOST, fastest
 from kickdrift.model.checks.values import positive, whole_number
+from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.report.report import Report
@@ -29,6 +31,7 @@ STATES, PART = 3, 0.05  # tested positions, and their displacement in nearest di
 LINES, LINE = 3, 0.25  # lines along which one particle moves, and their length in nearest distances
 STEPS = 2000  # of the run whose energy is tested
 REVERSED, RETURN = 50, 1e-8  # steps forwards and back, and the bound of the distance from the start
+ON_CUTOFF = 1e-4  # relative distance from the cutoff of a shell that lies there
 PERIODS = 40  # steps in a period of the fastest oscillation, where no dt is known
 SURE = 2.0  # times the 95 % interval that a drift must exceed
 STAGES = 6
@@ -100,7 +103,27 @@ def force_checks(
         for done, found in enumerate(stages, 1):
             rows += found
             told(min(done, STAGES), STAGES)
-    return ForceChecks(system.name, tuple(rows), evaluate.calls, perf_counter() - began, (), curves)
+    notes = tuple(shell_notes(system))
+    return ForceChecks(system.name, tuple(rows), evaluate.calls, perf_counter() - began, notes, curves)
+
+
+def shell_notes(system: System) -> Iterator[str]:
+    """A line for each force whose cutoff lies on a shell of neighbours of the System's crystal."""
+    for force in system.forces:
+        cutoff = getattr(force, "cutoff", None)
+        if not isinstance(force, ListedForce) or not cutoff:
+            continue
+        x = system.state.positions
+        most = 0.5 * float(system.box.heights.min()) if system.box.periodic else np.inf
+        first, second = pairs_nearer(x, system.box, min(cutoff * (1.0 + ON_CUTOFF), most)).T
+        r = np.sort(np.linalg.norm(system.box.minimum_image(x[first] - x[second]), axis=1))
+        shells = 1 + np.count_nonzero(np.diff(r) > 2.0 * ON_CUTOFF * cutoff)
+        there = int((np.abs(r - cutoff) <= ON_CUTOFF * cutoff).sum())
+        if 2 * there >= len(system):
+            yield (
+                f"{force.name}: its cutoff, {cutoff:.6g}, lies on shell {shells} of the neighbours ({there} pairs), "
+                "so energies may jump under small strains"
+            )
 
 
 def _system(subject: Any) -> System:

@@ -115,8 +115,8 @@ class LennardJonesWall(NamedTuple):
     """Wall of a half space of Lennard-Jones particles: U = epsilon (2/15 (sigma/s)^9 - (sigma/s)^3) - U(cutoff).
 
     The force jumps at the cutoff, except at the minimum (2/5)^(1/6) sigma = 0.8584 sigma, which leaves repulsion alone.
-    A particle behind the wall has no energy, and such a run stops. Source: Magda, Tirrell & Davis 1985,
-    doi:10.1063/1.449375; LAMMPS' fix wall/lj93.
+    A particle behind the wall has no energy, and such a run stops. This is Lennard-Jones' law summed over a half space,
+    as in LAMMPS' fix wall/lj93.
 
     Attributes
     ----------
@@ -169,7 +169,8 @@ class ReflectingWall(NamedTuple):
     """Hard wall: a particle that meets it goes on with its velocity mirrored, at the very time of the bounce.
 
     Splitting methods bounce in their drifts, where particles fly straight. Between two kicks such a bounce keeps
-    energy and can be reversed. Other methods integrate a force, which a bounce is not, so they refuse this wall.
+    energy and can be reversed. Beside other forces, each bounce changes the total energy by up to force x speed x dt,
+    with either sign. Other methods integrate a force, which a bounce is not, so they refuse this wall.
 
     Attributes
     ----------

@@ -102,6 +102,11 @@ class SplittingStepper(FixedStepper):
         self._warned = bath_warnings(options.dt, options) if self._baths else []
         if self.barostat:
             self._warned = [*self._warned, *pressure_warnings(options.dt, options, flow.subject)]
+        if _walled(flow) and _pushed(flow) and not self._baths:
+            self._warned += [
+                "reflecting-wall: a bounce under other forces changes the energy by up to force x speed x dt, with "
+                "either sign, so that the energy walks at random; a soft wall, such as harmonic-wall, keeps it"
+            ]
         if groups := word.groups:
             self._warned += [
                 f"no force has group = {group}, so its kicks do nothing; fast forces have group 0, slow forces group 1"
@@ -150,7 +155,8 @@ class SplittingStepper(FixedStepper):
             table += [(bound.address, bound.work, False) for bound in self.manifold.flows]
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
-            stages, further_stages = self.barostat.stages(method)
+            if not held:
+                stages, further_stages = self.barostat.stages(method)
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:
@@ -241,6 +247,11 @@ class SplittingStepper(FixedStepper):
     @property
     def fresh(self) -> bool:  # type: ignore[override]
         return bool(self._cursor[FRESH] == self._all_fresh)
+
+
+def _pushed(flow: Flow) -> bool:
+    """Whether forces act beside the hard walls of the flow's System."""
+    return any(not getattr(force, "reflects", False) for force in getattr(flow.subject, "forces", ()))
 
 
 def _walled(flow: Flow) -> bool:

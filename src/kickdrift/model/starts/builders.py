@@ -92,6 +92,15 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
     return positions, (edge, edge, edge)
 
 
+def turned_at_random(shape: Floats, count: int, seed: int) -> Floats:
+    """Positions (count, m, 3) of a shape (m, 3) about the origin, turned by random rotations: unit quaternions of
+    normal deviates, which are uniform (Marsaglia 1972, doi:10.1214/aoms/1177692644)."""
+    q = generator(seed).standard_normal((count, 4))
+    w, axis = q[:, :1] / np.linalg.norm(q, axis=1, keepdims=True), q[:, 1:] / np.linalg.norm(q, axis=1, keepdims=True)
+    twice = 2.0 * np.cross(axis[:, None, :], shape[None, :, :])
+    return np.asarray(shape + w[:, :, None] * twice + np.cross(axis[:, None, :], twice))
+
+
 def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -> None:
     """Refuse a lattice that is not among the ``kinds``, a wrong count of particles, and a density that is not positive
     and finite."""

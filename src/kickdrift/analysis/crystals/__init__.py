@@ -1,0 +1,4 @@
+"""Crystals: elastic constants, from stress under finite strain.
+
+Imports no other analysis.
+"""

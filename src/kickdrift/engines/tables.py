@@ -1,0 +1,52 @@
+"""Lennard-Jones with a switch as tables for LAMMPS, which has no such truncation.
+
+LAMMPS' ``pair_style table spline`` takes cubic splines of energy and force. The tables are dense enough that these
+differ from the formula by rounding where particles are: see ``ERROR``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kickdrift.model.state import Floats
+
+POINTS = 20_000  # of a table, evenly in r^2
+INNER = 0.5  # of sigma: no table holds nearer distances, at which LAMMPS stops
+ERROR = 1e-12  # largest relative error of forces and energies in a liquid, as tests/contract/test_engines.py measures
+
+
+class PairTable(NamedTuple):
+    """Energy and force of a pair of types, counted from 1, at distances r."""
+
+    types: tuple[int, int]
+    r: Floats
+    energy: Floats
+    force: Floats
+
+
+def switched(law: Any, types: tuple[int, int], start: float, cutoff: float) -> PairTable:
+    """Table of a Lennard-Jones law with the switch of ``forces.pairs.lanes.Switch``."""
+    r2 = np.linspace((INNER * float(law.sigma)) ** 2, cutoff**2, POINTS)
+    s6 = (float(law.sigma) ** 2 / r2) ** 3
+    energy = 4.0 * float(law.epsilon) * (s6 * s6 - s6)
+    over_r = 24.0 * float(law.epsilon) * (2.0 * s6 * s6 - s6) / r2
+    width = cutoff**2 - start**2
+    u = np.maximum((r2 - start**2) / width, 0.0)
+    w = 1.0 - u
+    factor = w**5 * (1.0 + u * (5.0 + u * (15.0 + u * (35.0 + u * 70.0))))
+    r = np.sqrt(r2)
+    return PairTable(types, r, energy * factor, (over_r * factor + energy * 1260.0 * (u * w) ** 4 / width) * r)
+
+
+def written(table: PairTable, path: Path) -> None:
+    """Write a table as LAMMPS reads it, with the slopes of the force at both ends."""
+    first, last = (float(np.gradient(table.force[part], table.r[part], edge_order=2)[at])
+                   for part, at in ((slice(3), 0), (slice(-3, None), -1)))  # fmt: skip
+    with path.open("w", encoding="ascii") as file:
+        file.write(f"# written by kickdrift\n\npair\nN {POINTS} RSQ {float(table.r[0])!r} {float(table.r[-1])!r} ")
+        file.write(f"FPRIME {first!r} {last!r}\n\n")
+        for k, row in enumerate(zip(table.r.tolist(), table.energy.tolist(), table.force.tolist(), strict=True), 1):
+            file.write(f"{k} {row[0]!r} {row[1]!r} {row[2]!r}\n")
