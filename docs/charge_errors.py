@@ -40,6 +40,7 @@ def cases() -> dict[str, list[Any]]:
     """The forces of each method."""
     return {
         "ewald": [kd.Coulomb(accuracy=accuracy) for accuracy in ACCURACIES],
+        "pme": [kd.Coulomb("pme", accuracy=accuracy) for accuracy in ACCURACIES],
         "reaction-field": [kd.Coulomb("reaction-field", cutoff=cutoff) for cutoff in CUTOFFS],
         "damped-shifted": [kd.Coulomb("damped-shifted", cutoff=cutoff, alpha=DAMPING) for cutoff in CUTOFFS],
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compileall
 import gc
 import os
 import signal
@@ -16,8 +17,8 @@ from tests.folders import TOP
 
 # Before NumPy is loaded: two test processes whose BLAS threads wait for each other are many times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Child processes load the package's bytecode. Compiling it from source is a third of the start of each.
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+if sys.dont_write_bytecode:  # child processes would compile the package from source, a third of the start of each
+    compileall.compile_dir(TOP / "src", quiet=2)
 # numba colours each of the many errors that it meets while it tries functions, a tenth of the compilation time.
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 

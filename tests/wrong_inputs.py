@@ -187,6 +187,7 @@ COMMANDS = [
     ("run lj-1000 --steps -1", "kickdrift: --steps: '-1' is not a whole number, 0 or more…"),
     ("bench lammps --seconds inf", "kickdrift: --seconds: 'inf' is no number of seconds, 0.001 or more…"),
     ("bench speed --seconds nan", "kickdrift: --seconds: 'nan' is no number of seconds, 0.001 or more…"),
+    ("bench compile --only lj-100", "kickdrift: bench compile: 'lj-100' is unknown; known are lj-1000, lj-1000-mixed…"),
     ("run lj-1000 --steps 10 --time 1", "kickdrift: give --steps or --time, not both"),
     (
         "run lj-1000 --step 10",

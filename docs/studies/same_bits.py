@@ -130,7 +130,8 @@ def systems() -> dict[str, Callable[[bool], kd.System]]:
                 found[f"{name} {truncation} {species} species"] = make
     found["a law of the user's own"] = lambda few: liquid([Exponential(cutoff=2.2)], few=few)
     found["two pair forces"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), Exponential(cutoff=2.2)], few=few)
-    found["coulomb ewald"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), kd.Coulomb()], few=few)
+    of_two = kd.LennardJones(cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}})
+    found["coulomb ewald"] = lambda few: liquid([of_two, kd.Coulomb()], 2, few=few)
     found["coulomb ewald alone"] = lambda few: liquid([kd.Coulomb(accuracy=1e-3)], few=few)
     for name, species in LARGE.items():
         mixture = {"species": {"A": {}, "B": {"sigma": 0.9}}} if species == 2 else {}

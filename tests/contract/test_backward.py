@@ -5,11 +5,11 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators import integrator
+from tests.methods import METHODS
 from tests.oracle.kepler import moved
 from tests.systems import in_frame, liquid, needed
 
-METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 BACK = [name for name in METHODS if integrator(name).reversible or integrator(name).chooses_steps]
 ONCE_ONLY = [name for name in METHODS if name not in BACK]
 

@@ -21,11 +21,11 @@ from kickdrift.integrators.splitting.stormer import Stormer
 from kickdrift_validation.measures import fixed, reversal_error, slope, symplecticity_error
 from kickdrift_validation.problems import kepler_orbit, measured, pendulum
 from tests.long import shortened
+from tests.methods import METHODS
 from tests.oracle import integrators as oracle_integrators
 from tests.oracle.forces import pair_oracle
 from tests.systems import liquid
 
-METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 FIXED = fixed()
 # Methods that the oracle reads: rows of numbers, and the two positions of Stormer.
 ROWS_OF_NUMBERS = [name for name in FIXED if isinstance(integrator(name), (Splitting, Tableau, Stormer))]

@@ -79,13 +79,14 @@ DEVELOPERS = {
     "bench lj-energy": "kickdrift.analysis.compare.bench.lj_energy",
     "bench speed": "kickdrift_validation.performance.speed.measure",
     "bench lammps": "kickdrift_validation.performance.published.measure",
+    "bench compile": "kickdrift_validation.performance.compiling.measure",
     "validate": "kickdrift_validation.runner.validate",
 }
 
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Crossing", "Escape", "Topology",
+        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Topology",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.integrators import INTEGRATORS, integrator
+from kickdrift.integrators import integrator
+from tests.methods import METHODS
 
-METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
 END = 0.2
 
 

@@ -56,16 +56,15 @@ def test_the_pages_methods_are_listed_and_run_from_the_command_line(tmp_path):
         ("def", "SyntaxError: "),
     ],
 )
-def test_a_file_that_fails_is_one_line(tmp_path, text, message):
-    path = tmp_path / "broken.py"
+def test_a_file_that_fails_is_one_line(tmp_path, kickdrift, text, message):
+    path, absent = tmp_path / "broken.py", tmp_path / "none.py"
     path.write_text(text)
-    done = run(*CLI, "--load", str(path), "list", "integrators")
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"kickdrift: {path}: ")
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    absent = run(*CLI, "--load", str(tmp_path / "none.py"), "list", "integrators")
-    assert (absent.returncode, absent.stderr) == (2, f"kickdrift: {tmp_path / 'none.py'}: no such file\n")
+    code, _, err = kickdrift("--load", path, "list", "integrators")
+    assert code == 2
+    assert err.startswith(f"kickdrift: {path}: ")
+    assert message in err
+    assert err.count("\n") == 1
+    assert kickdrift("--load", absent, "list", "integrators") == (2, "", f"kickdrift: {absent}: no such file\n")
 
 
 def test_a_compiled_step_gives_the_bits_of_the_loop():

@@ -11,7 +11,6 @@ import pytest
 
 import kickdrift as kd
 from docs.studies import speed_page
-from kickdrift.cli import main as cli
 from kickdrift_validation.folders import DATA
 from kickdrift_validation.performance import bodies, groups, liquids, published, speed, turns
 from tests.folders import DOCS
@@ -20,17 +19,9 @@ SHORT = ["--turns", "2", "--seconds", "0.01", "--quiet"]
 
 
 @pytest.fixture
-def command(monkeypatch, capsys):
+def command(kickdrift):
     """Function that runs the program and returns its exit status and output."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["kickdrift", "bench", "speed", *map(str, words)])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return run
+    return lambda *words: kickdrift("bench", "speed", *words)
 
 
 def small(groups, group, **changes):
@@ -269,13 +260,11 @@ def test_multiples_without_a_box_are_refused(name, multiples, wanted):
         published.measure(name, multiples)
 
 
-def test_benchmarks_that_are_out_of_scope_are_named(monkeypatch, capsys):
+def test_benchmarks_that_are_out_of_scope_are_named(kickdrift):
     for name, why in (("rhodo", "is out of reach"), ("chute", "is out of scope"), ("melt", "'melt' is no benchmark")):
-        monkeypatch.setattr(sys, "argv", ["kickdrift", "bench", "lammps", "--only", name])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        assert caught.value.code == 2
-        assert why in capsys.readouterr().err
+        code, _, err = kickdrift("bench", "lammps", "--only", name)
+        assert code == 2
+        assert why in err
 
 
 def test_the_list_names_every_group(command):

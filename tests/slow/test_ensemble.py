@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import kickdrift as kd
 from kickdrift.batch.batch import Batch
-from kickdrift.cli.main import app, main
+from kickdrift.cli.main import app
 from kickdrift.ensemble import running, table
 from kickdrift.errors import InputError, RunError
 
@@ -381,15 +381,12 @@ def test_the_command_line(system, tmp_path):
         (["--integrator", "leap"], "leap"),
     ],
 )
-def test_bad_input_is_one_line(system, arguments, said, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["kickdrift", "ensemble", str(system), *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    shown = capsys.readouterr()
-    assert ended.value.code == 2, shown.err
-    assert said in shown.err
-    assert shown.err.count("\n") == 1
-    assert shown.out == ""
+def test_bad_input_is_one_line(system, arguments, said, kickdrift):
+    code, out, err = kickdrift("ensemble", system, *arguments)
+    assert code == 2, err
+    assert said in err
+    assert err.count("\n") == 1
+    assert out == ""
 
 
 def test_a_scheduler_that_is_not_there(monkeypatch):

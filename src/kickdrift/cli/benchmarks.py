@@ -136,6 +136,32 @@ def bench_lammps(
     write_json(json_file, {"benchmark": "lammps", "rows": rows}, overwrite=overwrite)
 
 
+def bench_compile(
+    only: Annotated[list[str] | None, option("NAME", "Command; repeat for several (default: all twelve).")] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the commands and run none.")] = False,
+    json_file: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """What compiling costs: usual commands, each from an empty folder of compiled code, one after another."""
+    refuse_outputs({"json": json_file}, overwrite)
+    need_validation("bench compile")
+    from kickdrift_validation.performance import compiling
+
+    names = compiling.chosen(only or ())
+    if listing:
+        print_table(None, ["name", "command"], [[name, compiling.COMBINATIONS[name]] for name in names])
+        return
+    found = []
+    with progress_bar(quiet) as bar:
+        told = bar("compiling")
+        for k, name in enumerate(names):
+            told(k, len(names))
+            found.append(compiling.measure(name))
+    print_table(None, compiling.COLUMNS, [each.cells for each in found])
+    write_json(json_file, {"benchmark": "compile", "rows": [each._asdict() for each in found]}, overwrite=overwrite)
+
+
 def validate(
     names: Annotated[list[str] | None, argument("NAME", "Scripts (default: all). See --list.")] = None,
     long: Annotated[bool, typer.Option("--long", help="Run every claim (default: some minutes' worth).")] = False,

@@ -6,7 +6,7 @@ import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
@@ -83,10 +83,14 @@ def info(
         print_ensemble(kd.Ensemble.read(file), Path(file))
         return
     if not of_run:
+        from kickdrift.run.report.charges import charge_warnings, charges_of
+
         system = kd.load(file)
         check_run(system)
         (key, name), *rest = lines_of(system)
-        print_lines([(key, f"{name}: valid"), *rest])
+        charged = charges_of(system)
+        more = [] if charged is None else charged.lines(cast(System, system).units.symbol("length"))
+        print_lines([(key, f"{name}: valid"), *rest, *more, *(("warning", told) for told in charge_warnings(system))])
         return
     from kickdrift.trajectory.overview import overview
     from kickdrift.trajectory.read.info import WIDTH, described

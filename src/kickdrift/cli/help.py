@@ -259,4 +259,5 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     ),
     "bench speed": (("kickdrift bench speed --only lj-1000", "One group of programs."),),
     "bench lammps": (("kickdrift bench lammps --only chain", "LAMMPS' benchmark of bead-spring chains."),),
+    "bench compile": (("kickdrift bench compile --only lj-1000", "Seconds, functions and LLVM's share."),),
 }

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from kickdrift.cli.benchmarks import bench_lammps, bench_lj_energy, bench_speed, validate
+from kickdrift.cli.benchmarks import bench_compile, bench_lammps, bench_lj_energy, bench_speed, validate
 from kickdrift.cli.console import open_streams, out, say, stopped_at
 from kickdrift.cli.drawing import movie, plot, view
 from kickdrift.cli.ensemble import ensemble
@@ -106,6 +106,7 @@ app.command("list", cls=Command)(list_)
 bench_app.command("lj-energy", cls=Command)(telling(bench_lj_energy))
 bench_app.command("speed", cls=Command)(telling(bench_speed))
 bench_app.command("lammps", cls=Command)(telling(bench_lammps))
+bench_app.command("compile", cls=Command)(telling(bench_compile))
 
 
 def _version(asked: bool) -> None:

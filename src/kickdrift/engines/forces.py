@@ -116,7 +116,7 @@ def only_lennard_jones(
     forces = split(system)[0] if molecules else list(system.forces)
     if charges and (coulomb := coulomb_of(system)) is not None:
         if coulomb.method not in charges:
-            return f"coulomb: method {coulomb.method!r} is not possible; possible: {', '.join(charges)}"
+            return f"coulomb: method {coulomb.method!r}: possible are {' and '.join(repr(each) for each in charges)}"
         forces = [force for force in forces if force is not coulomb]
         if not forces:
             return None

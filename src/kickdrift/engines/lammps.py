@@ -29,7 +29,7 @@ from kickdrift.engines.session import Session, Trouble
 from kickdrift.engines.tables import ERROR, POINTS, switched
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
-from kickdrift.forces.charges.radial import EWALD
+from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -49,10 +49,12 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=(EWALD,))
+        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES)
         or small_units(system)
     ):
         return reason
+    if coulomb_of(system) is not None and not all(system.box.periodic_axes):
+        return "coulomb: slabs are not possible"
     if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
     cut = getattr(beside_charges(system), "truncation", None)
@@ -83,11 +85,12 @@ def remarks(job: Job) -> list[str]:
 
 
 def ewald_of(system: System) -> Ewald | None:
-    """Ewald's sum in LAMMPS' terms; None without one."""
+    """Ewald's sum, or that by a mesh, in LAMMPS' terms; None without one."""
     if (force := coulomb_of(system)) is None:
         return None
     split = force.split(system)
-    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, waves_of(system.box, split.waves).most)
+    mesh = split.mesh or waves_of(system.box, split.waves).most
+    return Ewald(force.scaled_charges(system), split.cutoff, split.alpha, mesh, split.order)
 
 
 def model_of(job: Job, seed: int) -> Model:

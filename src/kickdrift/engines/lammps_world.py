@@ -186,18 +186,20 @@ def read_particles(lmp: Any, model: Any, edges: Sequence[float], x: Floats, v: F
         lmp.command(f"read_data {path}")
 
 
+HIGHEST = 7  # order of LAMMPS' pppm
 AT_ONCE = 100_000  # particles in one Python list
 SKIN = 0.3  # in sigma, LAMMPS' own default: reach of its lists beyond the cutoff, without effect on the forces
 MANY_BODY_SKIN = 1.0  # in angstroms, likewise
 
 
 class Ewald(NamedTuple):
-    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum."""
+    """Charges (n,) whose products are energies times lengths, and the parameters of Ewald's sum or of a mesh."""
 
     charges: Floats
     cutoff: float
     alpha: float
-    waves: tuple[int, int, int]  # most along each axis
+    waves: tuple[int, ...]  # most along each axis, or the points of the mesh
+    order: int = 0  # of a mesh
 
 
 class Model(NamedTuple):
@@ -311,11 +313,12 @@ class World:
                 *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:
-            most = " ".join(map(str, model.ewald.waves))
+            most, order = " ".join(map(str, model.ewald.waves)), min(model.ewald.order, HIGHEST)
             self._commands(
                 "pair_modify table 0",
-                "kspace_style ewald 1e-6",  # the next line replaces what LAMMPS would choose
-                f"kspace_modify gewald {model.ewald.alpha!r} kmax/ewald {most}",
+                f"kspace_style {'pppm' if order else 'ewald'} 1e-6",  # the next line replaces what LAMMPS would choose
+                f"kspace_modify gewald {model.ewald.alpha!r} "
+                + (f"mesh {most} order {order}" if order else f"kmax/ewald {most}"),
             )
         self._commands(
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses

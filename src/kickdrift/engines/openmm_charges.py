@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.charges.coulomb import Coulomb
-from kickdrift.forces.charges.radial import DIRECT, EWALD, REACTION_FIELD
+from kickdrift.forces.charges.radial import ALL_IMAGES, DIRECT, REACTION_FIELD
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-METHODS = (EWALD, DIRECT, REACTION_FIELD)  # which OpenMM has
+METHODS = (*ALL_IMAGES, DIRECT, REACTION_FIELD)  # which OpenMM has; its Ewald sum serves for a mesh, too
 GROUP = 1  # of OpenMM's Ewald sum
 PAIR = "q1*q2*(1/(s*r) + medium*(s*r)^2 - end)"  # s is the scale parameter of the virial
 
 
 def charged_forces(system: System, force: Coulomb) -> list[Any]:
     """OpenMM's forces for Coulomb's law. Those of pairs still need their scale parameter `s`, see `scaled`."""
-    return [_ewald(system, force)] if force.method == EWALD else _of_pairs(system, force)
+    return [_ewald(system, force)] if force.method in ALL_IMAGES else _of_pairs(system, force)
 
 
 def _ewald(system: System, force: Coulomb) -> Any:

@@ -24,6 +24,23 @@ def parted(constraints: Constraints | None) -> Floats:
 
 
 @strict
+def restore_within(molecules, masses, values, axis, factor):
+    """Scale values (3, n) along an axis by a factor about the centre of each molecule."""
+    count = int(molecules[0])
+    for k in range(count):
+        begin, end = int(molecules[1 + k]), int(molecules[2 + k])
+        mass, centre = 0.0, 0.0
+        for place in range(begin, end):
+            i = int(molecules[2 + count + place])
+            mass += masses[i]
+            centre += masses[i] * values[axis, i]
+        centre /= mass
+        for place in range(begin, end):
+            i = int(molecules[2 + count + place])
+            values[axis, i] = centre + factor * (values[axis, i] - centre)
+
+
+@strict
 def add_within(molecules, masses, x, v, a, found):
     """found[k] <- found[k] - sum of m ((v - V)^2 + (x - X) a) along axis k, for the centres X of ``molecules`` and
     their velocities V; x, v and accelerations a are (3, n)."""

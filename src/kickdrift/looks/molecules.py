@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from kickdrift.model.system import System
 
 ERROR = "constraint_error"
-TEMPERATURES = ("translation_temperature", "rotation_temperature", "vibration_temperature")
+KINDS = ("translation", "rotation", "vibration")
+TEMPERATURES = tuple(f"{kind}_temperature" for kind in KINDS)
 
 
 class Freedoms(NamedTuple):
@@ -73,6 +74,12 @@ class Molecules:
         """Temperatures (3,) of translation, rotation and vibration at a phase (2, 3, n); nan without freedom."""
         if self.freedoms is None:
             return np.full(3, np.nan)
+        freedoms = np.array([each if each > 0 else np.nan for each in self.freedoms])
+        return 2.0 * self.heats(phase) / (freedoms * self._system.units.boltzmann)
+
+    def heats(self, phase: Floats) -> Floats:
+        """Kinetic energies (3,) of translation, rotation and vibration at a phase (2, 3, n), without the motion of all
+        particles together that is no heat."""
         x, v = in_one_image(self._system, self._held, phase[0]), phase[1]
         if (moved := whole_motion(self._masses, x, v, self._apart)) is not None:
             v = v - moved
@@ -85,8 +92,7 @@ class Molecules:
         moving = float(self._mass @ (centres**2).sum(axis=0))
         turning = float((spin * rate).sum())
         shaking = float(self._masses @ (own**2).sum(axis=0)) - turning
-        freedoms = np.array([each if each > 0 else np.nan for each in self.freedoms])
-        return np.array([moving, turning, shaking]) / (freedoms * self._system.units.boltzmann)
+        return 0.5 * np.array([moving, turning, shaking])
 
     def error(self, phase: Floats) -> float:
         """Largest relative error of a constrained distance at a phase (2, 3, n)."""

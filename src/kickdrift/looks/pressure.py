@@ -25,6 +25,8 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
     """
     if not np.isfinite(system.volume):
         raise InputError("pressure: needs a periodic box; open space has no volume")
+    if system.constraints is not None:
+        raise InputError("pressure: the tensor lacks the forces of constraints; samples have their pressure")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+import numpy as np
 
 from kickdrift.display.showing import Lines, Shown, above
 from kickdrift.text import choices, counted, measured
+
+FEW = 6  # different charges that are listed
 
 
 class ShownSystem(Shown):
@@ -29,6 +34,7 @@ class ShownSystem(Shown):
             *([("dimensions", "2")] if self.dimensions == 2 else []),
             ("time", measured(f"{self.state.time:g}", units.symbol("time"))),
             ("units", f"{units.name}: {units.described(('length', 'time', 'mass', 'energy'))}"),
+            *([("net charge", _net_charge(self))] if self.charges is not None else []),
             *([("topology", str(self.topology))] if self.topology is not None else []),
             *([("constraints", str(self.constraints))] if self.constraints is not None else []),
             *(("force", _force(force)) for force in self.forces),
@@ -38,6 +44,16 @@ class ShownSystem(Shown):
             wanted = self.equilibration.said().items()
             lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
         return lines
+
+
+def _net_charge(system: Any) -> str:
+    values, counts = np.unique(system.charges, return_counts=True)
+    unit = system.units.symbol("charge")
+    found = measured(f"{math.fsum(system.charges):.6g}", unit)
+    if len(values) > FEW:
+        return f"{found}, of {len(values)} different charges"
+    each = (f"{n:,} of {measured(format(q, '+g'), unit)}" for q, n in zip(values, counts, strict=True))
+    return f"{found}: {', '.join(each)}"
 
 
 def _force(force: Any) -> str:

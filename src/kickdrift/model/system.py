@@ -367,7 +367,8 @@ class System(Bridged, ShownSystem):
     @property
     def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the heat in a run that conserves the total momentum: 3 N less three, in open space less
-        three more for rotation; all 3 N in a field. Two dimensions have 2 N less two and one. See `model.freedom`."""
+        three more for rotation; all 3 N in a field. Two dimensions have 2 N less two and one. Each constraint takes one
+        more. See `model.freedom`."""
         return freedom_of(self)
 
     @property

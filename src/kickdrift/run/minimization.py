@@ -327,6 +327,8 @@ def minimize(sim: Any, *given: Any) -> Minimum:
         raise InputError("minimize: the Simulation is already running")
     if not isinstance(sim.system, System):
         raise InputError("minimize: a Problem has no forces")
+    if sim.system.constraints is not None:
+        raise InputError("minimize: moves each particle freely, and the system has constraints; equilibrate does not")
     now = sim.state
     found = minimum(sim.system.at(now.phase, now.time, now.steps_done, now.ids, now.box), sim.threads, *given)
     phase = found.system.state.phase.copy()

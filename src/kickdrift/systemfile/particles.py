@@ -24,8 +24,9 @@ from kickdrift.model.starts.builders import (
     lattice,
     mixture,
     plane_lattice,
+    turned_at_random,
 )
-from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses
+from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses, to_barycentric
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import body_names
@@ -89,6 +90,8 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     check_particles("count", count)
     if particles.lattice in COMPOUNDS:
         species = _of_compound(particles)
+    elif particles.molecule is not None:
+        return _molecules(particles, lengths, units)
     elif isinstance(particles.species, dict):
         names = list(particles.species)
         if len(names) > 1 and particles.seed is None:
@@ -117,6 +120,29 @@ def on_lattice(particles: LatticeTable, table: SystemTable, box: Box | None, uni
     return Structure(positions, masses, species, edges, periodic=True, charges=charges)
 
 
+def _molecules(particles: LatticeTable, lengths: Sequence[float] | None, units: UnitSystem) -> Structure:
+    """Equal molecules on a cubic lattice, each turned at random."""
+    shape, count = np.array(particles.molecule), particles.count
+    if isinstance(particles.species, dict) or len(particles.species) != len(shape):
+        raise InputError(f"species: expected a list of {len(shape)} names, one for each particle of the molecule")
+    if particles.seed is None:
+        raise InputError("seed: required key is missing; molecules are turned with a seed, such as seed = 1")
+    check_particles("count", count * len(shape))
+    masses = np.broadcast_to(_masses(particles.mass, particles.species, len(shape), units), len(shape))
+    if particles.density is not None:
+        density = number_density(particles.density, units, float(np.sum(masses)))
+    elif lengths is not None and len(set(lengths)) == 1:
+        density = count / lengths[0] ** 3
+    else:
+        raise InputError("density: required key is missing (or box.lengths with three equal edges)")
+    sites, edges = lattice(particles.lattice, count, density)
+    turned = turned_at_random(to_barycentric(shape, masses)[0], count, particles.seed)
+    positions = (sites[:, None, :] + turned).reshape(-1, 3)
+    species = list(particles.species) * count
+    charges = charges_of(particles, species)
+    return Structure(positions, np.tile(masses, count), species, edges, periodic=True, charges=charges)
+
+
 def _of_compound(particles: LatticeTable) -> list[str]:
     """Species of the particles on the sites of a compound of two species."""
     parts = particles.species if isinstance(particles.species, dict) else {}
@@ -136,6 +162,8 @@ def as_given(particles: PositionsTable, units: UnitSystem, gravity: float | None
     if isinstance(particles.species, dict) and len(particles.species) > 1:
         raise InputError(f"species: expected one name or a list of {n}; fractions need a lattice")
     species = list(particles.species) * n if isinstance(particles.species, dict) else particles.species
+    if 1 < len(species) < n and n % len(species) == 0:
+        species = list(species) * (n // len(species))
     if len(species) != n:
         raise InputError(f"species: expected one name or {n}, got {len(particles.species)}")
     if particles.GM is not None:
@@ -294,6 +322,10 @@ def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> 
 def topology_of(table: TopologyTable, folder: Path) -> Topology:
     """Topology of a checked table. Names of files are relative to ``folder``."""
     given = table.model_dump(exclude_none=True)
+    if (copies := given.pop("copies", None)) is not None:
+        if "chains" in given or "file" in given:
+            raise InputError("topology.copies: goes with lists of one molecule, not with chains or file")
+        return Topology(**given).repeated(copies)
     sources = [key for key in ("chains", "file", "bonds") if key in given]
     listed = any(isinstance(given.get(kind), list) for kind in (*SIZES, "exclusions"))
     if len(sources) > 1 or not (sources or listed):

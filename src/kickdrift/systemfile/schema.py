@@ -82,6 +82,7 @@ class LatticeTable(Table):
     mass: Masses = None
     charge: Charges = None
     species: Species = {"A": 1.0}
+    molecule: Annotated[list[base.Vector], Field(min_length=1)] | None = None
     seed: NonNegativeInt | None = None
 
 

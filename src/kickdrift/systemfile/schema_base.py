@@ -232,6 +232,7 @@ class TopologyTable(Table):
     improper_types: Any = None
     factors: list[float] | None = None
     exclusions: Any = None
+    copies: PositiveInt | None = None
 
 
 def _distances(value: Any, info: ValidationInfo) -> Any:

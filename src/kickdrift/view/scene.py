@@ -57,8 +57,8 @@ def scene_of(
     ----------
     given : Run, System, Simulation, or a path or the name of a shipped system
     frames : most frames, spread evenly; default 501, and 2001 for a few bodies under gravity
-    colour : what colours the particles first: "species" or "body", "speed", "kinetic energy", or one of the run's own
-        columns with a number for each particle
+    colour : what colours the particles first: "species" or "body", "speed", "kinetic energy", "charge", or one of the
+        run's own columns with a number for each particle
     size : factor of the spheres' sizes
 
     Raises

@@ -58,6 +58,12 @@ class Stage:
         return self.system.units
 
     @property
+    def charges(self) -> Floats | None:
+        """Charges (k,) of the shown rows; None where no particle has one."""
+        found = self.system.charges
+        return None if found is None or not found.any() else found[self.rows]
+
+    @property
     def rows(self) -> slice:
         """Rows that are shown."""
         return slice(0, len(self.masses), self.stride)
@@ -106,6 +112,9 @@ class Stage:
         bits = 32 if x.size <= FINE and self.kind != "box" else 16
         speed = np.linalg.norm(v, axis=2)
         top = 1.0 if self.few else TOP
+        values = {"speed": speed, **(columns or {})}
+        if self.charges is not None:
+            values["charge"] = np.broadcast_to(self.charges, speed.shape)
         energy = 0.5 * self.units.coherent_mass * m * np.nan_to_num(speed) ** 2
         found: dict[str, Any] = {
             "count": len(x),
@@ -115,7 +124,7 @@ class Stage:
             "matrix": packed(places.matrices),
             "positions": packed(quantised(np.moveaxis(places.parts, 2, 1), bits), delta=True),
             "energy": float(np.quantile(energy, top)) if energy.size else 0.0,  # the browser makes energies from speeds
-            "values": {name: _ranged(each, top) for name, each in {"speed": speed, **(columns or {})}.items()},
+            "values": {name: _ranged(each, top) for name, each in values.items()},
         }
         if self.few and self.gravity is not None and len(self.masses) > 1:
             paths = Paths(np.asarray(times), x, v, self.masses, np.broadcast_to(m, x.shape[:2]), (), self.gravity,
@@ -139,6 +148,8 @@ class Stage:
             {"name": name, "label": name, "unit": unit, "kind": "range"}
             for name, unit in (("speed", units["velocity"]), ("kinetic energy", units["energy"]))
         ]
+        if self.charges is not None:
+            colours.append({"name": "charge", "label": "charge", "unit": self.units.symbol("charge"), "kind": "range"})
         colours += [{**each, "kind": "range"} for each in more.pop("columns", [])]
         radii = radii_of(system, x[there], len(m), self.rows)
         named = self.names or tuple(f"particle {i}" for i in range(len(m))) if self.few else ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -16,12 +15,10 @@ from kickdrift.analysis.chaos import megno as chaos
 from kickdrift.analysis.chaos.megno import megno
 from kickdrift.analysis.chaos.report import mean_megno, verdict
 from kickdrift.analysis.tangents import deviations
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.problems import kepler
-from tests.compiled import without_compiling
 
 MASSES = np.array([0.6, 0.4])
 
@@ -151,11 +148,10 @@ def test_an_undecided_motion_says_how_much_longer_to_run():
         assert (longer.verdict, longer.time_to_decide) == (expected, None)
 
 
-def test_an_undecided_exponent_has_no_sign(monkeypatch, capsys):
-    assert (
-        called(monkeypatch, "chaos", "sun-jupiter", "--integrator", "yoshida6", "--dt", "0.5", "--time", "90 yr") == 0
-    )
-    out = capsys.readouterr().out
+def test_an_undecided_exponent_has_no_sign(kickdrift):
+    words = ("chaos", "sun-jupiter", "--integrator", "yoshida6", "--dt", 0.5, "--time", "90 yr")
+    code, out, _ = kickdrift(*words)
+    assert not code
     assert ": undecided over this length" in out
     assert "exponent below " in out
     assert "to decide         run about " in out
@@ -236,26 +232,19 @@ def test_another_object_and_a_blow_up_are_said():
         )
 
 
-def called(monkeypatch, *words: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["kickdrift", *words])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return int(ended.value.code or 0)
-
-
-def test_command(monkeypatch, tmp_path, capsys):
+def test_command(tmp_path, kickdrift):
     file = tmp_path / "chaos.json"
-    words = ["chaos", "two-body", "--integrator", "yoshida4", "--dt", "0.05", "--time", "400", "--json", str(file)]
-    assert called(monkeypatch, *words) == 0
-    printed = capsys.readouterr()
-    assert "MEGNO" in printed.out
-    assert ": regular over this length" in printed.out
-    assert without_compiling(printed.err) == ""
+    words = ["chaos", "two-body", "--integrator", "yoshida4", "--dt", 0.05, "--time", 400, "--json", file]
+    code, out, err = kickdrift(*words)
+    assert (code or 0, err) == (0, "")
+    assert "MEGNO" in out
+    assert ": regular over this length" in out
     found = json.loads(file.read_text())
     assert {"system", "integrator", "megno", "verdict", "lyapunov", "lyapunov_error", "times", "means"} <= set(found)
     assert len(found["times"]) == len(found["means"]) <= 500
     assert found["means"][-1] == found["megno"]
-    assert called(monkeypatch, *words) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert called(monkeypatch, "chaos", "lj-1000", "--integrator", "hermite4") == 2
-    assert "carries no variations" in capsys.readouterr().err
+    refused = ("chaos", "lj-1000", "--integrator", "hermite4")
+    for asked, said in ((words, "exists already"), (refused, "carries no variations")):
+        code, _, err = kickdrift(*asked)
+        assert code == 2
+        assert said in err

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis.chaos.megno import megno
 from kickdrift.analysis.tangents.deviations import direction
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.forces.slopes.problem_variations import varied_problem
 from kickdrift.odes import ODES
@@ -192,20 +190,16 @@ def test_a_spectrum_that_makes_no_sense_is_said(given, message):
         kd.lyapunov_spectrum("two-body", 1.0)
 
 
-def test_the_command_finds_the_published_spectrum_of_lorenz(monkeypatch, tmp_path, capsys):
-    def called(*words: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["kickdrift", "chaos", "ode-lorenz", "--time", "300", *words])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return int(ended.value.code or 0)
-
-    file = tmp_path / "spectrum.json"
-    assert called("--integrator", "rk4", "--dt", "0.01", "--spectrum", "all", "--json", str(file)) == 0
-    assert "exponent 3" in capsys.readouterr().out
+def test_the_command_finds_the_published_spectrum_of_lorenz(tmp_path, kickdrift):
+    file, words = tmp_path / "spectrum.json", ("chaos", "ode-lorenz", "--time", 300, "--spectrum")
+    code, out, _ = kickdrift(*words, "all", "--integrator", "rk4", "--dt", 0.01, "--json", file)
+    assert not code
+    assert "exponent 3" in out
     found = json.loads(file.read_text())
     np.testing.assert_allclose(found["exponents"], SPECTRUM, rtol=0, atol=0.03)
     assert found["sum"] == pytest.approx(DIVERGENCE, abs=1e-3)  # the error of the method
     assert found["dimension"] == pytest.approx(2.062, abs=2e-3)
     assert found["time_unit"] == ""
-    assert called("--spectrum", "many") == 2
-    assert "--spectrum: expected a number of exponents, or all, got 'many'" in capsys.readouterr().err
+    code, _, err = kickdrift(*words, "many")
+    assert code == 2
+    assert "--spectrum: expected a number of exponents, or all, got 'many'" in err

@@ -14,7 +14,6 @@ from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
 from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.compare.work_precision import Comparison, default_integrators, work_precision
 from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
-from kickdrift.cli.main import main
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
 from kickdrift.plots.results import plot_shadow
 from kickdrift.statistics.drift import Growth, energy_growth, position_growth
@@ -277,24 +276,15 @@ def test_the_recommended_run_meets_the_accuracy():
 # --- the command line ---
 
 
-def call(monkeypatch, *arguments):
-    """Exit status of the program."""
-    monkeypatch.setattr("sys.argv", ["kickdrift", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return end.value.code
-
-
-def test_command_line(monkeypatch, capsys, tmp_path):
+def test_command_line(monkeypatch, kickdrift, tmp_path):
     monkeypatch.setattr("kickdrift.analysis.compare.work_precision.work_precision.__kwdefaults__", {
         **work_precision.__kwdefaults__, "budget": 3.0,
     })  # fmt: skip
     out, figure = tmp_path / "compare.json", tmp_path / "compare.png"
-    status = call(
-        monkeypatch, "compare", "ode-pendulum", "--time", 100, "--integrator", "velocity-verlet", "--integrator",
+    status, shown, _ = kickdrift(
+        "compare", "ode-pendulum", "--time", 100, "--integrator", "velocity-verlet", "--integrator",
         "rk4", "--accuracy", 1e-2, "--length", 300, "--json", out, "--plot", figure,
     )  # fmt: skip
-    shown = capsys.readouterr().out
     assert status == 0
     assert "recommended" in shown
     assert "kickdrift run ode-pendulum --integrator" in shown
@@ -306,13 +296,14 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert figure.stat().st_size > 10_000
 
 
-def test_a_refusal_is_exit_status_1(monkeypatch, capsys):
+def test_a_refusal_is_exit_status_1(monkeypatch, kickdrift):
     monkeypatch.setattr("kickdrift.analysis.compare.work_precision.work_precision.__kwdefaults__", {
         **work_precision.__kwdefaults__, "budget": 1.0,
     })  # fmt: skip
     arguments = ("ode-pendulum", "--time", 5, "--integrator", "rk4", "--accuracy", 1e-3, "--quiet")
-    assert call(monkeypatch, "compare", *arguments) == 1
-    assert "recommended       nothing: the pilot of 5 is too short" in capsys.readouterr().out
+    status, out, _ = kickdrift("compare", *arguments)
+    assert status == 1
+    assert "recommended       nothing: the pilot of 5 is too short" in out
 
 
 @pytest.mark.parametrize(
@@ -327,9 +318,9 @@ def test_a_refusal_is_exit_status_1(monkeypatch, capsys):
         (("ode-pendulum", "--threads", 2**64), "threads must be 1 to"),
     ],
 )
-def test_bad_input_is_one_line(monkeypatch, capsys, arguments, words):
-    assert call(monkeypatch, "compare", *arguments) == 2
-    said = capsys.readouterr().err
+def test_bad_input_is_one_line(kickdrift, arguments, words):
+    status, _, said = kickdrift("compare", *arguments)
+    assert status == 2
     assert words in said
     assert said.count("\n") == 1
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 import kickdrift as kd
 from kickdrift.analysis.tangents.element_slopes import named, slopes_of
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.model.starts.elements import states
 
@@ -129,7 +127,7 @@ def test_a_start_by_elements_against_forty_digits(keys):
         np.testing.assert_allclose(found.second[:, :, 1, i, j].ravel(), wanted, rtol=0, atol=1e-13 * size)
 
 
-def test_transits_by_elements_are_products_of_two_jacobians(monkeypatch, tmp_path, capsys):
+def test_transits_by_elements_are_products_of_two_jacobians(tmp_path, kickdrift):
     system = kd.load("trappist-1")
     given = {"until": "4 day", "direction": (0, -1, 0), "bodies": ["c"], "masses": True}
     names = ("c.P", "c.h", "c.lambda", "c.mass")
@@ -138,12 +136,10 @@ def test_transits_by_elements_are_products_of_two_jacobians(monkeypatch, tmp_pat
     wanted = found.jacobian @ own.first[:, :, 2].reshape(6, 4) + found.by_masses @ own.masses
     np.testing.assert_allclose(found.by_elements, wanted, rtol=1e-9, atol=1e-11 * np.abs(wanted).max())
     file = tmp_path / "transits.json"
-    words = ["transits", "trappist-1", "b", "--until", "2 day", "--direction", "0,-1,0", "--json", str(file)]
-    monkeypatch.setattr(sys, "argv", ["kickdrift", *words, "--elements", "c.P", "--elements", "c.mass"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert not ended.value.code
-    assert "1, with derivatives by 2 numbers of the start" in capsys.readouterr().out
+    words = ["transits", "trappist-1", "b", "--until", "2 day", "--direction", "0,-1,0", "--json", file]
+    code, out, _ = kickdrift(*words, "--elements", "c.P", "--elements", "c.mass")
+    assert not code
+    assert "1, with derivatives by 2 numbers of the start" in out
     np.testing.assert_allclose(json.loads(file.read_text())["by_elements"], found.by_elements[:1, [0, 3]], rtol=1e-8)
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from tests.long import rest
 
@@ -373,20 +371,16 @@ def test_transits_that_make_no_sense(given, message):
         kd.transits(planets(), **{"until": 3.0, "direction": (1, 0, 0), **given})
 
 
-def test_command(monkeypatch, tmp_path, capsys):
-    def called(*words: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["kickdrift", "transits", "trappist-1", *words, "--direction", "0,-1,0"])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return int(ended.value.code or 0)
-
-    file = tmp_path / "transits.json"
-    assert called("b", "--until", "4 day", "--json", str(file)) == 0
-    assert "2, with derivatives by 48 numbers of the start" in capsys.readouterr().out
+def test_command(tmp_path, kickdrift):
+    file, words = tmp_path / "transits.json", ("transits", "trappist-1", "--direction", "0,-1,0", "--until")
+    code, out, _ = kickdrift(*words, "4 day", "b", "--json", file)
+    assert not code
+    assert "2, with derivatives by 48 numbers of the start" in out
     found = json.loads(file.read_text())
     assert len(found["times"]) == len(found["jacobian"]) == 2
     assert len(found["varied"]) == 48
     assert found["varied"][3:5] + found["varied"][24:26] == ["b.x", "b.y", "TRAPPIST-1.vx", "TRAPPIST-1.vy"]
     assert found["units"] == "astro"
-    assert called("h", "--until", "1 day") == 2
-    assert "transits: h does not pass in front of TRAPPIST-1 until t = " in capsys.readouterr().err
+    code, _, err = kickdrift(*words, "1 day", "h")
+    assert code == 2
+    assert "transits: h does not pass in front of TRAPPIST-1 until t = " in err

@@ -179,6 +179,14 @@ def test_values_that_are_given_stay():
     assert (split.mesh, split.alpha) == ((20, 18, 16), 1.1)
 
 
+def test_auto_takes_waves_for_few_ions_and_a_mesh_for_many():
+    few, many = ions([6.0] * 3, method="auto"), ions([24.0] * 3, side=16, special=False, method="auto")
+    assert few.forces[0].split(few) == kd.Coulomb().split(few)
+    assert many.forces[0].split(many) == kd.Coulomb("pme").split(many)
+    assert many.forces[0].split(many).mesh
+    assert kd.Simulation(few, dt=1e-4).run(1).charges.method == "ewald"
+
+
 REFUSED = [
     (lambda: kd.Coulomb(mesh=(16, 16, 16)), 'coulomb: mesh goes with method "pme", not "ewald"'),
     (lambda: kd.Coulomb("pme", waves=3.0), 'coulomb: waves goes with method "ewald", not "pme"'),

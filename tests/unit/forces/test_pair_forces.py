@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from kickdrift.errors import InputError
@@ -74,6 +74,15 @@ def line(axis, length=40.0):
     return arrange
 
 
+def part_of(*edges):
+    """A dense fluid in one corner of a box, vacuum in the rest; or a slab, where only one edge is long."""
+
+    def arrange(rng, n):
+        return fluid(rng, n)[0], edges
+
+    return arrange
+
+
 def blobs(rng, n):
     """Tight clusters of points, far from each other, in a huge empty box."""
     centres = rng.uniform(0, 500, (4, 3))
@@ -88,6 +97,9 @@ ARRANGEMENTS = {
     "smallest box": uniform(5.0, 5.0, 5.0),
     "gas": uniform(30.0, 30.0, 30.0),
     "nearly empty": uniform(3e3, 3e3, 3e3),
+    "vacuum": uniform(1e4, 1e4, 1e4),
+    "one corner": part_of(256.0, 256.0, 256.0),
+    "slab": part_of(10.0, 10.0, 200.0),
     "two cells": uniform(5.5, 6.25, 7.0),
     "long in x": uniform(200.0, 5.0, 5.25),
     "long in y": uniform(5.0, 200.0, 5.25),
@@ -130,6 +142,7 @@ def test_any_box_and_density(seed, n, edges, spread, periodic):
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 300), cutoff=st.floats(0.5, 4.0))
+@example(seed=0, n=300, cutoff=1.0001)
 @settings(max_examples=50, deadline=None)
 def test_any_cutoff(seed, n, cutoff):
     x, edges = fluid(np.random.default_rng(seed), n)
@@ -352,6 +365,16 @@ def test_face_centred_cubic_crystal():
     assert measured.potential / len(x) == pytest.approx(-6.77336805325309, rel=1e-13)
     assert measured.virial / (3 * (cells * edge) ** 3) == pytest.approx(-6.23531727, rel=1e-9)
     assert np.abs(measured.accelerations).max() < 1e-11
+
+
+def test_a_species_with_one_particle():
+    x, box = fluid(np.random.default_rng(3), 300)
+    pair = {"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 1.1, "sigma": 0.97}}
+    force = LennardJones(cutoff=CUTOFF, truncation="force-shift", species=pair)
+    for at in (0, 150, 299):
+        species = ["A"] * 300
+        species[at] = "B"
+        assert_right(System(x, box=box, forces=[force], species=species))
 
 
 @pytest.mark.parametrize("count", [2, 4, 5])  # whose parameters lie in one register, in two, and in memory

@@ -12,7 +12,6 @@ import pytest
 import kickdrift as kd
 from kickdrift.analysis.compare.work_precision import chosen_methods, work_precision
 from kickdrift.batch.batch import Batch
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators import integrator
@@ -56,14 +55,6 @@ def damped():
 
     yield "damped"
     unregister("damped")
-
-
-def kickdrift(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
-    """Exit status, standard output and standard error of a command."""
-    monkeypatch.setattr("sys.argv", ["kickdrift", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return ended.value.code, *capsys.readouterr()
 
 
 # --- values ---
@@ -194,7 +185,7 @@ def test_a_registered_step_has_options_of_its_own(system, damped):
     assert once.state.velocities == pytest.approx((v + 0.1 * acceleration) * (1 - 0.05), rel=1e-12)
 
 
-def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp_path, monkeypatch, capsys):
+def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp_path, kickdrift):
     path = tmp_path / "run.h5md"
     sim = kd.Simulation(system, kd.integrator(damped, friction=0.25), 0.1)
     sim.run(4, every=2, output=path)
@@ -212,15 +203,13 @@ def test_options_of_a_users_own_are_in_files_lists_and_texts(system, damped, tmp
     text = system.source.replace("[run]", '[run]\nintegrator = "damped"\nfriction = 0.75')
     file.write_text("\n".join(line for line in text.split("\n") if not line.startswith('integrator = "wisdom')))
     assert kd.Simulation(kd.load(file)).options.friction == 0.75
-    status, out, err = kickdrift(
-        monkeypatch, capsys, "run", str(file), "-o", "friction=0.5", "-o", "halves=2", "--steps", "3", "--quiet"
-    )
+    status, out, err = kickdrift("run", str(file), "-o", "friction=0.5", "-o", "halves=2", "--steps", "3", "--quiet")
     assert (status, err) == (0, "")
     assert "damped, dt = 0.5 yr, friction = 0.5, halves = 2" in out
-    status, out, _ = kickdrift(monkeypatch, capsys, "list", "integrators", damped)
+    status, out, _ = kickdrift("list", "integrators", damped)
     assert status == 0
     assert "Rate at which velocities decay." in out
-    assert kickdrift(monkeypatch, capsys, "run", str(file), "-o", "fricton=1")[::2] == (
+    assert kickdrift("run", str(file), "-o", "fricton=1")[::2] == (
         2, "kickdrift: fricton: no integrator takes such an option; did you mean 'friction', which baoab, obabo, aboba "
         "and 6 others take?\n",
     )  # fmt: skip
@@ -241,10 +230,9 @@ def test_options_that_a_step_cannot_have_are_refused(options, message):
 # --- the command line and files ---
 
 
-def test_the_command_line_takes_any_option(monkeypatch, capsys, tmp_path):
+def test_the_command_line_takes_any_option(kickdrift, tmp_path):
     path = tmp_path / "run.h5md"
-    status, out, _ = kickdrift(
-        monkeypatch, capsys, "run", "sun-jupiter", "-o", "corrector=5", "-o", "dt=0.25", "--coordinates", "jacobi",
+    status, out, _ = kickdrift("run", "sun-jupiter", "-o", "corrector=5", "-o", "dt=0.25", "--coordinates", "jacobi",
         "--compensated", "--double", "--steps", "4", "--output", str(path),
     )  # fmt: skip
     assert status == 0
@@ -256,7 +244,7 @@ def test_the_command_line_takes_any_option(monkeypatch, capsys, tmp_path):
         assert list(options) == ["dt", *OPTIONS]
         own = ["integrator", "dt", "steps", "time", "every", "interval", "times"]
         assert list(run.system_record["run"]) == [*own, *OPTIONS]
-    assert kickdrift(monkeypatch, capsys, "run", "ode-kepler", "-o", "controller=pid", "--time", "1")[0] == 0
+    assert kickdrift("run", "ode-kepler", "-o", "controller=pid", "--time", "1")[0] == 0
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
@@ -276,16 +264,16 @@ def test_the_command_line_takes_any_option(monkeypatch, capsys, tmp_path):
     (("list", "integrators", "sabba"), "integrator 'sabba' is unknown; did you mean saba"),
     (("list", "forces", "gravity"), "list forces gravity: only integrators are explained by name"),
 ])  # fmt: skip
-def test_the_command_line_refuses_in_one_line(monkeypatch, capsys, arguments, message):
-    status, out, err = kickdrift(monkeypatch, capsys, *arguments)
+def test_the_command_line_refuses_in_one_line(kickdrift, arguments, message):
+    status, out, err = kickdrift(*arguments)
     assert (status, out) == (2, "")
     assert message in err
     assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", ["hermite4", "gauss-radau15", "leapfrog"])
-def test_the_list_explains_a_method_and_its_options(monkeypatch, capsys, name):
-    status, out, err = kickdrift(monkeypatch, capsys, "list", "integrators", name)
+def test_the_list_explains_a_method_and_its_options(kickdrift, name):
+    status, out, err = kickdrift("list", "integrators", name)
     assert (status, err) == (0, "")
     method = kd.integrator(name).method
     text = " ".join(out.split())
@@ -297,18 +285,18 @@ def test_the_list_explains_a_method_and_its_options(monkeypatch, capsys, name):
         assert option.known in out
 
 
-def test_the_files_numbers_are_stored_under_one_name(monkeypatch, capsys, tmp_path):
+def test_the_files_numbers_are_stored_under_one_name(kickdrift, tmp_path):
     path = tmp_path / "run.h5md"
     run = ("run", "sun-jupiter", "--steps", "4", "--output", str(path), "--overwrite")
-    assert kickdrift(monkeypatch, capsys, *run, "--store", "float32", "--quiet")[2] == ""
+    assert kickdrift(*run, "--store", "float32", "--quiet")[2] == ""
     with kd.open(path) as found:
         assert found.options.store == "float32"
-    status, _, err = kickdrift(monkeypatch, capsys, *run, "--precision", "float32")
+    status, _, err = kickdrift(*run, "--precision", "float32")
     assert status == 0
     assert "warning: --precision is deprecated since 0.2 and goes in 0.3; use --store" in err
     with kd.open(path) as found:
         assert found.options.store == "float32"
-    assert kickdrift(monkeypatch, capsys, *run, "--precision", "float32", "--store", "float32")[0] == 2
+    assert kickdrift(*run, "--precision", "float32", "--store", "float32")[0] == 2
     with pytest.warns(DeprecationWarning, match="deprecated since 0.2; use store=…"):
         old = kd.FileOptions(precision="float32")
     assert old == kd.FileOptions(store="float32")

@@ -15,7 +15,7 @@ from kickdrift.model.box.cell import cell_of, lengths_and_tilts, live_cell
 from tests.long import rest
 from tests.systems import liquid, needed
 
-COUNT, PRESSURE, STIFFNESS = 8, 1.0, 200.0
+COUNT, PRESSURE, STIFFNESS = 8, 1.0, 400.0
 BUMPS, WAVES = 0.7, 2.0 * math.pi * np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1], [1, -1, 0], [0, 1, -1]])
 EDGES = np.array([[2.0, 0.0, 0.0], [0.9, 2.0, 0.0], [0.1, -0.3, 2.0]])
 PARTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -83,7 +83,7 @@ def expected(stress: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
 
     The invariant measure is dS times sinh(a - b) / (a - b) of each pair of eigenvalues of S (Helgason 1984, Groups and
     Geometric Analysis, chapter I, theorem 5.8), times V; the gas gives V^(f / 3)."""
-    rng, width, samples = np.random.default_rng(1), 0.09, 200_000
+    rng, width, samples = np.random.default_rng(1), 0.065, 200_000
     z = rng.normal(0.0, width, (samples, 6))
     s = np.zeros((samples, 3, 3))
     for k, (i, j) in enumerate(PARTS):
@@ -190,10 +190,15 @@ def test_a_sheared_crystal_relaxes_to_its_lattice_with_the_same_bits(barostat, t
     again.restore(point)
     again.run(793, every=7)
     assert end(cut) == end(again) == end(whole)
-    tilts = np.array([box.tilts for box in kd.open(tmp_path / "run.h5md").frames().boxes])
+    sim = kd.resume(tmp_path / "run.h5md", step=707)
+    sim.run(1500 - sim.steps_done)
+    assert end(sim) == end(whole)
+    with kd.open(tmp_path / "run.h5md") as run:
+        boxes = run[:].boxes
+    tilts = np.array([box.matrix[[1, 2, 2], [0, 0, 1]] for box in boxes])
     assert tilts[0] == pytest.approx(crystal(0.08).box.tilts)
     assert np.abs(tilts[-10:].mean(axis=0)).max() < 0.25 * np.abs(tilts[0]).max()
-    assert kd.open(tmp_path / "run.h5md").frames().boxes[-1] == whole.state.box
+    assert boxes[-1] == whole.state.box
 
 
 def test_a_liquid_does_not_hold_the_shape_of_its_box():
@@ -212,12 +217,14 @@ def test_positions_stay_continuous_when_the_box_takes_other_edges(tmp_path):
     given = options_of("c-rescale", "csvr", pressure=3.0, stress=[0, 0, 0, 0, 0, 4.0], pressure_tau=0.4)
     sim = kd.Simulation(system, "csvr", 0.002, **given)
     path = tmp_path / "run.h5md"
-    sim.run(1000, every=5, output=path, output_options=kd.FileOptions(write=["images"]))
-    frames = kd.open(path).frames()
-    tilts = np.array([box.matrix[1, 0] / box.matrix[0, 0] for box in frames.boxes])
+    sim.run(500, every=5, output=path, file=kd.FileOptions(write=["images"]))
+    with kd.open(path) as run:
+        frames = run[:]
+        boxes, positions = frames.boxes, frames.positions
+    tilts = np.array([box.matrix[1, 0] / box.matrix[0, 0] for box in boxes])
     assert np.abs(np.diff(tilts)).max() > 0.5
     assert np.abs(tilts).max() <= 0.5 + 1e-9
-    assert np.abs(np.diff(frames.positions, axis=0)).max() < 0.5
+    assert np.abs(np.diff(positions, axis=0)).max() < 0.5
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from kickdrift.batch import Batch
 from kickdrift.ensemble.recipe import Recipe, SystemMaker
 from kickdrift.errors import InputError
 from kickdrift.looks.report_lines import mean_text
+from kickdrift.model.units.quantities import FAMILIAR, quantity, unit_system
 from tests.systems import liquid, needed
 
 AT_REST = {
@@ -184,6 +185,14 @@ def test_files_tell_the_heat(tmp_path):
     assert lines["heat"] == f"{heat:.8g} ε from the heat bath"
     assert lines["energy"] == f"{first:.8g} at the start, {last:.8g} ε at the end"
     assert "momentum error" not in lines
+
+
+@pytest.mark.parametrize("name", ["metal", "real", "gromacs"])
+def test_the_familiar_pressure_is_that_of_unit_conversion(name):
+    units = unit_system(name)
+    scale, familiar = FAMILIAR[f"{units.energy}/{units.length}^3"]
+    assert familiar == "bar"
+    assert 1 / quantity("1 bar", "pressure", units) == pytest.approx(scale, rel=1e-12)
 
 
 @pytest.mark.parametrize(

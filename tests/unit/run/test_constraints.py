@@ -8,6 +8,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.looks.molecules import Molecules
+from kickdrift.trajectory.layout.checkpoints import decoded, encoded
 
 
 def triangles(scale: float = 1.0) -> kd.System:
@@ -124,3 +125,42 @@ def test_events_and_other_programs_refuse_constraints():
         kd.Simulation(system, "velocity-verlet", dt=0.001, engine="ase")
     with pytest.raises(InputError, match="events search the motion of free particles"):
         system.remade(box=None).watched([kd.CloseApproach(0.1)])
+
+
+@pytest.mark.parametrize("barostat", ["c-rescale", "monte-carlo"])
+def test_a_barostat_moves_the_centres_of_molecules(barostat):
+    """An ideal gas of N rigid pairs has the mean volume (N + 1) k_B T / P; 2 N particles have almost twice that."""
+    rng, n, pressure = np.random.default_rng(1), 27, 0.5
+    x = np.repeat(rng.uniform(0.0, 3.8, (n, 3)), 2, axis=0)
+    x[1::2] += [0.5, 0.0, 0.0]
+    held = kd.Constraint(pairs=np.arange(2 * n).reshape(n, 2), distance=0.5)
+    system = kd.System(x, None, np.tile([1.0, 3.0], n), [3.8] * 3, constraints=[held])
+    system = system.with_velocities(temperature=1.0, seed=1)
+    own = {"pressure_tau": 1.0} if barostat == "c-rescale" else {}
+    sim = kd.Simulation(
+        system, "baoab", dt=0.05, temperature=1.0, friction=2.0, pressure=pressure, barostat=barostat,
+        compressibility=1.0, pressure_every=2, **own,
+    )  # fmt: skip
+    report = sim.run(20_000, every=20)
+    assert abs(report.volume - (n + 1) / pressure) < 5.0 * report.volume_error
+    assert report.volume_error < 2.0
+    assert abs(report.pressure - pressure) < 5.0 * report.pressure_error
+    errors = system.constraints.errors(sim.state.phase[0])
+    assert np.abs(errors).max() < 1e-12
+
+
+def test_a_run_at_constant_pressure_goes_on_with_the_same_bits():
+    system = triangles()
+    options = {"temperature": 1.5, "friction": 2.0, "pressure": 0.5, "pressure_tau": 1.0, "compressibility": 0.1}
+    whole, parts, later = (kd.Simulation(system, "baoab", dt=0.005, **options) for _ in range(3))
+    whole.run(37)
+    parts.run(20)
+    later.restore(decoded(encoded(parts.checkpoint())))
+    later.run(17)
+    np.testing.assert_array_equal(later.state.phase, whole.state.phase)
+
+
+def test_barostats_that_know_no_molecules_refuse():
+    options = {"temperature": 1.5, "pressure": 0.5, "pressure_tau": 1.0, "tau": 0.5}
+    with pytest.raises(InputError, match="barostat: mtk does not act on constraints"):
+        kd.Simulation(triangles(), "nose-hoover", dt=0.005, barostat="mtk", **options)

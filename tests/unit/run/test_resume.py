@@ -14,7 +14,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators import integrator
 from kickdrift.run import resuming as restart
 from kickdrift.run.advance import Integration
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
@@ -22,6 +22,7 @@ from kickdrift.trajectory.layout.record import changed_sources, system_of
 from kickdrift.trajectory.write import continued
 from kickdrift.trajectory.write.h5md import Writer
 from tests.long import rest
+from tests.methods import METHODS, OF_EACH_FORM
 from tests.systems import in_frame, liquid, needed, pressed, tried_with
 
 
@@ -91,11 +92,10 @@ def test_what_was_interrupted_ends_in_the_same_file(tmp_path, case):
         assert run.checkpoints.steps[-1] == whole.steps_done
 
 
-METHODS = {method.name: method for method in INTEGRATORS.values()}
-OF_METHODS: list[Any] = [(name, {}) for name in METHODS]
+OF_METHODS: list[Any] = [(name, {}) if name in OF_EACH_FORM else rest(name, {}) for name in METHODS]
 OF_METHODS += [
     rest(name, {key: value})
-    for name in METHODS for key, all in METHODS[name].choices.items() for value in all if tried_with(name, key)
+    for name in METHODS for key, all in integrator(name).choices.items() for value in all if tried_with(name, key)
 ]  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def test_files_of_every_method_and_choice_are_opened_and_resumed(tmp_path, name,
 
 def taken_by(name, given):
     """A Simulation with a method, of planets, or of a liquid if the method refuses planets."""
-    method = METHODS[name]
+    method = integrator(name)
     options = given | ({"dt": 0.002} if method.needs_dt else {})
     options |= needed(name) | pressed(given) | ({"rtol": 1e-6} if "rtol" in method.tunable else {})
     try:

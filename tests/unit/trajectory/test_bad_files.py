@@ -134,6 +134,7 @@ def test_info_says_what_a_kill_left(whole):
 ENV = dict(os.environ)
 PROGRAM = """
 import resource, sys
+sys.dont_write_bytecode = True  # which the limit would cut
 from kickdrift.cli.main import main
 limit = int(sys.argv.pop(1))
 if limit:

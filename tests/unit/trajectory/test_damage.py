@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.cli import main as cli
 from kickdrift.errors import InputError
 from kickdrift.model.state import State
 from kickdrift.systemfile.files import shipped
@@ -599,14 +598,11 @@ def test_without_a_whole_checkpoint_there_is_one_line(whole, tmp_path):
     ("integrator", "/etc/passwd", "run: integrator '/etc/passwd' is unknown"),
     ("precision", "mixd", "run.precision: expected 'double' or 'mixed', got 'mixd'"),
 ])  # fmt: skip
-def test_info_says_what_a_system_file_cannot_run_with(tmp_path, monkeypatch, capsys, key, value, said):
+def test_info_says_what_a_system_file_cannot_run_with(tmp_path, kickdrift, key, value, said):
     path, file = tmp_path / "x.toml", shipped()["sun-jupiter"].read_text(encoding="utf-8")
     lines = [line for line in file.splitlines() if not line.startswith(key)]
     path.write_text("\n".join(f'[run]\n{key} = "{value}"' if line == "[run]" else line for line in lines))
-    monkeypatch.setattr("sys.argv", ["kickdrift", "info", str(path)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    out, err = capsys.readouterr()
-    assert (ended.value.code, out) == (2, "")
+    code, out, err = kickdrift("info", path)
+    assert (code, out) == (2, "")
     assert said in err
     assert err.count("\n") == 1

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 
 import h5py
 import numpy as np
@@ -236,15 +234,12 @@ def test_what_waits_is_flushed_in_time_though_no_frame_follows(path):
     assert seen[-1] == 3 or seen[-1] == 2
 
 
-def test_the_command_line_takes_the_options(path):
-    start = "import sys; from kickdrift.cli.main import main; sys.argv[0] = 'kickdrift'; main()"
-
-    def run(*options):
-        command = [sys.executable, "-c", start, "run", "kepler-e09", "--steps", "10", "--every", "5", "--quiet"]
-        return subprocess.run([*command, *options], capture_output=True, text=True, check=False, cwd=path.parent)
-
-    done = run("--output", str(path), "--flush", "2", "--store", "float32", "--compress", "--write", "forces")
-    assert done.returncode == 0, done.stderr
+def test_the_command_line_takes_the_options(path, kickdrift, monkeypatch):
+    monkeypatch.chdir(path.parent)
+    words = ("run", "kepler-e09", "--steps", 10, "--every", 5, "--quiet")
+    given = ("--output", path, "--flush", 2, "--store", "float32", "--compress", "--write", "forces")
+    code, _, err = kickdrift(*words, *given)
+    assert code == 0, err
     with kd.open(path) as found:
         assert found.options == kd.FileOptions(store="float32", compress=True, write=("forces",))
         assert found.packed
@@ -255,10 +250,10 @@ def test_the_command_line_takes_the_options(path):
         (("--output", "no.h5md", "--write", "forces,heat"), "write: must be among forces, images"),
         (("--store", "float32"), "--store: needs --output"),
     ):
-        done = run(*options)
-        assert done.returncode == 2
-        assert message in done.stderr
-        assert done.stderr.count("\n") == 1
+        code, _, err = kickdrift(*words, *options)
+        assert code == 2
+        assert message in err
+        assert err.count("\n") == 1
 
 
 def test_an_interrupt_inside_a_flush_ends_the_run_cleanly(path, monkeypatch):

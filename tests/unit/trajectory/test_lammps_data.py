@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.cli.main import main
 from tests.run_files import make_system, states, without, write
 
 LEANING = kd.Box([[15, 0, 0], [3, 16, 0], [-2, 1, 17]])
@@ -129,17 +128,13 @@ def test_a_chain_across_the_box_in_other_formats(made, tmp_path, suffix):
         assert np.allclose(LEANING.minimum_image(apart - wanted), 0.0, atol=0.03)
 
 
-def test_a_chosen_frame_and_its_notes(tmp_path, monkeypatch, capsys):
+def test_a_chosen_frame_and_its_notes(tmp_path, kickdrift):
     path = tmp_path / "run.h5md"
     written = write(path, make_system("lj"))
-    command = ["kickdrift", "export", str(path), str(tmp_path / "one.data"), "--start", "1", "--stop", "3"]
-    monkeypatch.setattr("sys.argv", [*command, "--unwrapped"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 0
-    told = capsys.readouterr()
-    assert "the file holds frame 2 alone, step 40" in told.err
-    assert told.out.endswith("one.data: 1 frame of 12 particles\n")
+    code, out, err = kickdrift("export", path, tmp_path / "one.data", "--start", 1, "--stop", 3, "--unwrapped")
+    assert code == 0
+    assert "the file holds frame 2 alone, step 40" in err
+    assert out.endswith("one.data: 1 frame of 12 particles\n")
     lines = (tmp_path / "one.data").read_text().splitlines()
     assert lines[0] == "LAMMPS data file by kickdrift: step 40, time 0.2, units lj"
     at = lines.index("Atoms # molecular") + 2

@@ -102,6 +102,17 @@ def test_molecules_have_bonds_and_numbers():
     assert not found["toScale"]
 
 
+def test_charges_are_a_colour():
+    system = kd.System(np.arange(12).reshape(4, 3) * 1.0, box=[20, 20, 20], charges=[1.0, -1.0, 0.5, 0.0])
+    found = scene_of(system, colour="charge")
+    values = found["chunks"][0]["values"]["charge"]
+    charges = restored(unpacked(values["data"])) * (values["high"] - values["low"]) + values["low"]
+    np.testing.assert_allclose(charges[0], system.charges, atol=0.01)
+    assert found["colour"] == "charge"
+    with pytest.raises(InputError, match="colour: expected one of species, speed, kinetic energy, got 'charge'"):
+        scene_of(system.remade(charges=None), colour="charge")
+
+
 def test_many_particles_are_thinned_and_the_view_says_so(monkeypatch):
     monkeypatch.setattr(stage, "MOST_PARTICLES", 50)
     found = scene_of(liquid(count=216))

@@ -37,10 +37,7 @@ class Crystal(NamedTuple):
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> float:
         """Total energy at any positions and velocities, by the same code for all programs."""
-        s = self.system
-        species = [s.species[k] for k in s.species_index]
-        at = kd.System(x, v, s.state.masses, s.box, s.forces, s.units.name, species)
-        return kd.Simulation(at, "velocity-verlet", self.dt).energy().total
+        return Crystal(self.system.at(np.array([x.T, v.T]), 0.0)).simulation().energy().total
 
     def apart(self, x: np.ndarray, y: np.ndarray) -> float:
         """Largest difference of two programs' coordinates, by the nearest images."""

@@ -5,12 +5,13 @@ from functools import partial
 from math import inf
 from typing import Any, NamedTuple
 
-from kickdrift_validation.performance import bodies, crystals, liquids
+from kickdrift_validation.performance import bodies, crystals, liquids, salts
 from kickdrift_validation.performance.batch import SYSTEMS, Together, Whfast512Together, one_by_one
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
 from kickdrift_validation.performance.gromacs import Gromacs
 from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm, liquid
+from kickdrift_validation.performance.salts import LammpsSalt
 from kickdrift_validation.performance.turns import Runner
 
 MERCURY = 0.2408467  # years
@@ -222,6 +223,21 @@ def crystal(name: str, system: str, title: str) -> Group:
     )  # fmt: skip
 
 
+def salt(count: int) -> Group:
+    """Molten salt by Ewald's sum and by a mesh."""
+    return Group(
+        f"salt-{count}", f"{count} ions of molten salt, 1 fs a step, forces to 1e-4, one thread",
+        partial(salts.settled, count), "steps", 200,
+        (
+            Contestant("kickdrift pme", partial(salts.kickdrift, method="pme")),
+            Contestant("kickdrift ewald", partial(salts.kickdrift, method="ewald")),
+            Contestant("LAMMPS pppm, 9 angstroms", partial(LammpsSalt, cutoff=9.0)),
+            Contestant("LAMMPS pppm, 12 angstroms", partial(LammpsSalt, cutoff=12.0)),
+        ),
+        (Goal("LAMMPS", 3.0, ours="kickdrift pme"),), agree=1e-4, overhead=30.0, usual=False,
+    )  # fmt: skip
+
+
 ENTRIES: tuple[Group | Command, ...] = (
     Group(
         "lj-1000", "1000 Lennard-Jones particles, rho* = 0.8442, cut and shifted at 2.5, dt* = 0.005, one thread",
@@ -286,6 +302,8 @@ ENTRIES: tuple[Group | Command, ...] = (
     crystal("copper-864", "copper-864", "864 copper atoms, embedded atom"),
     crystal("silicon-512", "silicon-512", "512 silicon atoms, Stillinger-Weber"),
     crystal("silicon-512-tersoff", "tersoff", "512 silicon atoms, Tersoff"),
+    salt(1728),
+    salt(8000),
     leapfrog(9, 1.8, 20_000),
     leapfrog(100, 4.0, 1000, usual=False),
     leapfrog(1000, 4.0, 100),

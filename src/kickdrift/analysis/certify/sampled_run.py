@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from kickdrift.analysis.certify.canonical import Point
 from kickdrift.analysis.observables.vectors import relative, vectors_of
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
+from kickdrift.looks.molecules import KINDS, Molecules
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import even_stretch
 from kickdrift.model.freedom import DRIFT, NONE, TURN, apart_of, disturbing, freedom_of, turning
@@ -163,6 +164,15 @@ def kinetic_groups(
     return tuple(each for each in found if each.freedom > BARELY)
 
 
+def molecule_groups(molecules: Molecules, places: Iterable[Floats], velocities: Iterable[Floats]) -> tuple[Group, ...]:
+    """Heat of each kind of motion of molecules with constraints, from frames (n, 3); none where all turn together."""
+    if molecules.freedoms is None:
+        return ()
+    heats = np.array([molecules.heats(np.array([x.T, v.T])) for x, v in zip(places, velocities, strict=True)])
+    kinds = zip(KINDS, molecules.freedoms, heats.T, strict=True)
+    return tuple(Group(f"{kind} of molecules", float(freedom), heat) for kind, freedom, heat in kinds if freedom > 0)
+
+
 def _of_frames(frames: Frames) -> SampledRun:
     run: Any = frames.run
     name = str(run.path)
@@ -173,13 +183,19 @@ def _of_frames(frames: Frames) -> SampledRun:
     apart, bath, note = _apart(run.method["integrator"], system)
     masses = vectors.masses * run.units.coherent_mass
     places, turns = vectors, None
-    if apart == TURN:
+    if apart == TURN or system.constraints is not None:
         places = vectors_of(frames, "positions")
+    if apart == TURN:
         turns = np.mean([turning(masses, x.T).T for x in places.each()], axis=0)
-    groups = kinetic_groups(
-        lambda: relative(vectors.pieces(), places.pieces(), masses, apart),
-        masses, vectors.species, vectors.dimensions, apart != NONE, turns,
-    )  # fmt: skip
+    if system.constraints is not None:
+        groups = molecule_groups(
+            Molecules(system, integrator(run.method["integrator"]).drags), places.each(), vectors.each()
+        )
+    else:
+        groups = kinetic_groups(
+            lambda: relative(vectors.pieces(), places.pieces(), masses, apart),
+            masses, vectors.species, vectors.dimensions, apart != NONE, turns,
+        )  # fmt: skip
     if not groups:
         raise InputError(f"{name}: no degree of freedom is left to test")
     vectors.spacing()  # raises an error if samples are not equally spaced
@@ -187,7 +203,7 @@ def _of_frames(frames: Frames) -> SampledRun:
     potential, pressures = seen.get("potential_energy"), seen.get("pressure")
     pressure = _pressure(run.method, name)
     boxes = run.boxes_of(range(len(run)))
-    axes = groups[: vectors.dimensions]
+    axes = groups[: vectors.dimensions]  # under constraints all kinds of motion, three at most
     return SampledRun(
         name=name,
         boltzmann=run.units.boltzmann,

@@ -143,19 +143,11 @@ def prepare(listed, sums):
         clear_along(listed.along)
 
 
-def clear_along(along: Any) -> None:
+@inlined
+def clear_along(along):
     """Set the virial along each axis to zero, if it is asked."""
-
-
-@overload(clear_along, forceinline=True)
-def _clear_along(along):
-    if isinstance(along, types.NoneType):
-        return lambda along: None
-
-    def clear(along):
+    if along is not None:
         along[:] = 0.0
-
-    return clear
 
 
 def note_along(along: Any, axis: int, pull: Any, d: Any) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.equations.equation import EquationKernel, call_at
@@ -14,7 +13,6 @@ from kickdrift.forces.gravity.kernel import MOST_IN_REGISTERS, FewBodies, Gravit
 from kickdrift.forces.seam.kernel import BLOWN_UP, FORCES, FORCES_AND_SUMS, OK, RAISED, BoundForce, call_force
 from kickdrift.jit.compile import driver, inlined, is_finite, jit
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, load, masked_load, set_zero
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -44,42 +42,23 @@ def few_of(forces: Sequence[BoundForce]) -> BoundForce | None:
     return next((each for each in forces if isinstance(each.parts, GravityKernel) and each.parts.is_few), None)
 
 
-def accelerate(forces: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
-    """Add the accelerations of all forces to ``a``; return OK or the status of the first force that fails.
+@inlined
+def accelerate_by(forces, groups, group, t, x, v, a, sums):
+    """Add the accelerations of all forces to ``a``, or of one group, where ``groups`` holds the group of each force;
+    return OK or the status of the first force that fails.
 
     Unless ``sums`` is None, also add energy, virial and pairs to ``sums``."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(accelerate, forceinline=True)
-def _accelerate(forces, t, x, v, a, sums):
-    return lambda forces, t, x, v, a, sums: accelerate_by(forces, None, 0, t, x, v, a, sums)
-
-
-def accelerate_by(forces: Any, groups: Any, group: int, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
-    """Like ``accelerate``, by the forces of one group. ``groups`` holds the group of each force; None for all forces"""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(accelerate_by, forceinline=True)
-def _accelerate_by(forces, groups, group, t, x, v, a, sums):
-    what = FORCES if isinstance(sums, types.NoneType) else FORCES_AND_SUMS
-    chosen = not isinstance(groups, types.NoneType)
-
-    def each(forces, groups, group, t, x, v, a, sums):
-        table = forces.table
-        for k in range(table.shape[0]):
-            if chosen and groups[k] != group:
-                continue
-            if table[k, 0] == 0:
-                few_bodies(forces.few, flat(x), flat(a), sums)
-            else:
-                status = call_force(table[k, 0], table[k, 1], what, t, x, v, a, sums)
-                if status != OK:
-                    return status
-        return OK
-
-    return each
+    table, what = forces.table, FORCES if sums is None else FORCES_AND_SUMS
+    for k in range(table.shape[0]):
+        if groups is not None and groups[k] != group:
+            continue
+        if table[k, 0] == 0:
+            few_bodies(forces.few, flat(x), flat(a), sums)
+        else:
+            status = call_force(table[k, 0], table[k, 1], what, t, x, v, a, sums)
+            if status != OK:
+                return status
+    return OK
 
 
 EVALUATIONS = 0  # slot of a loop's cursor: the number of force evaluations
@@ -127,7 +106,7 @@ def fill_last(bound, t, y, dy, cursor):
     last = y.shape[0] - 1
     set_zero(dy[last])
     cursor[EVALUATIONS] += 1
-    return accelerate(bound, t, y[0], y[last], dy[last], None)
+    return accelerate_by(bound, None, 0, t, y[0], y[last], dy[last], None)
 
 
 @jit

@@ -10,12 +10,12 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel
+from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel, slab
 from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import Far
 from kickdrift.forces.charges.mesh_kernel import Mesh
 from kickdrift.forces.charges.pair_terms import ChargedPairKernel, ChargedPairs, ChargedTables
-from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, Radial
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, Radial
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import row_lanes
@@ -28,6 +28,7 @@ from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_f
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.threads.chunks import in_chunks
+from kickdrift.model.box.box import Box
 from kickdrift.model.box.cell import live_cell
 from kickdrift.model.state import Floats
 
@@ -53,6 +54,9 @@ class Charges(Protocol):
     def split(self, system: Subject) -> Split:
         """Return the parameters of the sum."""
 
+    def space(self, system: Subject) -> Box:
+        """Return the box of the far part."""
+
     def radial(self, split: Split) -> Radial:
         """Return the near part."""
 
@@ -60,7 +64,7 @@ class Charges(Protocol):
 class ChargedParts(NamedTuple):
     """Near and far part of Coulomb's law, without a pair force."""
 
-    far: Far | Mesh
+    far: Far | Mesh | slab.SlabFar
     force: Any  # PairWork of the near part
     address: int  # of its machine code
     work: int
@@ -86,8 +90,8 @@ class ChargedKernel(BesidePairs):
 
     def with_list(self, **changes: Any) -> ChargedKernel:
         """See PairKernel."""
-        far: Far | Mesh = self.parts.far
-        if "live" in changes:
+        far: Any = self.parts.far
+        if "live" in changes and not isinstance(far, slab.SlabFar):  # barostats refuse slabs
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
 
@@ -137,9 +141,18 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh:
-    """Bind what is beside the sum over near pairs: waves or a mesh, the energies of single charges, and pairs left
-    out."""
+def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh | slab.SlabFar:
+    """Bind what is beside the sum over near pairs: waves or a mesh, the energies of single charges, pairs left out, and
+    the correction of a slab."""
+    space = force.space(system)
+    far = bind_waves(force, system, space, threads)
+    if space == system.box:
+        return far
+    return slab.bind(far, space, force.scaled_charges(system), system.coherent_masses)
+
+
+def bind_waves(force: Charges, system: Subject, space: Box, threads: int) -> Far | Mesh:
+    """Bind the far part in the box ``space``."""
     charges, split = force.scaled_charges(system), force.split(system)
     squares = float(charges @ charges)
     alone, background = 0.0, 0.0
@@ -150,11 +163,11 @@ def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh:
         alone = -squares * (
             0.5 * math.erfc(split.alpha * split.cutoff) / split.cutoff + split.alpha / math.sqrt(math.pi)
         )
-    given = alone, background, charges, system.coherent_masses, system.box, special_pairs(system), threads
+    given = alone, background, charges, system.coherent_masses, space, special_pairs(system), threads
     if split.mesh:
         return mesh_kernel.bind(split.alpha, split.order, split.mesh, *given)
-    alpha = split.alpha if force.method == EWALD else 0.0
-    return far_kernel.bind(alpha, waves_of(system.box, split.waves), *given)
+    alpha = split.alpha if force.method in ALL_IMAGES else 0.0
+    return far_kernel.bind(alpha, waves_of(space, split.waves), *given)
 
 
 def special_pairs(system: Subject) -> tuple[NDArray[np.int64], Floats]:

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, split_at
+from kickdrift.forces.charges import slab
+from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, cost, split_at
 from kickdrift.forces.charges.fourier import SMALLEST, is_smooth
 from kickdrift.forces.charges.mesh_choice import cheapest_mesh
 from kickdrift.forces.charges.radial import (
     ALL_IMAGES,
+    AUTO,
     DAMPED_SHIFTED,
     DIRECT,
     EWALD,
@@ -35,11 +37,13 @@ from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
+    from kickdrift.model.box.box import Box
     from kickdrift.model.subject import Subject
 
 KEYS: dict[str, tuple[str, ...]] = {  # of each method
     EWALD: ("accuracy", "cutoff", "alpha", "waves"),
     PME: ("accuracy", "cutoff", "alpha", "mesh", "order"),
+    AUTO: ("accuracy",),
     DIRECT: (),
     REACTION_FIELD: ("cutoff", "surroundings"),
     DAMPED_SHIFTED: ("cutoff", "alpha"),
@@ -58,15 +62,17 @@ class Coulomb(Grouped):
 
     Methods: "ewald" (Ewald 1921, doi:10.1002/andp.19213690304) sums over all images in a box that is periodic along
     three axes, surrounded by a conductor. Errors follow Kolafa & Perram (1992, doi:10.1080/08927029208049126). A net
-    charge gets a uniform background of the opposite charge. "pme" does the same with a mesh (Essmann et al. 1995,
-    doi:10.1063/1.470117), whose errors are those of `mesh_error`. "direct" sums over all pairs in open space.
+    charge gets a uniform background of the opposite charge. A box that is open along z is a slab in vacuum (Yeh &
+    Berkowitz 1999, doi:10.1063/1.479595), whose edge z is its thickness. "pme" does the same with a mesh (Essmann et
+    al. 1995, doi:10.1063/1.470117), whose errors are those of `mesh_error`. "auto" is the cheaper one of these two, by
+    costs that depend on the system alone. "direct" sums over all pairs in open space.
     "reaction-field" cuts the law off, and a medium acts from beyond the cutoff (Tironi et al. 1995,
     doi:10.1063/1.469273). "damped-shifted" is the damped shifted force of Fennell & Gezelter (2006,
     doi:10.1063/1.2206581).
 
     Attributes
     ----------
-    method : "ewald", "pme", "direct", "reaction-field" or "damped-shifted"
+    method : "ewald", "pme", "auto", "direct", "reaction-field" or "damped-shifted"
     accuracy : float
         Root-mean-square error of the forces by "ewald" or "pme", relative to the typical force 0.5 C q^2 / d^2. Here
         q^2 is the mean square of the charges, and d^3 = V / n.
@@ -179,11 +185,15 @@ class Coulomb(Grouped):
         axes = system.box.periodic_axes
         if self.method == DIRECT and any(axes):
             raise InputError(f'{self.name}: method "direct" needs open space, and the box is periodic')
-        if self.method in ALL_IMAGES and not all(axes):
+        if self.method in ALL_IMAGES and slab.is_slab(system.box):
+            if net := self.net_charge(system):
+                raise InputError(f"{self.name}: the charges of a slab must sum to zero, and their sum is {net:.6g}")
+        elif self.method in ALL_IMAGES and not all(axes):
             along = " and ".join(axis for axis, there in zip("xyz", axes, strict=True) if there)
             instead = 'and the box is open; take method = "direct"' if not along else f"and this box is along {along}"
             raise InputError(
-                f'{self.name}: method "{self.method}" needs a box that is periodic along three axes, {instead}'
+                f'{self.name}: method "{self.method}" needs a box that is periodic along three axes, or along x and y, '
+                f"{instead}"
             )
 
     def host(self, system: Any) -> PairForce | None:
@@ -211,8 +221,14 @@ class Coulomb(Grouped):
         return np.asarray(system.charges * math.sqrt(system.units.coulomb / self.dielectric))
 
     def charged(self, system: Subject) -> Charged:
-        """Numbers on which Ewald's errors depend."""
-        return Charged.of(self.scaled_charges(system), system.volume)
+        """Numbers on which Ewald's errors depend. The volume of a slab is that of its whole box."""
+        volume = float(np.linalg.det(system.box.matrix)) if slab.is_slab(system.box) else system.volume
+        return Charged.of(self.scaled_charges(system), volume)
+
+    def space(self, system: Subject) -> Box:
+        """The box of Ewald's sum: that of the System, and for a slab with vacuum along z."""
+        vacuum = self.method in ALL_IMAGES and slab.is_slab(system.box)
+        return slab.space_of(system.box, self.accuracy) if vacuum else system.box
 
     def split(self, system: Subject) -> Split:
         """Splitting parameter, cutoff and largest wave number for this System; methods other than Ewald's sum have no
@@ -230,22 +246,22 @@ class Coulomb(Grouped):
             return Split(1.0 / least, self.cutoff or 0.25 * least, 0.0, mesh, ORDERS[0])
         longest = LONGEST * least
         shortest = given or min(longest, (charged.volume / charged.charges) ** (1.0 / 3.0))
+        found = None
+        if self.method != EWALD:
+            matrix = tuple(map(tuple, self.space(system).matrix.tolist()))
+            values = (self.cutoff, self.alpha, self.mesh, self.order)
+            found = cheapest_mesh(charged, matrix, self.accuracy, shortest, longest, *values)
         if self.method == PME:
-            return self._mesh_split(system, charged, shortest, longest)
+            if found is None:
+                raise InputError(
+                    f"{self.name}: no mesh gives accuracy {self.accuracy:g} here with the values that are given; ask "
+                    f'for less, or take method = "{EWALD}"'
+                )
+            return found[1]
         if self.cutoff is not None:
             return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
-        return cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
-
-    def _mesh_split(self, system: Subject, charged: Charged, shortest: float, longest: float) -> Split:
-        matrix = tuple(map(tuple, system.box.matrix.tolist()))
-        given = (self.cutoff, self.alpha, self.mesh, self.order)
-        found = cheapest_mesh(charged, matrix, self.accuracy, shortest, longest, *given)
-        if found is None:
-            raise InputError(
-                f"{self.name}: no mesh gives accuracy {self.accuracy:g} here with the values that are given; ask for "
-                f'less, or take method = "{EWALD}"'
-            )
-        return found[1]
+        waves = cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
+        return waves if found is None or cost(charged, waves) <= found[0] else found[1]
 
     def radial(self, split: Split) -> Radial:
         """The near part at this Split."""

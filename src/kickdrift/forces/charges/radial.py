@@ -16,14 +16,15 @@ from numpy.polynomial import chebyshev, polynomial
 
 from kickdrift.model.state import Floats
 
-EWALD, PME, DIRECT, REACTION_FIELD, DAMPED_SHIFTED = METHODS = (
+EWALD, PME, AUTO, DIRECT, REACTION_FIELD, DAMPED_SHIFTED = METHODS = (
     "ewald",
     "pme",
+    "auto",
     "direct",
     "reaction-field",
     "damped-shifted",
 )
-ALL_IMAGES = (EWALD, PME)  # methods that sum over all images
+ALL_IMAGES = (EWALD, PME, AUTO)  # methods that sum over all images
 BLOCK = 8  # coefficients that compiled code takes at once
 BLOCKS = (1, 2, 3, 4)  # possible lengths of the polynomials, in blocks
 POINTS = 400  # at which a series is compared with its function

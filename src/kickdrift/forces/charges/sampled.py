@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import mesh_kernel
+from kickdrift.forces.charges import mesh_kernel, slab
 from kickdrift.forces.charges.accuracy import LEAST, Charged, Split, split_at
 from kickdrift.forces.charges.mesh_choice import predicted
 from kickdrift.forces.charges.radial import ALL_IMAGES, Radial, force_over_r
@@ -20,6 +20,7 @@ from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
+    from kickdrift.model.box.box import Box
     from kickdrift.model.subject import Subject
 
 SAMPLE = 64  # particles whose forces are compared
@@ -37,8 +38,17 @@ class Summed(Protocol):
     @property
     def method(self) -> str: ...
 
+    @property
+    def accuracy(self) -> float: ...
+
+    def charged(self, system: Subject) -> Charged:
+        """Return the numbers on which the errors depend."""
+
     def split(self, system: Subject) -> Split:
         """Return the parameters of the sum."""
+
+    def space(self, system: Subject) -> Box:
+        """Return the box of the waves."""
 
     def radial(self, split: Split) -> Radial:
         """Return the near part."""
@@ -60,30 +70,35 @@ class Errors(NamedTuple):
 def errors_of(force: Summed, system: Subject) -> Errors:
     """Errors of the forces at the System's positions. Nothing is measured beyond ``LARGEST`` particles."""
     charges, split, n = force.scaled_charges(system), force.split(system), len(system)
-    charged = Charged.of(charges, system.volume)
+    charged = force.charged(system)
     some = np.flatnonzero(charges)
     if not len(some):
         return Errors(0.0, None, None, 0)
-    expected = predicted(charged, split, system.box.matrix)
+    expected = predicted(charged, split, force.space(system).matrix)
     if n > LARGEST:
         return Errors(expected, None, None, 0)
     rows = some[np.linspace(0, len(some) - 1, min(SAMPLE, len(some))).astype(int)]
     wanted = max(FINER * min(expected, 1.0), LEAST)
     finer = split_at(charged, wanted, 0.5 * float(system.box.heights.min()), None, None)
-    found, exact = (forces_on(rows, charges, system, each) for each in (split, finer))
+    spaces = force.space(system), slab.space_of(system.box, wanted) if slab.is_slab(system.box) else None
+    found, exact = (forces_on(rows, charges, system, *each) for each in zip((split, finer), spaces, strict=True))
     measured, size = (
         math.sqrt(float(np.einsum("ij,ij->i", each, each).mean())) / charged.unit for each in (found - exact, exact)
     )
     return Errors(expected, measured, size, len(rows))
 
 
-def forces_on(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+def forces_on(
+    rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split, space: Box | None = None
+) -> Floats:
     """Ewald's forces (m, 3) on the particles ``rows`` (m,), whose charges are scaled by the root of Coulomb's constant.
-    A mesh is compiled code, everything else is plain NumPy."""
+    ``space`` is the box of the waves, default the System's. A mesh is compiled code, everything else is plain NumPy."""
     from scipy.special import erf, erfc
 
     x, box = np.asarray(system.state.positions), system.box
-    found = _far_forces(rows, charges, system, split)
+    found = _far_forces(rows, charges, x, space or box, split)
+    if space is not None and space != box:
+        found[:, 2] -= 4.0 * math.pi / space.volume * float(charges @ x[:, 2]) * charges[rows]
     gaussian = 2.0 * split.alpha / math.sqrt(math.pi)
     every = np.arange(len(x))
     for k, i in enumerate(rows.tolist()):
@@ -116,7 +131,10 @@ def virial_tensor(force: Summed, system: Subject, positions: Floats) -> Floats:
     found = np.einsum("m,ma,mb->ab", over_r, apart, apart)
     if force.method not in ALL_IMAGES:
         return np.asarray(found)
-    k, k2, amplitude = _waves(system, split)
+    if split.mesh:  # by waves of the same error
+        charged = force.charged(system)
+        split = split_at(charged, force.accuracy, split.cutoff, split.alpha, None)
+    k, k2, amplitude = _waves(system.box, split)
     density = np.concatenate([charges @ phase for _, phase in _phases(positions, k)])
     energies = 0.5 * amplitude * np.abs(density) ** 2
     found -= np.einsum("k,ka,kb->ab", energies * (2.0 / k2 + 0.5 / split.alpha**2), k, k)
@@ -132,16 +150,16 @@ def virial_tensor(force: Summed, system: Subject, positions: Floats) -> Floats:
     return np.asarray(found)
 
 
-def _waves(system: Subject, split: Split) -> tuple[Floats, Floats, Floats]:
+def _waves(box: Box, split: Split) -> tuple[Floats, Floats, Floats]:
     """Wave vectors (waves, 3), their squares, and twice their amplitudes 4 pi exp(-k^2 / 4 alpha^2) / (k^2 V)."""
-    waves = waves_of(system.box, split.waves)
+    waves = waves_of(box, split.waves)
     counts = np.diff(waves.first)
     columns = np.repeat(waves.columns, counts, axis=0)
     last = np.arange(len(columns)) - np.repeat(waves.first[:-1], counts)
     triples = np.concatenate([np.column_stack([columns, sign * last]) for sign in (1, -1)])
-    k = 2.0 * math.pi * triples[waves.kept.T.ravel() > 0] @ np.linalg.inv(system.box.matrix).T
+    k = 2.0 * math.pi * triples[waves.kept.T.ravel() > 0] @ np.linalg.inv(box.matrix).T
     k2 = np.einsum("ij,ij->i", k, k)
-    return k, k2, 8.0 * math.pi / system.volume * np.exp(-0.25 * k2 / split.alpha**2) / k2
+    return k, k2, 8.0 * math.pi / box.volume * np.exp(-0.25 * k2 / split.alpha**2) / k2
 
 
 def _phases(x: Floats, k: Floats) -> Iterator[tuple[slice, NDArray[np.complex128]]]:
@@ -152,26 +170,24 @@ def _phases(x: Floats, k: Floats) -> Iterator[tuple[slice, NDArray[np.complex128
         yield some, np.exp(1j * (x @ k[some].T))
 
 
-def _far_forces(rows: NDArray[np.int64], charges: Floats, system: Subject, split: Split) -> Floats:
+def _far_forces(rows: NDArray[np.int64], charges: Floats, x: Floats, box: Box, split: Split) -> Floats:
     if split.mesh:
-        return _mesh_forces(charges, system, split)[rows]
-    k, _, amplitude = _waves(system, split)
+        return _mesh_forces(charges, x, box, split)[rows]
+    k, _, amplitude = _waves(box, split)
     found = np.zeros((len(rows), 3))
-    for some, phase in _phases(np.asarray(system.state.positions), k):
+    for some, phase in _phases(x, k):
         density = charges @ phase
         pull = amplitude[some] * (phase[rows] * density.conj()).imag
         found += charges[rows, None] * (pull @ k[some])
     return found
 
 
-def _mesh_forces(charges: Floats, system: Subject, split: Split) -> Floats:
-    """Far forces (n, 3) by the mesh, without the terms of pairs left out."""
+def _mesh_forces(charges: Floats, x: Floats, box: Box, split: Split) -> Floats:
+    """Far forces (n, 3) by the mesh at positions x (n, 3), without the terms of pairs left out."""
     n, none = len(charges), (np.zeros((0, 2), np.int64), np.zeros(0))
-    parts = mesh_kernel.bind(
-        split.alpha, split.order, split.mesh, 0.0, 0.0, charges, np.ones(n), system.box, none, threads=1
-    )
-    x, found, bound = np.ascontiguousarray(np.asarray(system.state.positions).T), np.zeros((3, n)), BoundForce(parts)
-    _evaluate((ready := bound.ready()).address, ready.work, x, found)
+    parts = mesh_kernel.bind(split.alpha, split.order, split.mesh, 0.0, 0.0, charges, np.ones(n), box, none, threads=1)
+    rows, found, bound = np.ascontiguousarray(x.T), np.zeros((3, n)), BoundForce(parts)
+    _evaluate((ready := bound.ready()).address, ready.work, rows, found)
     return np.asarray(found.T)
 
 

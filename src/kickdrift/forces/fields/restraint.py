@@ -121,6 +121,10 @@ class Restraint(Field):
         """See Grouped."""
         return "" if self.scales else "its reference positions stay, so it has no virial; scales = true moves them"
 
+    def fixes_edges(self, system: Subject) -> str:
+        """See Grouped: the places are multiples of the edges, and stiffness has axes."""
+        return "its reference positions are multiples of edges, and such a box takes other edges"
+
     def places(self, system: Subject) -> tuple[Floats, Floats]:
         """Reference positions (m, 3) in the System's box, and the same as multiples of its edge vectors."""
         made, periodic = self.begun(system), np.array(system.box.periodic_axes)[:, None]

@@ -7,14 +7,13 @@ code is as if this module were not there.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import SHIFT_BITS, SHIFTS, STRIDE
-from kickdrift.jit.inner import overload
+from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.lanes.vectors import WIDTH
 
 if TYPE_CHECKING:
@@ -87,148 +86,100 @@ def with_special_room(special: Special | None, room: int) -> Special | None:
     return made
 
 
-def place_special(special: Any, place: Any) -> None:
+@jit
+def place_special(special, place):
     """After a sort, note the particle of each slot, and the places of its partners in the order of the slots."""
+    if special is None:
+        return
+    special.particle[:] = -1
+    for i in range(place.size):
+        special.particle[place[i] // STRIDE * WIDTH + place[i] % STRIDE] = i
+    made = 0
+    for slot in range(special.particle.size):
+        special.slot_start[slot] = made
+        i = special.particle[slot]
+        if i >= 0:
+            for k in range(special.start[i], special.start[i + 1]):
+                partner = special.partner[k]
+                special.met[made] = place[partner >> CODE_BITS] << CODE_BITS | partner & OWN
+                made += 1
+    special.slot_start[special.particle.size] = made
 
 
-@overload(place_special)
-def _place_special(special, place):
-    if isinstance(special, types.NoneType):
-        return lambda special, place: None
-
-    def note(special, place):
-        special.particle[:] = -1
-        for i in range(place.size):
-            special.particle[place[i] // STRIDE * WIDTH + place[i] % STRIDE] = i
-        made = 0
-        for slot in range(special.particle.size):
-            special.slot_start[slot] = made
-            i = special.particle[slot]
-            if i >= 0:
-                for k in range(special.start[i], special.start[i + 1]):
-                    partner = special.partner[k]
-                    special.met[made] = place[partner >> CODE_BITS] << CODE_BITS | partner & OWN
-                    made += 1
-        special.slot_start[special.particle.size] = made
-
-    return note
-
-
-def clear_special(special: Any, c: int) -> None:
+@inlined
+def clear_special(special, c):
     """Empty the entries of chunk c."""
-
-
-@overload(clear_special)
-def _clear_special(special, c):
-    if isinstance(special, types.NoneType):
-        return lambda special, c: None
-
-    def clear(special, c):
+    if special is not None:
         special.number[c] = 0
 
-    return clear
 
-
-def mark_special(special: Any, c: int, cluster: int, filled: int, on: bool) -> None:
+@jit
+def mark_special(special, c, cluster, filled, on):
     """Record the special pairs of this cluster, mark the other clusters, and make the entry of its own pairs; or,
     without ``on``, remove the marks."""
+    if special is None:
+        return
+    marks, records, number = special.marks[c], special.records[c], 0
+    if not on:
+        for k in range(special.recorded[c]):
+            marks[records[k, OTHER]] = 0
+        return
+    for row in range(filled):
+        slot = WIDTH * cluster + row
+        for k in range(special.slot_start[slot], special.slot_start[slot + 1]):
+            there, code = special.met[k] >> CODE_BITS, special.met[k] & OWN
+            other = there // STRIDE
+            records[number, NEXT], records[number, OTHER], records[number, ROW] = marks[other], other, row
+            records[number, CODE] = code << (WIDTH * (there - STRIDE * other))
+            number += 1
+            marks[other] = number
+    special.recorded[c] = number
+    special.inside[cluster] = marks[cluster] > 0
+    if marks[cluster] > 0:
+        add_entry(special, c, cluster, cluster << SHIFT_BITS | UNSHIFTED, -1, filled)
 
 
-@overload(mark_special)
-def _mark_special(special, c, cluster, filled, on):
-    if isinstance(special, types.NoneType):
-        return lambda special, c, cluster, filled, on: None
-
-    def mark(special, c, cluster, filled, on):
-        marks, records, number = special.marks[c], special.records[c], 0
-        if not on:
-            for k in range(special.recorded[c]):
-                marks[records[k, OTHER]] = 0
-            return
-        for row in range(filled):
-            slot = WIDTH * cluster + row
-            for k in range(special.slot_start[slot], special.slot_start[slot + 1]):
-                there, code = special.met[k] >> CODE_BITS, special.met[k] & OWN
-                other = there // STRIDE
-                records[number, NEXT], records[number, OTHER], records[number, ROW] = marks[other], other, row
-                records[number, CODE] = code << (WIDTH * (there - STRIDE * other))
-                number += 1
-                marks[other] = number
-        special.recorded[c] = number
-        special.inside[cluster] = marks[cluster] > 0
-        if marks[cluster] > 0:
-            add_entry(special, c, cluster, cluster << SHIFT_BITS | UNSHIFTED, -1, filled)
-
-    return mark
-
-
-def add_entry(special: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> None:
+@jit
+def add_entry(special, c, cluster, met, bits, filled):
     """Append the entry of a pair of clusters, with pairs in reach at ``bits``."""
+    at, other = special.number[c], met >> SHIFT_BITS
+    entry, codes = special.entries[c, at], special.codes[c, at]
+    particles = 0
+    for lane in range(filled):  # padding meets padding at the same place
+        particles |= 255 << (WIDTH * lane)
+    entry[0], entry[1], entry[2] = cluster, met, bits & particles
+    for lane in range(WIDTH):
+        codes[lane] = 0
+    mark = special.marks[c, other]
+    while mark > 0:
+        record = special.records[c, mark - 1]
+        codes[record[ROW]] |= record[CODE]
+        mark = record[NEXT]
+    if other == cluster and met & 31 == UNSHIFTED:
+        for lane in range(filled):
+            for before in range(lane + 1):
+                codes[lane] |= OWN << (WIDTH * before)
+    special.number[c] = at + 1
 
 
-@overload(add_entry)
-def _add_entry(special, c, cluster, met, bits, filled):
-    def add(special, c, cluster, met, bits, filled):
-        at, other = special.number[c], met >> SHIFT_BITS
-        entry, codes = special.entries[c, at], special.codes[c, at]
-        particles = 0
-        for lane in range(filled):  # padding meets padding at the same place
-            particles |= 255 << (WIDTH * lane)
-        entry[0], entry[1], entry[2] = cluster, met, bits & particles
-        for lane in range(WIDTH):
-            codes[lane] = 0
-        mark = special.marks[c, other]
-        while mark > 0:
-            record = special.records[c, mark - 1]
-            codes[record[ROW]] |= record[CODE]
-            mark = record[NEXT]
-        if other == cluster and met & 31 == UNSHIFTED:
-            for lane in range(filled):
-                for before in range(lane + 1):
-                    codes[lane] |= OWN << (WIDTH * before)
-        special.number[c] = at + 1
-
-    return add
-
-
-def without_special(special: Any, c: int, cluster: int, met: int, bits: int, filled: int) -> int:
+@inlined
+def without_special(special, c, cluster, met, bits, filled):
     """Return the bits of pairs within reach for the rows of the list: 0 if the pair of clusters becomes an entry."""
-    raise NotImplementedError("for compiled code")
+    if special is None:
+        return bits
+    if bits == 0 or special.marks[c, met >> SHIFT_BITS] == 0:
+        return bits
+    add_entry(special, c, cluster, met, bits, filled)
+    return 0
 
 
-@overload(without_special)
-def _without_special(special, c, cluster, met, bits, filled):
-    if isinstance(special, types.NoneType):
-        return lambda special, c, cluster, met, bits, filled: bits
-
-    def moved(special, c, cluster, met, bits, filled):
-        if bits == 0 or special.marks[c, met >> SHIFT_BITS] == 0:
-            return bits
-        add_entry(special, c, cluster, met, bits, filled)
-        return 0
-
-    return moved
-
-
-def is_special(special: Any, c: int, other: int) -> bool:
+@inlined
+def is_special(special, c, other):
     """Tell whether the present cluster of chunk c is marked to have special pairs with another cluster."""
-    raise NotImplementedError("for compiled code")
+    return False if special is None else special.marks[c, other] > 0
 
 
-@overload(is_special)
-def _is_special(special, c, other):
-    if isinstance(special, types.NoneType):
-        return lambda special, c, other: False
-    return lambda special, c, other: special.marks[c, other] > 0
-
-
-def is_inside(special: Any, cluster: int) -> bool:
+@inlined
+def is_inside(special, cluster):
     """Tell whether a cluster has special pairs among its own particles."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(is_inside)
-def _is_inside(special, cluster):
-    if isinstance(special, types.NoneType):
-        return lambda special, cluster: False
-    return lambda special, cluster: special.inside[cluster]
+    return False if special is None else special.inside[cluster]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from numba import types
 
 from kickdrift.forces.lists.clusters import LANES, N_CLUSTERS, chunk_clusters, load_vector, store_vector, unsigned
-from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.compile import as_written, inlined, jit, never_inline
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, splat
@@ -168,22 +168,12 @@ def summed(pairs, number, cluster):
     return fx, fy, fz
 
 
-def forces_on(pairs: Any, chunks: Any, mean: Any, cluster: int) -> Any:
+@as_written
+def forces_on(pairs, chunks, mean, cluster):
     """Return the forces on a cluster after the sum of the pairs, and after `collected_mean`."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(forces_on, forceinline=True)
-def _forces_on(pairs, chunks, mean, cluster):
-    if not isinstance(mean, types.NoneType):
-        return lambda pairs, chunks, mean, cluster: load_vector(pairs.force[0], cluster)
-
-    def each(pairs, chunks, mean, cluster):
-        if in_turn(chunks):
-            return load_vector(pairs.force[0], cluster)
-        return summed(pairs, chunks.number, cluster)
-
-    return each
+    if mean is not None or in_turn(chunks):
+        return load_vector(pairs.force[0], cluster)
+    return summed(pairs, chunks.number, cluster)
 
 
 @chunk_task
@@ -207,13 +197,7 @@ def gather(gathering, begin, end):
         a[2, i] += less(mean, 2, total[p + LANES + LANES] * w)
 
 
-def less(mean: Any, k: int, value: float) -> float:
+@inlined
+def less(mean, k, value):
     """Return the value less a component of the mean, if there is one."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(less)
-def _less(mean, k, value):
-    if isinstance(mean, types.NoneType):
-        return lambda mean, k, value: value
-    return lambda mean, k, value: value - mean[k]
+    return value if mean is None else value - mean[k]

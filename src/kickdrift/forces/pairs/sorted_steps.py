@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import BUILT, LANES, STRIDE, chunk_clusters, load_vector, store_vector, unsigned
@@ -27,7 +26,6 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import multiply_add, splat
 from kickdrift.jit.lanes.memory import load, set_zero
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -222,16 +220,10 @@ def sweep_clusters(sweep, begin, end, pulls):
     return pulls
 
 
-def pulled(mean: Any, k: int, force: Any, weight: Any) -> Any:
+@as_written
+def pulled(mean, k, force, weight):
     """Return the accelerations by forces along one axis, less a component of the mean, if there is one."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(pulled)
-def _pulled(mean, k, force, weight):
-    if isinstance(mean, types.NoneType):
-        return lambda mean, k, force, weight: multiply_add(force, weight, splat(0.0))
-    return lambda mean, k, force, weight: multiply_add(force, weight, splat(-mean[k]))
+    return multiply_add(force, weight, splat(0.0 if mean is None else -mean[k]))
 
 
 @chunk_task

@@ -9,10 +9,7 @@ The argument ``zero`` holds zeros in all lanes of a step; its type selects the f
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import types
 
 from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFT_BITS, STRIDE, chunk_clusters, load_vector, store_vector
@@ -48,7 +45,6 @@ from kickdrift.forces.pairs.variation import (
     vary_cluster,
 )
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.masks import bytes_with_bits, lowest_bit, select
 from kickdrift.jit.lanes.memory import broadcast, entry, sums_of_rows
@@ -57,59 +53,51 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
 
 
-def add_special(special: Any, laws: Any, pairs: Any, forces: Any, c: int, cutoff2: float, totals: Any) -> Any:
+@as_written
+def add_special(special, laws, pairs, forces, c, cutoff2, totals):
     """Add the forces of chunk c's entries to ``forces``; return energy, virial, number of pairs and the virial along
     each axis, ``totals``, with theirs."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_special)
-def _add_special(special, laws, pairs, forces, c, cutoff2, totals):
-    if isinstance(special, types.NoneType):
-        return lambda special, laws, pairs, forces, c, cutoff2, totals: totals
-
-    def add(special, laws, pairs, forces, c, cutoff2, totals):
-        energies, virials, counts, along = totals
-        x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
-        row_sums, present = np.zeros(WIDTH * STRIDE), -1
-        for e in range(special.number[c]):
-            cluster, met, within = special.entries[c, e]
-            if cluster != present:  # all entries of a cluster are side by side
-                add_special_rows(forces, row_sums, present)
-                present = cluster
-            other, s = met >> SHIFT_BITS, met & 31
-            xj, yj, zj = load_vector(x, other)
-            xj, yj, zj = xj + shifts[0, s], yj + shifts[1, s], zj + shifts[2, s]
-            hx, hy, hz = zero, zero, zero
-            rows = bytes_with_bits(within)
-            while rows:
-                row = lowest_bit(rows)
-                rows &= rows - 1
-                p = STRIDE * cluster + row
-                factor = by_bytes(special.factors, special.codes[c, e, row])
-                dx, dy, dz = (
-                    broadcast(x, p, zero) - xj,
-                    broadcast(x, p + WIDTH, zero) - yj,
-                    broadcast(x, p + 2 * WIDTH, zero) - zj,
-                )
-                r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
-                inside = r2 < cutoff2
-                g = select(inside, factor * force_over_r, 0.0)
-                fx, fy, fz = g * dx, g * dy, g * dz
-                hx, hy, hz = hx + fx, hy + fy, hz + fz
-                energies = energies + select(inside, factor * energy, 0.0)
-                virials = virials + g * select(inside, r2, 0.0)
-                counts = counts + select(inside, zero + 1.0, 0.0)
-                along = add_along(along, fx, fy, fz, dx, dy, dz)
-                sx, sy, sz = load_vector(row_sums, row)
-                store_vector(row_sums, row, sx + fx, sy + fy, sz + fz)
-            ax, ay, az = load_vector(forces, other)
-            store_vector(forces, other, ax - hx, ay - hy, az - hz)
-        add_special_rows(forces, row_sums, present)
-        return energies, virials, counts, along
-
-    return add
+    if special is None:
+        return totals
+    energies, virials, counts, along = totals
+    x, shifts, zero = pairs.x, pairs.shifts, splat(0.0)
+    row_sums, present = np.zeros(WIDTH * STRIDE), -1
+    for e in range(special.number[c]):
+        cluster, met, within = special.entries[c, e]
+        if cluster != present:  # all entries of a cluster are side by side
+            add_special_rows(forces, row_sums, present)
+            present = cluster
+        other, s = met >> SHIFT_BITS, met & 31
+        xj, yj, zj = load_vector(x, other)
+        xj, yj, zj = xj + shifts[0, s], yj + shifts[1, s], zj + shifts[2, s]
+        hx, hy, hz = zero, zero, zero
+        rows = bytes_with_bits(within)
+        while rows:
+            row = lowest_bit(rows)
+            rows &= rows - 1
+            p = STRIDE * cluster + row
+            factor = by_bytes(special.factors, special.codes[c, e, row])
+            dx, dy, dz = (
+                broadcast(x, p, zero) - xj,
+                broadcast(x, p + WIDTH, zero) - yj,
+                broadcast(x, p + 2 * WIDTH, zero) - zj,
+            )
+            r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
+            energy, force_over_r = pair_terms(laws, WIDTH * cluster + row, STRIDE * other, r2)
+            inside = r2 < cutoff2
+            g = select(inside, factor * force_over_r, 0.0)
+            fx, fy, fz = g * dx, g * dy, g * dz
+            hx, hy, hz = hx + fx, hy + fy, hz + fz
+            energies = energies + select(inside, factor * energy, 0.0)
+            virials = virials + g * select(inside, r2, 0.0)
+            counts = counts + select(inside, zero + 1.0, 0.0)
+            along = add_along(along, fx, fy, fz, dx, dy, dz)
+            sx, sy, sz = load_vector(row_sums, row)
+            store_vector(row_sums, row, sx + fx, sy + fy, sz + fz)
+        ax, ay, az = load_vector(forces, other)
+        store_vector(forces, other, ax - hx, ay - hy, az - hz)
+    add_special_rows(forces, row_sums, present)
+    return energies, virials, counts, along
 
 
 @as_written

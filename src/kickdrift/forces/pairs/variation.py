@@ -66,42 +66,33 @@ def react(u, s, other, ux, uy, uz, g, h, dx, dy, dz):
     return gx, gy, gz
 
 
-def add_special_slopes(
-    special: Any, laws: Any, pairs: Any, u: Any, s: Any, number: int, c: int, cutoff2: float
-) -> None:
+@as_written
+def add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
     """Add the variations of chunk c's entries of special pairs."""
-
-
-@overload(add_special_slopes)
-def _add_special_slopes(special, laws, pairs, u, s, number, c, cutoff2):
-    if isinstance(special, types.NoneType):
-        return lambda special, laws, pairs, u, s, number, c, cutoff2: None
-
-    def add(special, laws, pairs, u, s, number, c, cutoff2):
-        x, shifts, zero, size = pairs.x, pairs.shifts, splat(0.0), pairs.x.size
-        for e in range(special.number[c]):
-            cluster, met, within = special.entries[c, e]
-            other, shift = met >> SHIFT_BITS, met & 31
-            xj, yj, zj = load_vector(x, other)
-            xj, yj, zj = xj + shifts[0, shift], yj + shifts[1, shift], zj + shifts[2, shift]
-            for row in range(WIDTH):
-                if (within >> (WIDTH * row)) & 255 == 0:
-                    continue
-                p, factor = STRIDE * cluster + row, by_bytes(special.factors, special.codes[c, e, row])
-                dx, dy, dz = broadcast_vector(x, p, zero)
-                dx, dy, dz = dx - xj, dy - yj, dz - zj
-                r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
-                g, h = pair_slopes(laws, WIDTH * cluster + row, STRIDE * other, r2)
-                g, h = select(r2 < cutoff2, factor * g, 0.0), select(r2 < cutoff2, factor * h, 0.0)
-                for q in range(number):
-                    at = q * size + p
-                    ux, uy, uz = broadcast_vector(u, at, zero)
-                    gx, gy, gz = react(u, s, q * size + STRIDE * other, ux, uy, uz, g, h, dx, dy, dz)
-                    s[at] += lane_sum(gx)
-                    s[at + WIDTH] += lane_sum(gy)
-                    s[at + 2 * WIDTH] += lane_sum(gz)
-
-    return add
+    if special is None:
+        return
+    x, shifts, zero, size = pairs.x, pairs.shifts, splat(0.0), pairs.x.size
+    for e in range(special.number[c]):
+        cluster, met, within = special.entries[c, e]
+        other, shift = met >> SHIFT_BITS, met & 31
+        xj, yj, zj = load_vector(x, other)
+        xj, yj, zj = xj + shifts[0, shift], yj + shifts[1, shift], zj + shifts[2, shift]
+        for row in range(WIDTH):
+            if (within >> (WIDTH * row)) & 255 == 0:
+                continue
+            p, factor = STRIDE * cluster + row, by_bytes(special.factors, special.codes[c, e, row])
+            dx, dy, dz = broadcast_vector(x, p, zero)
+            dx, dy, dz = dx - xj, dy - yj, dz - zj
+            r2 = select(factor > 0.0, dx * dx + dy * dy + dz * dz, 4.0 * cutoff2)
+            g, h = pair_slopes(laws, WIDTH * cluster + row, STRIDE * other, r2)
+            g, h = select(r2 < cutoff2, factor * g, 0.0), select(r2 < cutoff2, factor * h, 0.0)
+            for q in range(number):
+                at = q * size + p
+                ux, uy, uz = broadcast_vector(u, at, zero)
+                gx, gy, gz = react(u, s, q * size + STRIDE * other, ux, uy, uz, g, h, dx, dy, dz)
+                s[at] += lane_sum(gx)
+                s[at + WIDTH] += lane_sum(gy)
+                s[at + 2 * WIDTH] += lane_sum(gz)
 
 
 class Deviation(NamedTuple):

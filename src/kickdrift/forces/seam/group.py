@@ -50,6 +50,10 @@ class Grouped:
         """Why no barostat can change edges apart under this force; "" if one can."""
         return ""
 
+    def fixes_edges(self, system: Subject) -> str:
+        """Why no barostat can change angles and the choice of edges under this force; "" if one can."""
+        return ""
+
     def acting_on(self, system: Subject) -> dict[Any, str] | None:
         """Where the force acts, with a text for each place; None if it acts everywhere."""
         return None

@@ -146,7 +146,7 @@ def clocked(force: Any) -> bool:
 
 # time of a look in evaluations of the forces: with the sums of the last evaluation, with one of its own, and with one
 # that makes its lists first
-TAKEN_COST, APART_COST, LISTED_COST = 0.3, 1.2, 4.0
+TAKEN_COST, APART_COST, LISTED_COST = 0.45, 1.2, 4.0
 MANY = 50_000  # particles whose lists are not kept for samples alone
 
 

@@ -8,25 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.loop import gauss_radau_loop
-from kickdrift.integrators.gauss_radau.series import (
-    BLOCK,
-    GUESS,
-    GUESS_LAST,
-    LAST,
-    LOST_V,
-    NOW,
-    ROWS,
-    V_BEFORE,
-    X_BEFORE,
-    V,
-    X,
-)
 from kickdrift.integrators.gauss_radau.step import MOST
 from kickdrift.integrators.gauss_radau.tables import STAGES, tables
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping.chosen_steps import BEFORE, NEXT, TIME, ChosenSteps
-from kickdrift.integrators.stepping.chosen_steps import LAST as STEP_LAST
+from kickdrift.integrators.stepping.chosen_steps import BEFORE, LAST, NEXT, TIME, ChosenSteps
 from kickdrift.integrators.stepping.stepper import INNER
 from kickdrift.integrators.stepping.stepping import CompiledSteps
 from kickdrift.jit.lanes.memory import aligned
@@ -56,10 +43,10 @@ def _shifted_back() -> Floats:
 def _memory(shape: tuple[int, ...]) -> tuple[Floats, Floats, Floats, Floats]:
     """Memory of the loop for y of a shape: the workspace; the trial state and its derivative, both flat and as y."""
     size = shape[1] * shape[2]
-    width = BLOCK * -(-size // BLOCK)
+    width = series.BLOCK * -(-size // series.BLOCK)
     flat = aligned((2, (shape[0] - 1) * size + width))
     trial, derivative = (row[: shape[0] * size].reshape(shape) for row in flat)
-    return aligned((ROWS, width)), flat, trial, derivative
+    return aligned((series.ROWS, width)), flat, trial, derivative
 
 
 class GaussRadauStepper(ChosenSteps):
@@ -82,25 +69,25 @@ class GaussRadauStepper(ChosenSteps):
         self._begin(y, time, steps)
         size, self._aside = y[0].size, None
         self._work, self._flat, self._trial, self._derivative = _memory(y.shape)
-        self._work[V, :size] = self._work[V_BEFORE, :size] = y[-1].reshape(-1)
+        self._work[series.V, :size] = self._work[series.V_BEFORE, :size] = y[-1].reshape(-1)
         if len(y) == 2:
-            self._work[X, :size] = self._work[X_BEFORE, :size] = y[0].reshape(-1)
+            self._work[series.X, :size] = self._work[series.X_BEFORE, :size] = y[0].reshape(-1)
 
     @property
     def _ends(self) -> Floats:
-        return self._work[:NOW, : self.y[0].size]
+        return self._work[: series.NOW, : self.y[0].size]
 
     @_ends.setter
     def _ends(self, value: Floats) -> None:  # from a version with padded rows
-        self._work[:NOW, : self.y[0].size] = value[:, : self.y[0].size]
+        self._work[: series.NOW, : self.y[0].size] = value[:, : self.y[0].size]
 
     @property
     def _polynomials(self) -> Floats:
-        return self._work[LAST:GUESS, : self.y[0].size]
+        return self._work[series.LAST : series.GUESS, : self.y[0].size]
 
     @_polynomials.setter
     def _polynomials(self, value: Floats) -> None:
-        self._work[LAST:GUESS, : self.y[0].size] = value[:, : self.y[0].size]
+        self._work[series.LAST : series.GUESS, : self.y[0].size] = value[:, : self.y[0].size]
 
     @property
     def compiled_steps(self) -> CompiledSteps:
@@ -130,18 +117,18 @@ class GaussRadauStepper(ChosenSteps):
     def at(self, time: float) -> Floats:
         """State at a time, by a step from the last one's start, because inside a step the polynomial has only order 8.
         The step begins with that polynomial, so it takes few iterations."""
-        begin, h = self._clock[BEFORE], self._clock[STEP_LAST]
+        begin, h = self._clock[BEFORE], self._clock[LAST]
         if time == self.time or h == 0.0:
             return self.y.copy()
         if self._aside is None:
             self._aside = np.empty(self.y.shape), *_memory(self.y.shape)
         (y, work, flat, trial, derivative), length = self._aside, time - begin
-        work[X : LOST_V + 1] = 0.0
-        work[[X, V]] = self._work[[X_BEFORE, V_BEFORE]]
-        terms = self._work[LAST + 1 : GUESS_LAST] * ((length / h) ** np.arange(1, STAGES))[:, None]
-        work[LAST + 1 : GUESS_LAST] = _shifted_back() @ terms  # since the loop shifts a last step's polynomial
+        work[series.X : series.LOST_V + 1] = 0.0
+        work[[series.X, series.V]] = self._work[[series.X_BEFORE, series.V_BEFORE]]
+        terms = self._work[series.LAST + 1 : series.GUESS_LAST] * ((length / h) ** np.arange(1, STAGES))[:, None]
+        work[series.LAST + 1 : series.GUESS_LAST] = _shifted_back() @ terms  # the loop shifts a last step's polynomial
         clock, cursor = np.zeros_like(self._clock), np.zeros_like(self._cursor)
-        clock[[TIME, NEXT, STEP_LAST]] = begin, 2.0 * length, length
+        clock[[TIME, NEXT, LAST]] = begin, 2.0 * length, length
         given = y, trial, flat[0], derivative, flat[1], work, tables(), self._velocities, self.eta, np.inf, time, True
         if self._flow.apart().call(gauss_radau_loop, *given, clock, time, MOST, cursor) != OK:
             y[...] = np.nan
@@ -149,15 +136,16 @@ class GaussRadauStepper(ChosenSteps):
 
     def sketch(self) -> Floats:
         """See Stepper: by the polynomial of the last step, which has order 8."""
-        h, size, (by_position, by_velocity) = self._clock[STEP_LAST], self.y[0].size, _sketch_rows()
-        v, terms = self._work[V_BEFORE, :size], self._work[LAST:GUESS_LAST, :size]
+        h, size, (by_position, by_velocity) = self._clock[LAST], self.y[0].size, _sketch_rows()
+        v, terms = self._work[series.V_BEFORE, :size], self._work[series.LAST : series.GUESS_LAST, :size]
         found = np.empty((len(INNER), *self.y.shape))
         found[:, -1] = (v + h * (by_velocity @ terms)).reshape(found[:, -1].shape)
         if len(self.y) == 2:
-            x = self._work[X_BEFORE, :size] + h * (INNER[:, None] * v + h * (by_position @ terms))
+            x = self._work[series.X_BEFORE, :size] + h * (INNER[:, None] * v + h * (by_position @ terms))
             found[:, 0] = x.reshape(found[:, 0].shape)
         return found
 
     def reached(self, inside_step: bool) -> tuple[Floats, Floats]:
-        before = self._work[X_BEFORE if len(self.y) == 2 else V_BEFORE, : self.y[0].size].reshape(self.y.shape[1:])
+        row = series.X_BEFORE if len(self.y) == 2 else series.V_BEFORE
+        before = self._work[row, : self.y[0].size].reshape(self.y.shape[1:])
         return (self._trial, self.y[0]) if inside_step else (self.y, before)

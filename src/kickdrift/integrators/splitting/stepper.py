@@ -155,7 +155,8 @@ class SplittingStepper(FixedStepper):
             table += [(bound.address, bound.work, False) for bound in self.manifold.flows]
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
-            stages, further_stages = self.barostat.stages(method)
+            if not held:
+                stages, further_stages = self.barostat.stages(method)
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:

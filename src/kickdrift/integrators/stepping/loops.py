@@ -111,26 +111,18 @@ def advance_by(chunks, y, carry, factor, dy):
         advance(y, carry, factor, dy)
 
 
+@inlined
 def act(further, stage, start, first, dt, x, v, cursor):
     """Apply the further flow of a stage, if the stage has one; return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(act, forceinline=True)
-def _act(further, stage, start, first, dt, x, v, cursor):
-    if isinstance(further, types.NoneType):
-        return lambda further, stage, start, first, dt, x, v, cursor: OK
-
-    def each(further, stage, start, first, dt, x, v, cursor):
-        weight, passed = further.stages[0, stage], further.stages[1, stage]
-        if weight == 0.0:
-            return OK
-        flow, done = further.table[int(further.stages[2, stage])], first + cursor[STEP]
-        if flow[2]:
-            cursor[FRESH] = 0
-        return call_subflow(flow[0], flow[1], start + (done + passed) * dt, weight * dt, done, stage, x, v)
-
-    return each
+    if further is None:
+        return OK
+    weight, passed = further.stages[0, stage], further.stages[1, stage]
+    if weight == 0.0:
+        return OK
+    flow, done = further.table[int(further.stages[2, stage])], first + cursor[STEP]
+    if flow[2]:
+        cursor[FRESH] = 0
+    return call_subflow(flow[0], flow[1], start + (done + passed) * dt, weight * dt, done, stage, x, v)
 
 
 def kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):

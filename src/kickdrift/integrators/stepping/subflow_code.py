@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.jit.compile import jit
+from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.model.state import Floats
@@ -96,28 +96,30 @@ class Pressed(NamedTuple):
     # number of the step after the last action, plus 1
     sums: Floats  # (3,) potential energy, virial and pairs at the last evaluation with sums
     kept: Floats  # (3, n) accelerations before a proposal
+    felt: Any = None  # (3, n) accelerations of the last evaluation with sums, where the barostat needs them
 
 
-def evaluate(barostat: Any, bound: Any, t: float, x: Any, v: Any, work: Any, done: int, cursor: Any) -> int:
+@inlined
+def evaluate(barostat, bound, t, x, v, work, done, cursor):
     """work <- accelerations at x, after ``done`` steps; return a status. Energy and virial are summed if the barostat
     acts at the end of the step."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(evaluate, forceinline=True)
-def _evaluate(barostat, bound, t, x, v, work, done, cursor):
-    if isinstance(barostat, types.NoneType):
-        return lambda barostat, bound, t, x, v, work, done, cursor: fill_accelerations(
-            bound, t, x, v, work, None, cursor
-        )
-
-    def each(barostat, bound, t, x, v, work, done, cursor):
+    if barostat is not None:
         if (done + 1) % barostat.every == 0:
             return fill_with_sums(barostat, bound, t, x, v, work, cursor)
         barostat.place[SUMMED] = 0
-        return fill_accelerations(bound, t, x, v, work, None, cursor)
+    return fill_accelerations(bound, t, x, v, work, None, cursor)
 
-    return each
+
+def keep_felt(felt: Any, work: Any) -> None:
+    """felt <- accelerations, for a barostat that needs them."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(keep_felt)
+def _keep_felt(felt, work):
+    if isinstance(felt, types.NoneType):
+        return lambda felt, work: None
+    return lambda felt, work: copy_rows(work, felt)
 
 
 @jit
@@ -126,22 +128,15 @@ def fill_with_sums(barostat, bound, t, x, v, work, cursor):
     for k in range(barostat.sums.size):
         barostat.sums[k] = 0.0
     status = fill_accelerations(bound, t, x, v, work, barostat.sums, cursor)
+    keep_felt(barostat.felt, work)
     barostat.place[SUMMED] = int(status == OK)
     return status
 
 
-def press(barostat: Any, bound: Any, start: float, done: int, dt: float, x: Any, v: Any, work: Any, cursor: Any) -> int:
+@inlined
+def press(barostat, bound, start, done, dt, x, v, work, cursor):
     """Let the barostat act before step ``done``, if its turn has come; return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(press, forceinline=True)
-def _press(barostat, bound, start, done, dt, x, v, work, cursor):
-    if isinstance(barostat, types.NoneType):
-        return lambda barostat, bound, start, done, dt, x, v, work, cursor: OK
-    return lambda barostat, bound, start, done, dt, x, v, work, cursor: act_between(
-        barostat, bound, start, done, dt, x, v, work, cursor
-    )
+    return OK if barostat is None else act_between(barostat, bound, start, done, dt, x, v, work, cursor)
 
 
 @jit

@@ -15,23 +15,11 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STEP
+from kickdrift.integrators.trace import tangent_state as part
 from kickdrift.integrators.trace.state import FULL, POINTS
 from kickdrift.integrators.trace.tangent_meeting import enter_meeting, heavy_passes, meet_again
 from kickdrift.integrators.trace.tangent_others import kick_by_others_duals
-from kickdrift.integrators.trace.tangent_state import (
-    AFTER_V,
-    AFTER_X,
-    LOST_V,
-    LOST_X,
-    MASSES,
-    MIDDLE_V,
-    MIDDLE_X,
-    ROWS,
-    DualMeeting,
-    V,
-    X,
-    dual_meeting,
-)
+from kickdrift.integrators.trace.tangent_state import DualMeeting, dual_meeting
 from kickdrift.integrators.wisdom_holman.tangent import pull_of
 from kickdrift.integrators.wisdom_holman.tangent_columns import (
     Derived,
@@ -83,7 +71,7 @@ def trace_tangents(
     n, twice = len(gm.values), gm.second.size > 0
     number = np.zeros(slots, np.int64)
     number[slot[1:]] = np.arange(1, n)
-    massive, blocks = int(np.count_nonzero(gm.values > 0.0)), blocks_of(gm.slopes.shape[1], ROWS, n, twice)
+    massive, blocks = int(np.count_nonzero(gm.values > 0.0)), blocks_of(gm.slopes.shape[1], part.ROWS, n, twice)
     made = TraceTangents(
         *blocks, slot, number, np.zeros(n, np.uint8), massive,
         order, others, pushes, np.zeros(1, np.int64), moving, dual_meeting(massive + 1, twice),
@@ -107,7 +95,7 @@ def enter_democratic(blocks, columns, phase, gm):
     """Fill the blocks."""
     n = gm.values.size
     for block in range(blocks.shape[0]):
-        masses = dual_rows(blocks[block, MASSES], n)
+        masses = dual_rows(blocks[block, part.MASSES], n)
         enter_masses(masses, gm, columns[block])
         for i in range(n):
             masses[1, i], masses[2, i] = masses[0, 0], masses[0, i] / masses[0, 0]
@@ -125,7 +113,7 @@ def enter_democratic(blocks, columns, phase, gm):
 def leave_democratic(blocks, columns, n, phase):
     """phase (2, 3, n) <- positions and velocities."""
     for block in range(blocks.shape[0]):
-        masses = dual_rows(blocks[block, MASSES], n)
+        masses = dual_rows(blocks[block, part.MASSES], n)
         total = as_dual(0.0)
         for i in range(n):
             total += masses[0, i]
@@ -196,10 +184,14 @@ def tangent_step(hybrid, own, t, h):
             return status
     changes, slopes = np.empty((n, 6)), np.empty(6 * n * WIDTH)
     first = blocks[0]
-    fill_kepler(dual_rows(first[X], n), dual_rows(first[V], n), dual_rows(first[MASSES], n), h, changes, slopes)
+    fill_kepler(
+        dual_rows(first[part.X], n), dual_rows(first[part.V], n), dual_rows(first[part.MASSES], n), h, changes, slopes
+    )
     for block in range(blocks.shape[0]):
         rows, own.block[0] = blocks[block], block
-        drift_duals(dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n), h, changes, slopes)
+        drift_duals(
+            dual_rows(rows[part.X], n), dual_rows(rows[part.V], n), dual_rows(rows[part.MASSES], n), h, changes, slopes
+        )
         status = from_drift(hybrid, own, rows, t, h, heavy)
         if status != OK:
             return status
@@ -217,9 +209,9 @@ def until_drift(hybrid, own, rows, t, h, heavy):
     kick_duals(hybrid, own, rows, 0.5 * h, heavy)
     if not heavy:
         jump_duals(hybrid, own, rows, 0.5 * h)
-        rows[LOST_X] = rows[LOST_V] = 0.0
+        rows[part.LOST_X] = rows[part.LOST_V] = 0.0
     if hybrid.counts[POINTS] > 0:
-        rows[MIDDLE_X], rows[MIDDLE_V] = rows[X], rows[V]
+        rows[part.MIDDLE_X], rows[part.MIDDLE_V] = rows[part.X], rows[part.V]
     if heavy:
         status = pass_duals(hybrid, own, rows)
         if status != OK:
@@ -254,7 +246,7 @@ def kick_duals(hybrid, own, rows, h, heavy):
     """Kick each body by the massive bodies that are not near it, as ``loop.kick`` does."""
     never_inline()
     n, slot, used = own.slot.size, own.slot, hybrid.used
-    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
+    x, v, masses = dual_rows(rows[part.X], n), dual_rows(rows[part.V], n), dual_rows(rows[part.MASSES], n)
     together = heavy and hybrid.way == FULL  # bodies that move together feel all attractions there
     for i in range(2, n):
         if together and own.met[i]:
@@ -274,7 +266,7 @@ def jump_duals(hybrid, own, rows, h):
     """Move all bodies by the central body's way, except massless bodies that pass their pericentre."""
     never_inline()
     n, move, passes = own.slot.size, dual_vector((0.0, 0.0, 0.0)), hybrid.used.shape[0] - 1
-    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
+    x, v, masses = dual_rows(rows[part.X], n), dual_rows(rows[part.V], n), dual_rows(rows[part.MASSES], n)
     for i in range(1, own.massive):
         move = move + masses[2, i] * vector_at(v, i)
     move = h * move
@@ -287,7 +279,7 @@ def jump_duals(hybrid, own, rows, h):
 def shift_duals(own, rows):
     """Move massless bodies that meet no other by half the central body's way."""
     n = own.slot.size
-    x, moved = dual_rows(rows[X], n), 0.5 * vector_at(dual_rows(rows[AFTER_X], n), 0)
+    x, moved = dual_rows(rows[part.X], n), 0.5 * vector_at(dual_rows(rows[part.AFTER_X], n), 0)
     for i in range(own.massive, n):
         if not own.met[i]:
             put_vector(x, i, vector_at(x, i) + moved)
@@ -303,7 +295,7 @@ def pass_duals(hybrid, own, rows):
     Deviations grow in a passage and shrink after it. So each rounding at a step's end near the pericentre would remain,
     enlarged; the next step takes what rounding has taken."""
     meeting, count = own.meeting, own.slot.size
-    lost_x, lost_v = dual_rows(rows[LOST_X], count), dual_rows(rows[LOST_V], count)
+    lost_x, lost_v = dual_rows(rows[part.LOST_X], count), dual_rows(rows[part.LOST_V], count)
     n = enter_meeting(hybrid, meeting, own.number, 0)
     left_x, left_v = dual_rows(meeting.lost_x, n), dual_rows(meeting.lost_v, n)
     for i in range(n):
@@ -313,8 +305,8 @@ def pass_duals(hybrid, own, rows):
     status = meet_again(hybrid, own, rows, n, 0, hybrid.counts[POINTS])
     if status != OK:
         return status
-    masses, middle = dual_rows(rows[MASSES], count), dual_rows(rows[MIDDLE_X], count)
-    after_x, after_v = dual_rows(rows[AFTER_X], count), dual_rows(rows[AFTER_V], count)
+    masses, middle = dual_rows(rows[part.MASSES], count), dual_rows(rows[part.MIDDLE_X], count)
+    after_x, after_v = dual_rows(rows[part.AFTER_X], count), dual_rows(rows[part.AFTER_V], count)
     x, v = dual_rows(meeting.x, n), dual_rows(meeting.v, n)
     moved, mass = dual_vector((0.0, 0.0, 0.0)), as_dual(1.0)
     for i in range(n):
@@ -334,7 +326,7 @@ def keep_duals(own, rows):
     """Write the end of the passage of the massive bodies."""
     n = own.slot.size
     for half in range(2):
-        x, after = dual_rows(rows[X + half], n), dual_rows(rows[AFTER_X + half], n)
+        x, after = dual_rows(rows[part.X + half], n), dual_rows(rows[part.AFTER_X + half], n)
         for i in range(1, own.massive):
             put_vector(x, i, vector_at(after, i))
 
@@ -345,7 +337,7 @@ def meet_duals(hybrid, own, rows):
     status."""
     never_inline()
     meeting, points, row = own.meeting, hybrid.counts[POINTS], 0
-    places, speeds = dual_rows(rows[X], own.slot.size), dual_rows(rows[V], own.slot.size)
+    places, speeds = dual_rows(rows[part.X], own.slot.size), dual_rows(rows[part.V], own.slot.size)
     passed = heavy_passes(hybrid)
     while row < points:
         n = enter_meeting(hybrid, meeting, own.number, row)

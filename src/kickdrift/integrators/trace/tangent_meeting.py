@@ -10,10 +10,10 @@ from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import AGAIN, CONVERGED, MOST, PATIENCE, TERMS
 from kickdrift.integrators.trace import extrapolation
+from kickdrift.integrators.trace import tangent_state as part
 from kickdrift.integrators.trace.meeting import enter_work, leave_work, stepping, to_start, width_of
 from kickdrift.integrators.trace.state import FULL, GAUSS_RADAU
 from kickdrift.integrators.trace.tangent_others import add_inside_duals
-from kickdrift.integrators.trace.tangent_state import MASSES, MIDDLE_V, MIDDLE_X
 from kickdrift.integrators.wisdom_holman.tangent import pull_of
 from kickdrift.jit.compile import as_written, inlined, is_finite, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
@@ -29,7 +29,7 @@ LEAST = 2  # iterations before the first that may be the last: by then the scale
 def attract_duals(hybrid, own, rows, n, everyone, s):
     """a <- the accelerations of ``meeting.attract`` at x, a time s after the step's start. Return a status."""
     never_inline()
-    meeting, masses = own.meeting, dual_rows(rows[MASSES], own.slot.size)
+    meeting, masses = own.meeting, dual_rows(rows[part.MASSES], own.slot.size)
     x, a, used = dual_rows(meeting.x, n), dual_rows(meeting.a, n), hybrid.used
     members, slots = meeting.members, meeting.slots
     total = dual_vector((0.0, 0.0, 0.0))
@@ -238,8 +238,8 @@ def meet_again(hybrid, own, rows, n, first, points):
     """Move the bodies of ``meeting`` together from their places before the drift, to which the lost parts of
     ``meeting`` belong. Return a status."""
     meeting, count = own.meeting, own.slot.size
-    masses = dual_rows(rows[MASSES], count)
-    middle_x, middle_v = dual_rows(rows[MIDDLE_X], count), dual_rows(rows[MIDDLE_V], count)
+    masses = dual_rows(rows[part.MASSES], count)
+    middle_x, middle_v = dual_rows(rows[part.MIDDLE_X], count), dual_rows(rows[part.MIDDLE_V], count)
     x, v, lost = dual_rows(meeting.x, n), dual_rows(meeting.v, n), dual_rows(meeting.lost_v, n)
     for i in range(n):
         put_vector(x, i, vector_at(middle_x, meeting.members[i]))

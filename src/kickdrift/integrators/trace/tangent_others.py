@@ -8,26 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
-from kickdrift.forces.slopes.dual_slopes import NO_DUALS, call_slopes
+from kickdrift.integrators.trace import tangent_state as part
 from kickdrift.integrators.trace.others import ROUNDED, STALLED, TURNS
 from kickdrift.integrators.trace.state import compiled_hermite
-from kickdrift.integrators.trace.tangent_state import (
-    BEFORE_V,
-    MASSES,
-    MIDDLE_V,
-    MIDDLE_X,
-    OWN_A,
-    OWN_V,
-    OWN_X,
-    V,
-    X,
-)
-from kickdrift.integrators.wisdom_holman.tangent_pushes import add_pushes, to_first_order
+from kickdrift.integrators.wisdom_holman.tangent_pushes import feel, to_first_order
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals.dual import SLOT, as_dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at
-
-NO_SLOPES = 101  # status: a force without a formula on duals
 
 
 @jit
@@ -40,28 +27,18 @@ def inverse_of_whole(masses):
 
 
 @jit
-def feel(own, rows, t):
+def feel_others(own, rows, t):
     """OWN_A <- the accelerations at OWN_X and OWN_V. Return a status."""
-    never_inline()
-    n, others = own.order.size, own.others
-    found = dual_rows(rows[OWN_A], n)
-    for i in range(n):
-        put_vector(found, i, dual_vector((0.0, 0.0, 0.0)))
-    for k in range(others.shape[0]):
-        status = call_slopes(others[k, 0], others[k, 1], n, t, rows[OWN_X], rows[OWN_V], rows[OWN_A])
-        if status != OK:
-            return NO_SLOPES if status == NO_DUALS else status
-    if own.pushes.shape[0] > 0:
-        places, speeds = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n)
-        return add_pushes(rows[OWN_A], places, speeds, n, t, own.pushes, own.block[0])
-    return OK
+    return feel(
+        rows[part.OWN_A], rows[part.OWN_X], rows[part.OWN_V], own.order.size, t, own.others, own.pushes, own.block[0]
+    )
 
 
 @jit
 def mean_felt(own, rows):
     """Mean acceleration of all bodies, weighted with their masses."""
     n = own.order.size
-    found, masses, mean = dual_rows(rows[OWN_A], n), dual_rows(rows[MASSES], n), dual_vector((0.0, 0.0, 0.0))
+    found, masses, mean = dual_rows(rows[part.OWN_A], n), dual_rows(rows[part.MASSES], n), dual_vector((0.0, 0.0, 0.0))
     inverse = inverse_of_whole(masses)
     for i in range(own.massive):
         mean = mean + (masses[0, i] * inverse) * vector_at(found, own.order[i])
@@ -75,7 +52,7 @@ def mean_felt(own, rows):
 def place_orbits(own, rows):
     """OWN_X <- the positions of all bodies."""
     n, order = own.order.size, own.order
-    x, masses, places = dual_rows(rows[X], n), dual_rows(rows[MASSES], n), dual_rows(rows[OWN_X], n)
+    x, masses, places = dual_rows(rows[part.X], n), dual_rows(rows[part.MASSES], n), dual_rows(rows[part.OWN_X], n)
     central, inverse = vector_at(x, 0), inverse_of_whole(masses)
     for i in range(1, own.massive):
         central = central - (masses[0, i] * inverse) * vector_at(x, i)
@@ -88,8 +65,8 @@ def place_orbits(own, rows):
 def speed_halfway(own, rows):
     """OWN_V <- velocities half way between those before the kick and those after."""
     n, order = own.order.size, own.order
-    before, after = dual_rows(rows[BEFORE_V], n), dual_rows(rows[V], n)
-    masses, speeds = dual_rows(rows[MASSES], n), dual_rows(rows[OWN_V], n)
+    before, after = dual_rows(rows[part.BEFORE_V], n), dual_rows(rows[part.V], n)
+    masses, speeds = dual_rows(rows[part.MASSES], n), dual_rows(rows[part.OWN_V], n)
     pace = 0.5 * (vector_at(before, 0) + vector_at(after, 0))
     central = pace
     for i in range(1, n):
@@ -103,7 +80,7 @@ def speed_halfway(own, rows):
 def kick_from(own, rows, start, h):
     """V <- the velocities of row ``start`` after a kick by OWN_A."""
     n = own.order.size
-    v, before, found = dual_rows(rows[V], n), dual_rows(rows[start], n), dual_rows(rows[OWN_A], n)
+    v, before, found = dual_rows(rows[part.V], n), dual_rows(rows[start], n), dual_rows(rows[part.OWN_A], n)
     mean = mean_felt(own, rows)
     put_vector(v, 0, vector_at(before, 0) + h * mean)
     for i in range(1, n):
@@ -115,7 +92,7 @@ def kick_from(own, rows, start, h):
 def change_of(rows, latest, n):
     """Change of V since ``latest``, relative to the largest number: that of values, or of a column if it is larger.
     latest <- V."""
-    v, worst = rows[V], 0.0
+    v, worst = rows[part.V], 0.0
     for column in range(SLOT):
         change, largest = 0.0, 0.0
         for i in range(column, 3 * n * SLOT, SLOT):
@@ -132,14 +109,14 @@ def kick_halfway(own, rows, t, h):
     """Kick by forces of velocity: the implicit midpoint step of ``others``, by iteration. Return a status."""
     never_inline()
     n, before = own.order.size, np.inf
-    rows[BEFORE_V] = rows[V]
-    latest = rows[V].copy()
+    rows[part.BEFORE_V] = rows[part.V]
+    latest = rows[part.V].copy()
     for turn in range(TURNS):
         speed_halfway(own, rows)
-        status = feel(own, rows, t)
+        status = feel_others(own, rows, t)
         if status != OK:
             return status
-        kick_from(own, rows, BEFORE_V, h)
+        kick_from(own, rows, part.BEFORE_V, h)
         change = change_of(rows, latest, n)
         if turn > 0:
             if change <= ROUNDED or (change >= before and change <= STALLED):
@@ -158,9 +135,9 @@ def kick_by_others_duals(rows, own, t, h):
     place_orbits(own, rows)
     if own.moving:
         return kick_halfway(own, rows, t, h)
-    status = feel(own, rows, t)
+    status = feel_others(own, rows, t)
     if status == OK:
-        kick_from(own, rows, V, h)
+        kick_from(own, rows, part.V, h)
     return status
 
 
@@ -173,9 +150,9 @@ def place_all_duals(own, rows, members, at, s, h):
     are at ``at``, other massive bodies on Hermite's cubic between the ends of their drift. OWN_V of those on the cubic
     <- their velocities from the centre of mass."""
     n, order, f = own.order.size, own.order, s / h
-    x, v, masses = dual_rows(rows[X], n), dual_rows(rows[V], n), dual_rows(rows[MASSES], n)
-    middle_x, middle_v = dual_rows(rows[MIDDLE_X], n), dual_rows(rows[MIDDLE_V], n)
-    places, speeds, inverse = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), inverse_of_whole(masses)
+    x, v, masses = dual_rows(rows[part.X], n), dual_rows(rows[part.V], n), dual_rows(rows[part.MASSES], n)
+    middle_x, middle_v = dual_rows(rows[part.MIDDLE_X], n), dual_rows(rows[part.MIDDLE_V], n)
+    places, speeds, inverse = dual_rows(rows[part.OWN_X], n), dual_rows(rows[part.OWN_V], n), inverse_of_whole(masses)
     for i in range(1, own.massive):
         place, speed = compiled_hermite(
             f, vector_at(middle_x, i), h * vector_at(middle_v, i), vector_at(x, i), h * vector_at(v, i)
@@ -201,8 +178,8 @@ def speed_all_duals(own, rows, meeting, n):
     """OWN_V <- velocities of the massive bodies, and of those that meet, after ``place_all_duals``."""
     never_inline()
     count, order, members = own.order.size, own.order, meeting.members
-    masses, speeds, v = dual_rows(rows[MASSES], count), dual_rows(rows[OWN_V], count), dual_rows(meeting.v, n)
-    pace, move, mass = vector_at(dual_rows(rows[V], count), 0), dual_vector((0.0, 0.0, 0.0)), as_dual(1.0)
+    masses, speeds, v = dual_rows(rows[part.MASSES], count), dual_rows(rows[part.OWN_V], count), dual_rows(meeting.v, n)
+    pace, move, mass = vector_at(dual_rows(rows[part.V], count), 0), dual_vector((0.0, 0.0, 0.0)), as_dual(1.0)
     for i in range(n):
         share = masses[2, members[i]]
         move = move + share * vector_at(v, i)
@@ -235,10 +212,10 @@ def add_inside_duals(rows, own, n, t, s, h):
     place_all_duals(own, rows, members, at, s, h)
     if own.moving:
         speed_all_duals(own, rows, meeting, n)
-    status = feel(own, rows, t + s)
+    status = feel_others(own, rows, t + s)
     if status != OK:
         return status
-    found, masses = dual_rows(rows[OWN_A], count), dual_rows(rows[MASSES], count)
+    found, masses = dual_rows(rows[part.OWN_A], count), dual_rows(rows[part.MASSES], count)
     mean, pull = mean_felt(own, rows), dual_vector((0.0, 0.0, 0.0))
     for i in range(n):
         if own.met[members[i]]:

@@ -10,16 +10,11 @@ On a busy machine with AVX-512 this saves 4 to 9 % of a step's time: a step of t
 
 from __future__ import annotations
 
-from typing import Any
-
-from numba import types
-
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman.bodies import GM, HILL, INSIDE, LIVE, OTHERS, SHARE, SOURCE
 from kickdrift.integrators.wisdom_holman.kepler import LOST2, LOST3, SERIES, SETTLED, distances, stumpff
-from kickdrift.jit.compile import as_written
-from kickdrift.jit.inner import overload
+from kickdrift.jit.compile import as_written, inlined
 from kickdrift.jit.lanes.functions import inverse_sqrt_estimate, minus, multiply_add, plus
 from kickdrift.jit.lanes.masks import all_lanes, any_lane, select
 from kickdrift.jit.lanes.memory import load, store
@@ -33,27 +28,13 @@ FROM_FOURTH, TO_FOURTH = 20, 21
 TRIES = 3  # corrections of an orbit's first guess
 
 
-def takes(kernel: Any, bodies: Any, others: Any) -> bool:
+@inlined
+def takes(kernel, bodies, others):
     """Tell whether these steps can stay in registers: up to eight planets in Jacobi's coordinates under gravity alone,
     with the standard kernel and plain sums."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(takes, forceinline=True)
-def _takes(kernel, bodies, others):
-    if not isinstance(kernel, types.NoneType):
-        return lambda kernel, bodies, others: False
-
-    def chosen(kernel, bodies, others):
-        return (
-            bodies.jacobi
-            and bodies.massive == WIDTH
-            and bodies.orbit.shape[1] == WIDTH
-            and bodies.carry.size == 0
-            and others.table.shape[0] == 0
-        )
-
-    return chosen
+    if kernel is not None or not bodies.jacobi or bodies.carry.size > 0:
+        return False
+    return bodies.massive == WIDTH and bodies.orbit.shape[1] == WIDTH and others.table.shape[0] == 0
 
 
 @as_written

@@ -130,26 +130,16 @@ def look_aside(aside, others, bodies, weight, t, cursor):
     return OK
 
 
-def correct(slope: Any, aside: Any, others: Any, bodies: Any, weight: float, t: float, cursor: Any) -> int:
+@inlined
+def correct(slope, aside, others, bodies, weight, t, cursor):
     """Add to the accelerations of ``aside`` their change along themselves, times ``weight``. Return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(correct, forceinline=True)
-def _correct(slope, aside, others, bodies, weight, t, cursor):
-    if isinstance(slope, types.NoneType):
-        return lambda slope, aside, others, bodies, weight, t, cursor: look_aside(
-            aside, others, bodies, weight, t, cursor
-        )
-
-    def modified(slope, aside, others, bodies, weight, t, cursor):
-        fill_slope(slope, aside)
-        n = aside.orbit.shape[1]
-        for b in range(3 * n, 4 * n, WIDTH):
-            store3(aside.orbit, b, n, load3(aside.orbit, b, n) + splat(weight) * load3(slope.orbit, b, n))
-        return OK
-
-    return modified
+    if slope is None:
+        return look_aside(aside, others, bodies, weight, t, cursor)
+    fill_slope(slope, aside)
+    n = aside.orbit.shape[1]
+    for b in range(3 * n, 4 * n, WIDTH):
+        store3(aside.orbit, b, n, load3(aside.orbit, b, n) + splat(weight) * load3(slope.orbit, b, n))
+    return OK
 
 
 @inlined

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.forces.slopes.dual_slopes import call_slopes
 from kickdrift.integrators.wisdom_holman.tangent_columns import (
     Blocks,
     Derived,
@@ -22,7 +21,7 @@ from kickdrift.integrators.wisdom_holman.tangent_columns import (
     leave_number,
 )
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
-from kickdrift.integrators.wisdom_holman.tangent_pushes import add_pushes, to_first_order
+from kickdrift.integrators.wisdom_holman.tangent_pushes import feel, to_first_order
 from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import SLOT, as_dual, dual, dual_rows
@@ -109,17 +108,12 @@ def fill_accelerations(blocks, n, at, t, others, pushes, order):
 def add_others(rows, n, t, others, pushes, order, block):
     """Add the accelerations of the other forces to those of gravity. Return a status, which is not
     OK for a force that takes no duals."""
-    own_x, own_v, own_a = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_V], n), dual_rows(rows[OWN_A], n)
+    own_x, own_a = dual_rows(rows[OWN_X], n), dual_rows(rows[OWN_A], n)
     inertial, a = dual_rows(rows[INERTIAL], n), dual_rows(rows[A], n)
     for i in range(n):
         put_vector(own_x, order[i], vector_at(inertial, i))
-        put_vector(own_v, i, dual_vector((0.0, 0.0, 0.0)))
-        put_vector(own_a, i, dual_vector((0.0, 0.0, 0.0)))
-    for k in range(others.shape[0]):
-        status = call_slopes(others[k, 0], others[k, 1], n, t, rows[OWN_X], rows[OWN_V], rows[OWN_A])
-        if status != OK:
-            return abs(status)
-    status = add_pushes(rows[OWN_A], own_x, own_v, n, t, pushes, block) if pushes.shape[0] > 0 else OK
+    rows[OWN_V] = 0.0
+    status = feel(rows[OWN_A], rows[OWN_X], rows[OWN_V], n, t, others, pushes, block)
     for i in range(n):
         put_vector(a, i, vector_at(a, i) + vector_at(own_a, order[i]))
     return status

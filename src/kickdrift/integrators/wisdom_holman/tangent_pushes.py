@@ -1,4 +1,4 @@
-"""What masses and parameters do in other forces than gravity, for tangent maps."""
+"""Other forces than gravity in tangent maps: accelerations on duals, and what masses and parameters do in them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.seam.kernel import FORCES, OK, call_force
-from kickdrift.forces.slopes.dual_slopes import NO_DUALS
+from kickdrift.forces.slopes.dual_slopes import NO_DUALS, call_slopes
 from kickdrift.jit.compile import jit, never_inline
-from kickdrift.jit.duals.dual import SLOT
+from kickdrift.jit.duals.dual import SLOT, dual_rows
 from kickdrift.jit.duals.operators import vector_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.vectors import WIDTH
+
+NO_SLOPES = 101  # status: a force without a formula on duals
 
 
 def to_first_order(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -28,6 +30,18 @@ def to_first_order(function: Callable[..., Any]) -> Callable[..., Any]:
 
     overload(stub)(code)
     return stub
+
+
+@jit
+def feel(a, x, v, n, t, others, pushes, block):
+    """a <- the accelerations by other forces at x and v, three rows of a block. Return a status."""
+    never_inline()
+    a[:] = 0.0
+    for k in range(others.shape[0]):
+        status = call_slopes(others[k, 0], others[k, 1], n, t, x, v, a)
+        if status != OK:
+            return NO_SLOPES if status == NO_DUALS else status
+    return add_pushes(a, dual_rows(x, n), dual_rows(v, n), n, t, pushes, block) if pushes.shape[0] > 0 else OK
 
 
 @jit

@@ -18,6 +18,7 @@ TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk (with nose-hoover) or monte-carlo"
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 SALTS = "did you mean 'rock-salt' or 'molten-salt'?"
+WATER = "did you mean 'water-512' or 'water-flexible'?"
 MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
     "calculator of ASE"
@@ -93,10 +94,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "{word} is the force 'coulomb' here, or one of its methods",
         ),
         ("lj/cut/coul/long lj/cut/coul/cut", "{word} is two forces here, 'lennard-jones' and 'coulomb'"),
-        (
-            "pme spme p3m pppm",
-            "a mesh for charges is not there yet; 'coulomb' sums all waves by Ewald's method",
-        ),
+        ("pme spme p3m pppm", "{word} is the force 'coulomb' here, with method = 'pme'"),
         (
             "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
             MANY_BODY,
@@ -185,7 +183,8 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("three-body threebody 3-body", "did you mean 'figure-eight' or 'pythagorean'?"),
         ("star-cluster cluster globular-cluster galaxy", "did you mean 'plummer-1000'?"),
         ("oscillator harmonic", "did you mean 'ode-harmonic'?"),
-        ("water spc spce spc/e tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
+        ("water water-1000 spc spce spc/e", WATER),
+        ("tip3p tip4p protein lysozyme ubiquitin alanine-dipeptide", MOLECULES),
         ("nacl salt", SALTS),
         ("copper cu", "{word} is 'copper-864' here"),
         ("silicon si", "{word} is 'silicon-512' here"),

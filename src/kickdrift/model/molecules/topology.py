@@ -108,6 +108,19 @@ class Topology:
         first = np.arange(count * length).reshape(count, length)[:, :-1].ravel()
         return cls(np.column_stack([first, first + 1]), angles, dihedrals, **more)
 
+    def repeated(self, copies: int) -> Topology:
+        """Topology of equal molecules in a row; this one is that of the first, which ends with its last particle."""
+        copies = whole_number("repeated.copies", copies, 1)
+        kinds = [*SIZES, "exclusions"]
+        size = 1 + max(int(getattr(self, kind).max(initial=-1)) for kind in kinds)
+        found: dict[str, Any] = {"factors": self.factors}
+        for kind in kinds:
+            items = getattr(self, kind)
+            found[kind] = (items + size * np.arange(copies)[:, None, None]).reshape(-1, items.shape[1])
+            if kind in SIZES:
+                found[f"{kind[:-1]}_types"] = list(self.types(kind)) * copies
+        return Topology(**found)
+
     @classmethod
     def from_ase(cls, atoms: Any, **more: Any) -> Topology:
         """Topology of an ``ase.Atoms`` that ASE's reader of LAMMPS data files made; ``more`` as for `chains`."""

@@ -20,6 +20,7 @@ from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
+from kickdrift.model.starts.lammps_data import AtomTable, atom_table
 from kickdrift.model.state import Floats
 from kickdrift.model.units.file_units import Scale
 from kickdrift.model.units.quantities import quantity
@@ -89,6 +90,15 @@ def lattice(kind: str, count: int, density: float) -> tuple[Floats, tuple[float,
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     positions = ((corners + sites) * (edge / cells)).reshape(-1, 3)
     return positions, (edge, edge, edge)
+
+
+def turned_at_random(shape: Floats, count: int, seed: int) -> Floats:
+    """Positions (count, m, 3) of a shape (m, 3) about the origin, turned by random rotations: unit quaternions of
+    normal deviates, which are uniform (Marsaglia 1972, doi:10.1214/aoms/1177692644)."""
+    q = generator(seed).standard_normal((count, 4))
+    w, axis = q[:, :1] / np.linalg.norm(q, axis=1, keepdims=True), q[:, 1:] / np.linalg.norm(q, axis=1, keepdims=True)
+    twice = 2.0 * np.cross(axis[:, None, :], shape[None, :, :])
+    return np.asarray(shape + w[:, :, None] * twice + np.cross(axis[:, None, :], twice))
 
 
 def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -> None:
@@ -181,6 +191,9 @@ class Structure(NamedTuple):
     barycentric: bool = False
 
 
+NEEDS_ASE = "reading structure files needs ASE: pip install 'kickdrift[ase]'"
+
+
 def read_structure(
     path: Path,
     units: UnitSystem,
@@ -213,16 +226,18 @@ def read_structure(
         raise InputError(f"{why}: {path}")
     if atom_style and not lammps:
         raise InputError(f"atom_style is for data files of LAMMPS, and {path} is none")
+    style = atom_style or (_style_with_bonds(path) if lammps else None)
+    if lammps and (table := atom_table(path, style)) is not None:
+        return _of_table(table, path, units, periodic, boxed)
     try:
         from ase.io import read
     except ImportError:
-        raise InputError("reading structure files needs ASE: pip install 'kickdrift[ase]'") from None
+        raise InputError(NEEDS_ASE) from None
     if path.suffix.lower() in (".xyz", ".extxyz"):
         _check_xyz(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
-            style = atom_style or (_style_with_bonds(path) if lammps else None)
             more = {"format": "lammps-data", "atom_style": style} if lammps else {}
             atoms = read(path.absolute(), **more)  # ASE would take a name such as postgres… for a database
     except Exception as error:  # each of ASE's readers raises errors of its own
@@ -248,11 +263,7 @@ def read_structure(
         velocities = atoms.get_momenta() / masses[:, None] / math.sqrt(units.coherent_mass / scale.energy)
     positions, symbols = atoms.positions * scale.length, atoms.get_chemical_symbols()
     if lammps:
-        types, names = atoms.arrays["type"].tolist(), _names_of_types(path)
-        if all(each in names for each in types):
-            symbols = [names[each] for each in types]
-        elif units.name not in ("metal", "real"):
-            symbols = [str(each) for each in types]  # masses say nothing of elements
+        symbols = _species_of_types(atoms.arrays["type"], path, units) or symbols
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
@@ -260,6 +271,40 @@ def read_structure(
     charges = charges if charges is not None and charges.any() else None
     periodic_along = along if len(set(along)) > 1 else along[0]
     return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges)
+
+
+def _of_table(
+    table: AtomTable, path: Path, units: UnitSystem, periodic: bool | Sequence[bool] | None, boxed: bool
+) -> Structure:
+    """The same from the atoms of a data file of LAMMPS, whose box is periodic along all axes."""
+    edges, rotation = _edges(table.cell, np.broadcast_to(True if periodic is None else periodic, 3), boxed, path)
+    x, v, charges = table.positions, table.velocities, table.charges
+    if rotation is not None:
+        x, v = x @ rotation.T, None if v is None else v @ rotation.T
+    species = _species_of_types(table.types, path, units) or elements_of(table.types, table.masses)
+    charges = charges if charges is not None and charges.any() else None
+    return Structure(x, table.masses, species, edges, True, v, charges=charges)
+
+
+def _species_of_types(types: NDArray[np.int64], path: Path, units: UnitSystem) -> list[str]:
+    """Species of atoms of these types: the names in the file, else the numbers; [] where masses may say elements."""
+    names = _names_of_types(path)
+    known = all(each in names for each in np.unique(types).tolist())
+    if not known and units.name in ("metal", "real"):
+        return []
+    return [names[each] if known else str(each) for each in types.tolist()]
+
+
+def elements_of(types: NDArray[np.int64], masses: Floats) -> list[str]:
+    """Elements of the nearest masses, for atoms whose mass follows from their type."""
+    try:
+        from ase.data import atomic_masses, chemical_symbols
+    except ImportError:
+        raise InputError(NEEDS_ASE) from None
+    kinds, first = np.unique(types, return_index=True)
+    nearest = np.abs(atomic_masses - masses[first, None]).argmin(axis=1)
+    symbols = dict(zip(kinds.tolist(), (chemical_symbols[each] for each in nearest), strict=True))
+    return [symbols[each] for each in types.tolist()]
 
 
 def _style_with_bonds(path: Path) -> str | None:

@@ -41,7 +41,11 @@ EXAMPLES = {
 # Units that a unit system has and people rarely think in, with their size in a familiar unit.
 FAMILIAR = {
     "eV/angstrom^3": (constants.ELEMENTARY_CHARGE * 1e25, "bar"),
+    "kcal/mol/angstrom^3": (4184.0 / constants.AVOGADRO * 1e25, "bar"),
+    "kJ/mol/nm^3": (1000.0 / constants.AVOGADRO * 1e22, "bar"),
     "angstrom^2/ps": (1e-4, "cm^2/s"),
+    "angstrom^2/fs": (1e-1, "cm^2/s"),
+    "nm^2/ps": (1e-2, "cm^2/s"),
     "m^2/s": (1e4, "cm^2/s"),
 }
 

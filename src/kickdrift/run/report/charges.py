@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
+from kickdrift.forces.charges.cores import coreless_pair
 from kickdrift.forces.charges.coulomb import Coulomb
-from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT
+from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, PME
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.text import measured
 
@@ -24,7 +28,8 @@ class ChargeReport:
 
     ``predicted_error`` follows from the parameters. ``measured_error`` is the difference from an exact sum for
     ``measured_particles`` at the end of the run, or at its start if the box has changed. Both are ``relative_to`` the
-    size of the forces. Only sums over all images have these, and waves or a mesh with the order of its splines."""
+    size of the forces. Only sums over all images have these, and waves or a mesh with the order of its splines.
+    ``vacuum`` is the length along z between a slab and its images."""
 
     method: str
     accuracy: float | None = None
@@ -38,6 +43,7 @@ class ChargeReport:
     measured_particles: int = 0
     relative_to: str = TYPICAL
     net_charge: float = 0.0
+    vacuum: float | None = None
 
     def lines(self, length: str) -> list[tuple[str, str]]:
         """Lines for people; ``length`` is the unit of length."""
@@ -50,6 +56,8 @@ class ChargeReport:
             said.append(f"{self.waves:,} waves")
         if self.mesh is not None:
             said.append(f"mesh {' x '.join(map(str, self.mesh))}, order {self.order}")
+        if self.vacuum is not None:
+            said.append(f"slab with a vacuum of {measured(f'{self.vacuum:.5g}', length)}")
         lines = [("charges", ", ".join(said))]
         if self.predicted_error is not None:
             found = f"{self.predicted_error:.1e} predicted"
@@ -61,14 +69,25 @@ class ChargeReport:
 
 def charge_report(system: Any, sim: Any) -> ChargeReport | None:
     """The ChargeReport of a System that a Simulation runs; None without a force between charges."""
-    force = next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)
-    if force is None:
+    if _force_of(system) is None:
         return None
     state = sim.state
     if system not in _FOUND or _FOUND[system][0] != state.time:
         present = system.at(state.phase, state.time) if state.box == system.box else system
-        _FOUND[system] = state.time, _made(force, present)
+        found = charges_of(present)
+        assert found is not None
+        _FOUND[system] = state.time, found
     return _FOUND[system][1]
+
+
+def charges_of(system: Any) -> ChargeReport | None:
+    """The ChargeReport of a System as it is; None without a force between charges."""
+    force = _force_of(system)
+    return None if force is None else _made(force, system)
+
+
+def _force_of(system: Any) -> Coulomb | None:
+    return next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)
 
 
 def _made(force: Coulomb, system: System) -> ChargeReport:
@@ -78,19 +97,20 @@ def _made(force: Coulomb, system: System) -> ChargeReport:
     given: dict[str, Any] = {"cutoff": split.cutoff, "net_charge": force.net_charge(system)}
     if force.method not in ALL_IMAGES:
         return ChargeReport(force.method, alpha=split.alpha if force.method == DAMPED_SHIFTED else None, **given)
-    errors = errors_of(force, system)
+    errors, space = errors_of(force, system), force.space(system)
     size, relative_to = _scale(errors)
     return ChargeReport(
-        force.method,
+        PME if split.mesh else EWALD,
         force.accuracy,
         split.alpha,
-        waves=None if split.mesh else int(waves_of(system.box, split.waves).kept.sum()),
+        waves=None if split.mesh else int(waves_of(space, split.waves).kept.sum()),
         mesh=split.mesh or None,
         order=split.order or None,
         predicted_error=errors.predicted / size,
         measured_error=None if errors.measured is None else errors.measured / size,
         measured_particles=errors.particles,
         relative_to=relative_to,
+        vacuum=None if space == system.box else float(space.matrix[2, 2] - system.box.matrix[2, 2]),
         **given,
     )
 
@@ -101,18 +121,43 @@ def _scale(errors: Errors) -> tuple[float, str]:
 
 
 def charge_warnings(system: Any) -> list[str]:
-    """Warnings of charges that nothing uses, and of a net charge in a periodic box."""
+    """Warnings of charges that nothing uses, of a net charge in a periodic box, and of opposite charges without a
+    core."""
     if not isinstance(system, System) or system.charges is None or not system.charges.any():
         return []
-    force = next((force for force in system.forces if isinstance(force, Coulomb)), None)
+    force = _force_of(system)
     if force is None:
         return ["charges have no effect, since no force acts between them; add the force coulomb"]
+    found = []
+    if pair := coreless_pair(force, system):
+        both = " and ".join(map(system.body, pair))
+        found.append(
+            f"{both} have opposite charges and no core, so they can fall into each other; add a pair force with a "
+            "core, such as lennard-jones"
+        )
+    found += [told] if (told := slab_warning(system, system.state.phase[0])) else []
     net = force.net_charge(system)
     if force.method not in ALL_IMAGES or not net:
-        return []
+        return found
     charge = measured(f"{net:.6g}", system.units.symbol("charge"))
     energy = measured(f"{force.background(system) / system.volume:.6g}", system.units.symbol("energy"))
     return [
+        *found,
         f"the net charge is {charge}; a uniform background of the opposite charge neutralises it, with an energy of "
-        f"{energy}"
+        f"{energy}",
     ]
+
+
+def slab_warning(system: System, x: Floats) -> str:
+    """Warning of charged particles at positions x (3, n) that spread beyond the edge z of a slab; "" without such."""
+    force = _force_of(system)
+    if force is None or force.space(system) == system.box:
+        return ""
+    spread, edge = float(np.ptp(x[2])), float(system.box.matrix[2, 2])
+    if spread <= edge:
+        return ""
+    unit = system.units.symbol("length")
+    return (
+        f"particles spread over {measured(f'{spread:.6g}', unit)} along z, and the edge z of the box, which is the "
+        f"thickness of a slab, is {measured(f'{edge:.6g}', unit)}; the forces between charges have larger errors then"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.freedom import NONE, apart_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.run.report.charges import charge_warnings
+from kickdrift.run.report.charges import charge_warnings, slab_warning
 from kickdrift.text import choices, measured, suggestion
 
 AGREES = 3.0  # standard errors
@@ -164,12 +165,24 @@ def ends_badly(system: Any, state: Any) -> list[str]:
     x, topology = state.phase[0], system.topology
     paired = topology is not None and any(isinstance(force, PairForce | Coulomb) for force in system.forces)
     far = topology.far_special(state.box, x) if topology is not None and paired else ""
-    return [digits_doubt(system, x), far]
+    return [digits_doubt(system, x), far, slab_warning(system, x)]
+
+
+def _pairs_left_out(force: PairForce, system: System) -> str:
+    """Return a warning of a force that names pairs of species, and has its default parameters for all others."""
+    if not force.pairs or force.species or force.law._asdict() != force.Parameters._field_defaults:
+        return ""
+    names = system.species
+    rest = [f"{a}-{b}" for a, b in combinations_with_replacement(names, 2) if not {(a, b), (b, a)} & set(force.pairs)]
+    if not rest:
+        return ""
+    values = " and ".join(f"{key} = {value:g}" for key, value in force.law._asdict().items())
+    return f"{force.name}: pairs {choices(rest)} have {values}, the default, because only other pairs are named"
 
 
 def unused_warnings(system: Any) -> list[str]:
     """Return warnings of what a System gives and nothing uses: parameters of species that no particle has, and factors
-    without a pair force."""
+    without a pair force; and of pairs of species whose parameters nobody gave."""
     if not isinstance(system, System):
         return []
     found, pairs = [], [force for force in system.forces if isinstance(force, PairForce)]
@@ -178,6 +191,7 @@ def unused_warnings(system: Any) -> list[str]:
         if strange := [name for name in dict.fromkeys(named) if name not in system.species]:
             near = suggestion(strange[0], system.species) if len(strange) == 1 else ""
             found.append(f"{force.name}: no particle is of species {choices(map(repr, strange))}{near}")
+    found += [told for force in pairs if (told := _pairs_left_out(force, system))]
     topology = system.topology
     charged = any(isinstance(force, Coulomb) for force in system.forces)
     if topology is not None and not pairs and not charged and system.forces and len(topology.scaled.pairs):

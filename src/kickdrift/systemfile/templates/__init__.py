@@ -14,7 +14,7 @@ def kinds() -> list[str]:
 
 
 def template(kind: str = "liquid") -> str:
-    """Text of a commented system file: "liquid", "bath", "mixture", "planets" or "ode".
+    """Text of a commented system file: "liquid", "bath", "mixture", "water", "planets" or "ode".
 
     ``kd.load`` takes a file with this text. Raises InputError for another kind."""
     known = kinds()

@@ -35,10 +35,12 @@ from kickdrift.integrators.splitting.barostats import (
 )
 from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRAINED, Piston
 from kickdrift.integrators.splitting.barostats.shape import shape_of
-from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, bathed
+from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, Bathed, bathed
 from kickdrift.integrators.splitting.subflows import rows_of
 from kickdrift.integrators.stepping.subflow_code import ACTED, SUMMED, BoundSubflow, Pressed
+from kickdrift.looks.centres import parted
 from kickdrift.model.box.cell import LENGTHS
+from kickdrift.model.freedom import NONE
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -86,7 +88,7 @@ class Lettered(Protocol):
     def groups(self) -> int: ...
 
 
-def check_options(kind: str, options: Options, method: Lettered) -> None:
+def check_options(kind: str, options: Options, method: Lettered, held: bool = False) -> None:
     """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
     if method.groups:
         raise InputError(
@@ -96,6 +98,8 @@ def check_options(kind: str, options: Options, method: Lettered) -> None:
         raise InputError(
             f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
         )
+    if held and kind == MTK:
+        raise InputError("barostat: mtk does not act on constraints; c-rescale and monte-carlo do")
     needed, taken = TAKES[kind]
     for name in needed:
         if options.get(name) is None:
@@ -126,6 +130,8 @@ def check_pressed(system: Any, options: Options) -> None:
         if reason:
             raise InputError(f"pressure: force {force.name!r} does not scale with the box: {reason}")
     coupling = coupling_of(options)
+    if system.constraints is not None and coupling == FULL:
+        raise InputError(f"coupling: {FULL} does not act on constraints; take isotropic, semi-isotropic or per-axis")
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
     if coupling in APART and coupling != FULL and system.box.tilts:
@@ -133,6 +139,9 @@ def check_pressed(system: Any, options: Options) -> None:
     for force in system.forces:
         if coupling in APART and (reason := force.fixes_shape(system)):
             raise InputError(f"coupling: {coupling} needs the virial along each axis, and {reason}; or take isotropic")
+    for force in system.forces:
+        if coupling == FULL and hasattr(force, "fixes_edges") and (reason := force.fixes_edges(system)):
+            raise InputError(f"coupling: full does not go with force {force.name!r}: {reason}; take per-axis")
     if options.get(STRESS.name) is not None and coupling != FULL:
         raise InputError(f"stress: needs coupling = full, because {coupling} keeps angles between edges")
     if system.dimensions == 2 and any(stress_of(options)[2]):
@@ -158,7 +167,7 @@ class Barostat:
         system: Any = flow.subject
         check_pressed(system, options)
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
-        check_options(self._kind, options, method)
+        check_options(self._kind, options, method, system.constraints is not None)
         self._live: Any = flow.live  # type: ignore[union-attr]
         self._reach = reach_of(system)
         self._coupling = coupling_of(options)
@@ -175,7 +184,12 @@ class Barostat:
             self._action = self._between(options, len(system)).ready()
             at = self._action.address, self._action.work
         self.pressed = Pressed(
-            np.array(at, np.int64), every, np.zeros(3, np.int64), self.piston.sums, np.zeros((3, len(system)))
+            np.array(at, np.int64),
+            every,
+            np.zeros(3, np.int64),
+            self.piston.sums,
+            np.zeros((3, len(system))),
+            self.piston.felt,
         )
 
     def _between(self, options: Options, n: int) -> BoundSubflow:
@@ -192,11 +206,12 @@ class Barostat:
         lengths: Floats = self._live.lengths
         shortest = self._live.lengths_of_height(2.0 * self._reach)
         group = [g if edge > 0 else -1 for g, edge in zip(GROUPS[self._coupling], lengths[:LENGTHS], strict=True)]
+        bath = bathed(flow, options, (TEMPERATURE,), conserving=not method.drags)
         return Piston(
-            bathed(flow, options, (TEMPERATURE,), conserving=not method.drags), lengths,
+            bath, lengths,
             np.array(group, np.int64), np.bincount([g for g in group if g >= 0]).astype(float),
             float(options[PRESSURE.name]), shortest, np.zeros(3), flow.forces.along,
-            np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8),
+            np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8), *_centres(flow.subject, bath),
         )  # fmt: skip
 
     def stages(self, method: Lettered) -> tuple[Floats, Floats]:
@@ -264,6 +279,7 @@ class Barostat:
         own = {"lengths": self._live.lengths, "place": self.pressed.place, SUMS: self.pressed.sums}
         own |= {"work": self.piston.work, "state": self.piston.state}
         own |= {} if self.piston.along is None else {ALONG: self.piston.along}
+        own |= {} if self.piston.felt is None else {"felt": self.piston.felt}
         if self._shape:
             own |= {"reference": self._shape.reference, "strain": self._shape.state, "notes": self._shape.notes}
         chains = ((letter, getattr(bound.parts, "chain", None)) for letter, bound in self.flows.items())
@@ -298,6 +314,15 @@ class Barostat:
             if name == "lengths" and not np.array_equal(given[:LENGTHS] > 0, array[:LENGTHS] > 0):
                 raise InputError("checkpoint: its box is open along other axes")
             array[...] = given
+
+
+def _centres(system: Any, bath: Bathed) -> tuple[float, Floats | None, Floats | None]:
+    """How many particles and molecules move on their own, molecules with constraints, and room for accelerations."""
+    held = system.constraints
+    if held is None:
+        return bath.freedom / bath.axes, None, None
+    free = len(system) - len(held.members[0]) + len(held.sizes) - (bath.apart != NONE)
+    return float(free), parted(held), np.zeros((3, len(system)))
 
 
 def pressure_warnings(dt: float, options: Options, system: Any) -> list[str]:

@@ -26,7 +26,7 @@ from kickdrift.integrators.splitting.barostats.piston import (
     STOPPED,
     TOO_FAST,
     Piston,
-    kinetic_now,
+    add_motion_within,
     pressures,
     stretch,
     volume,
@@ -83,10 +83,11 @@ def c_rescale(parts, t, x, v, span, step, stage):
     piston = parts.piston
     state, groups = piston.state, piston.sizes.size
     found = piston.room[4:7]
-    pressures(piston, v, found)
+    heat = pressures(piston, v, found)
+    add_motion_within(piston.molecules, piston, x, v, found)
     if stage == PROPOSE:
         draw(parts.places, parts.noise, step, piston.bath.seed)
-        piston.room[0] = piston.sums[0] + kinetic_now(piston, v)
+        piston.room[0] = piston.sums[0] + heat
         factors = piston.room[1:4]
         q = math.sqrt(volume(piston))
         for a in range(groups):
@@ -105,7 +106,7 @@ def c_rescale(parts, t, x, v, span, step, stage):
     for a in range(groups):
         state[a] += half_push(parts, a, found[a], span)
     state[BEGUN] = 1.0
-    piston.work[0] += piston.sums[0] + kinetic_now(piston, v) - piston.room[0]
+    piston.work[0] += piston.sums[0] + heat - piston.room[0]
     return OK
 
 

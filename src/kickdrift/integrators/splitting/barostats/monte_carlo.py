@@ -6,7 +6,8 @@ With f degrees of freedom in d dimensions it is accepted with the probability
 
 min(1, exp(-(dU + P dV) / k_B T + (f / d + 1) ln(V' / V))).
 
-Velocities stay, so f / d stands for the N particles of the books: N - 1 where the total momentum is conserved.
+Velocities stay, so f / d stands for the N particles of the books: N - 1 where the total momentum is conserved. A
+molecule with constraints counts as one particle.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def monte_carlo(parts, t, x, v, span, step, stage):
         for a in range(groups):
             factors[a] = math.exp(change / piston.sizes[a]) if a == chosen else 1.0
         return stretch(piston, x, None, factors)
-    thermal, particles = piston.bath.thermal, piston.bath.freedom / piston.bath.axes
+    thermal, particles = piston.bath.thermal, piston.centres
     got = piston.sums[0] - parts.sums[0]
     cost = (got + piston.pressure * (volume(piston) - piston.room[0])) / thermal - (particles + 1.0) * change
     state[TRIED] += 1.0

@@ -22,7 +22,15 @@ from kickdrift.integrators.options import COMPRESSIBILITY
 from kickdrift.integrators.splitting.barostats import c_rescale
 from kickdrift.integrators.splitting.barostats.monte_carlo import ACCEPTED, TRIED, WIDEST, draw, keep
 from kickdrift.integrators.splitting.barostats.piston import volume
-from kickdrift.integrators.splitting.barostats.shape import STRAIN, Shape, box_energy, choose_edges, strain
+from kickdrift.integrators.splitting.barostats.shape import (
+    LARGEST,
+    STRAIN,
+    Shape,
+    box_energy,
+    choose_edges,
+    norm,
+    strain,
+)
 from kickdrift.integrators.stepping.subflow_code import PROPOSE, TAKEN_BACK, BoundSubflow, subflow_body
 from kickdrift.model.state import Floats
 
@@ -70,6 +78,10 @@ def monte_carlo_shape(parts, t, x, v, span, step, stage):
                 s[i, j] = s[j, i] = 0.0 if of_volume or j >= axes else size * one
             if of_volume and i < axes:
                 s[i, i] = change / axes
+        if norm(s) > LARGEST:  # far out in the tail: no move
+            for i in range(3):
+                for j in range(3):
+                    s[i, j] = 0.0
         return strain(shape, x, None)
     state = piston.state
     got, particles = piston.sums[0] - parts.sums[0], piston.bath.freedom / axes

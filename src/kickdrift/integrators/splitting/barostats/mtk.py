@@ -21,7 +21,7 @@ import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import PRESSURE_TAU
-from kickdrift.integrators.splitting.barostats.piston import Piston, kinetic_now, pressures, scale_axis, stretch, volume
+from kickdrift.integrators.splitting.barostats.piston import Piston, pressures, scale_axis, stretch, volume
 from kickdrift.integrators.splitting.baths.nose_hoover import STEPS, Chain, chain_energy, chain_step
 from kickdrift.integrators.splitting.subflows import DRIFT, KICK
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
@@ -60,8 +60,7 @@ class BoxChain(NamedTuple):
 def box_push(parts, t, x, v, span, step, stage):
     piston = parts.piston
     found = piston.room[4:7]
-    pressures(piston, v, found)
-    v_now, per_freedom = volume(piston), 2.0 * kinetic_now(piston, v) / piston.bath.freedom
+    v_now, per_freedom = volume(piston), 2.0 * pressures(piston, v, found) / piston.bath.freedom
     for a in range(piston.sizes.size):
         push = piston.sizes[a] * (v_now * (found[a] - piston.pressure) + per_freedom)
         piston.state[a] += span * push / parts.masses[a]

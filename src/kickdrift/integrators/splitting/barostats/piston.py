@@ -6,6 +6,9 @@ the pressure (2 K + W) / V along these axes, with the heat K and the virial W of
 mass is no heat where the run conserves it (``model.freedom``), and no change of the box changes it. So particles whose
 total momentum is conserved have the kinetic pressure of N - 1 particles, here and in every sample. The ensemble is
 exp(-(K + U + P V) / k_B T) dLx dLy dLz, in which the mean of this pressure is P.
+
+Molecules with constraints keep their shape: the box carries their centres along. The pressure is then that of the
+centres (``looks.centres``).
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
 from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.looks.centres import add_within, restore_within
 from kickdrift.model.freedom import NONE
 from kickdrift.model.state import Floats
 
@@ -45,6 +49,9 @@ class Piston(NamedTuple):
     work: Floats  # (1,) energy that the particles have got
     state: Floats  # (slots,) of the barostat
     room: Floats  # (8,) numbers from the proposal to the decision
+    centres: float  # particles and molecules that move on their own, one less where the total momentum is conserved
+    molecules: Any = None  # molecules with constraints, see `looks.centres`; None if all particles are free
+    felt: Any = None  # (3, n) accelerations of the last evaluation, for molecules
 
 
 @as_written
@@ -88,48 +95,75 @@ def volume(piston):
 
 
 @strict
-def kinetic_now(piston, v):
-    """Heat of velocities (3, n): kinetic energy without the motion of the centre of mass."""
-    total = 0.0
-    for k in range(piston.bath.axes):
-        total += heat_along(piston.bath, v, k)
-    return total
-
-
-@strict
 def pressures(piston, v, found):
-    """found[a] <- pressure on the faces of group a; velocities (3, n)."""
-    v_now = volume(piston)
+    """found[a] <- pressure on the faces of group a; velocities (3, n). Return their heat: the kinetic energy without
+    the motion of the centre of mass."""
+    v_now, total = volume(piston), 0.0
     for a in range(piston.sizes.size):
         found[a] = 0.0
     for k in range(3):
         a = piston.group[k]
         if a >= 0:
-            twice = 2.0 * heat_along(piston.bath, v, k) + virial_along(piston.along, piston, k)
-            found[a] += twice / (piston.sizes[a] * v_now)
+            heat = heat_along(piston.bath, v, k)
+            total += heat
+            found[a] += (2.0 * heat + virial_along(piston.along, piston, k)) / (piston.sizes[a] * v_now)
+    return total
 
 
-def virial_along(along: Any, piston: Any, axis: int) -> float:
-    """Virial of the last evaluation along an axis."""
+def add_motion_within(molecules: Any, piston: Any, x: Any, v: Any, found: Any) -> None:
+    """Make the pressures on the groups ``found`` those of the centres of molecules, which the box carries along."""
     raise NotImplementedError("for compiled code")
 
 
-@overload(virial_along)
-def _virial_along(along, piston, axis):
-    if isinstance(along, types.NoneType):
-        return lambda along, piston, axis: piston.sums[1] / piston.bath.axes
+@overload(add_motion_within)
+def _add_motion_within(molecules, piston, x, v, found):
+    if isinstance(molecules, types.NoneType):
+        return lambda molecules, piston, x, v, found: None
 
-    def each(along, piston, axis):
-        whole = own = 0.0
+    def each(molecules, piston, x, v, found):
+        within = np.zeros(3)
+        add_within(molecules, piston.bath.masses, x, v, piston.felt, within)
+        v_now = volume(piston)
         for k in range(3):
-            part = 0.0
-            for c in range(along.shape[0]):
-                part += along[c, k]
-            whole += part
-            own = part if k == axis else own
-        return own + (piston.sums[1] - whole) / piston.bath.axes  # tail corrections are the same along all axes
+            a = piston.group[k]
+            if a >= 0:
+                found[a] += within[k] / (piston.sizes[a] * v_now)
 
     return each
+
+
+def keep_shapes(molecules: Any, piston: Any, x: Any, v: Any, axis: int, factor: float) -> None:
+    """Give molecules their shape and their inner motion back, after positions along an axis were scaled by a factor and
+    velocities by one over it; v may be None."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(keep_shapes)
+def _keep_shapes(molecules, piston, x, v, axis, factor):
+    if isinstance(molecules, types.NoneType):
+        return lambda molecules, piston, x, v, axis, factor: None
+
+    def each(molecules, piston, x, v, axis, factor):
+        restore_within(molecules, piston.bath.masses, x, axis, 1.0 / factor)
+        if v is not None:
+            restore_within(molecules, piston.bath.masses, v, axis, factor)
+
+    return each
+
+
+@strict
+def virial_along(along, piston, axis):
+    """Virial of the last evaluation along an axis."""
+    if along is None:
+        return piston.sums[1] / piston.bath.axes
+    whole = own = 0.0
+    for k in range(3):
+        part = 0.0
+        for c in range(along.shape[0]):
+            part += along[c, k]
+        whole += part
+        own = part if k == axis else own
+    return own + (piston.sums[1] - whole) / piston.bath.axes  # tail corrections are the same along all axes
 
 
 @strict
@@ -153,4 +187,5 @@ def stretch(piston, x, v, factors):
             scale_axis(x, k, factor, 0.0)
             if v is not None:
                 scale_axis(v, k, 1.0 / factor, piston.bath.motion[k])
+            keep_shapes(piston.molecules, piston, x, v, k, factor)
     return 0

@@ -30,7 +30,7 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.box.cell import put_edges
 from kickdrift.model.state import Floats
 
-LARGEST = 0.2  # strain in one action
+LARGEST = 0.2  # norm of a strain at once; lists know a change of edges from it, see `lists.load.alike`
 TERMS = 20  # of the series of exp(S), which then has all digits
 KEPT, NEW, STRAIN, FOUND, WANTED, EDGES, GROWN, TURN = range(8)  # matrices of a Shape
 BEGUN, START = 0, 1  # numbers of a Shape
@@ -70,6 +70,16 @@ def multiply_transposed(a, b, found):
     for i in range(3):
         for j in range(3):
             found[i, j] = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+
+
+@strict
+def norm(a):
+    """Root of the sum of squares."""
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += a[i, j] * a[i, j]
+    return math.sqrt(total)
 
 
 @strict
@@ -201,11 +211,9 @@ def strain(shape, x, v):
 
     Return a status: nothing changes if the box would be too narrow, or change too much at once."""
     piston, s, h, turn = shape.piston, shape.room[STRAIN], shape.room[EDGES], shape.room[TURN]
-    for i in range(3):
-        for j in range(3):
-            if not abs(s[i, j]) <= LARGEST:
-                piston.trouble[0], piston.trouble[1] = TOO_STRAINED, s[i, j]
-                return STOPPED
+    if not norm(s) <= LARGEST:
+        piston.trouble[0], piston.trouble[1] = TOO_STRAINED, norm(s)
+        return STOPPED
     grow, new, inverse, f = np.empty((3, 3)), shape.room[GROWN], np.empty((3, 3)), np.empty((3, 3))
     rows_of(piston.lengths, h)
     inverse_of(h, inverse)

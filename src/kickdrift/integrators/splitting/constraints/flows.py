@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options import PRESSURE
 from kickdrift.integrators.splitting.constraints.blocks import Held, held
 from kickdrift.integrators.splitting.constraints.solver import Moving
 from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK
@@ -78,8 +76,6 @@ class Manifold:
     letters = (AIM, PROJECT, SETTLE)
 
     def __init__(self, flow: Flow, options: Options, heat: Floats) -> None:
-        if options.get(PRESSURE.name) is not None:
-            raise InputError("pressure: barostats do not act on constraints yet; leave pressure out")
         system: Any = flow.subject
         self._pairs = system.constraints.pairs
         self._held = held(system.constraints, system.coherent_masses, flow.forces.threads)
