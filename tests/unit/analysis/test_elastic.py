@@ -8,6 +8,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.model.starts.builders import lattice
+from kickdrift.systemfile.files import shipped
 
 
 def crystal(force, kind: str, sites: int, edge: float, **given) -> kd.System:
@@ -26,6 +27,19 @@ def test_silicon_has_its_published_constants():
     assert np.abs(found.matrix - found.matrix.T).max() < 1e-3 * found.gigapascal
     assert "GPa" in str(found)
     assert found.as_json()["strain"] == 1e-3
+
+
+def test_the_copper_with_a_smooth_end_has_its_constants_at_small_strains():
+    """Lattice constant and cohesive energy of Zhou, Johnson & Wadley 2004, and the elastic constants by LAMMPS' own
+    stress, 169.68, 122.14 and 75.74 GPa (docs/crystals.md)."""
+    path = shipped()["copper-864"].with_name("Cu_zhou2004_smooth.eam.alloy")
+    x, edges = lattice("fcc", 256, 4 / 3.615**3)
+    given = {"masses": 63.546, "units": "metal", "species": ["Cu"] * 256}
+    system = kd.System(x, box=edges, forces=[kd.EmbeddedAtom(str(path))], **given)
+    found = kd.analysis.elastic_constants(system, 1e-4)
+    np.testing.assert_allclose(np.array(found.cubic) / found.gigapascal, [169.68, 122.14, 75.74], atol=0.02)
+    assert abs(found.pressure) < 0.01 * found.gigapascal
+    assert kd.Simulation(system, "velocity-verlet", 0.001).energy().potential / 256 == pytest.approx(-3.54, abs=1e-3)
 
 
 def test_pairs_keep_cauchys_relation_under_pressure():
