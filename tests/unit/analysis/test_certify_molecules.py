@@ -80,7 +80,7 @@ def test_velocities_that_are_not_projected_are_found(tmp_path, monkeypatch):
 
 def test_noise_that_is_not_projected_is_found(tmp_path, monkeypatch):
     """The heat of the bath then includes motion that the next projection takes."""
-    monkeypatch.setattr(stepper, "on_manifold", without(flows.SETTLE))
+    monkeypatch.setattr(stepper, "on_manifold", without(flows.TEMPER))
     _, report, _ = run(tmp_path / "run.h5md")
     assert report.energy.verdict == "secular drift"
 

@@ -151,7 +151,7 @@ class SplittingStepper(FixedStepper):
         pressed = None
         if held:
             heat = self._baths[0].parts.bath.heat if self._baths else np.zeros(1)
-            self.manifold = Manifold(flow, options, heat)
+            self.manifold = Manifold(flow, heat)
             table += [(bound.address, bound.work, False) for bound in self.manifold.flows]
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)

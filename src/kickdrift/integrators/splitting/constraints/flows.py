@@ -30,9 +30,8 @@ from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
-    from kickdrift.integrators.options import Options
 
-AIM, PROJECT, SETTLE = "a", "p", "h"  # letters: before a drift, of velocities, of a bath's velocities
+AIM, PROJECT, TEMPER = "a", "p", "h"  # letters: before a drift, of velocities, of a bath's velocities
 
 
 class Aim(NamedTuple):
@@ -73,11 +72,10 @@ class Manifold:
     flows : flows that they add to the word of the method, in the order of ``letters``
     """
 
-    letters = (AIM, PROJECT, SETTLE)
+    letters = (AIM, PROJECT, TEMPER)
 
-    def __init__(self, flow: Flow, options: Options, heat: Floats) -> None:
+    def __init__(self, flow: Flow, heat: Floats) -> None:
         system: Any = flow.subject
-        self._pairs = system.constraints.pairs
         self._held = held(system.constraints, system.coherent_masses, flow.forces.threads)
         parts = Aim(self._held), Projection(self._held, np.zeros(1)), Projection(self._held, heat)
         self.flows = [BoundSubflow(each).ready() for each in parts]
@@ -111,7 +109,7 @@ def on_manifold(letters: Sequence[str], weights: Sequence[float]) -> tuple[tuple
         if letter[0] in (DRIFT, KICK):
             tangent = False
         elif FLOWS[letter].drags:
-            found.append((SETTLE, weight))
+            found.append((TEMPER, weight))
         last = weight
     if not tangent:
         found.append((PROJECT, last))

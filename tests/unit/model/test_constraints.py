@@ -1,0 +1,117 @@
+"""Constraints as stated by users: what they mean, and what a System refuses in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+
+BENT = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.3, 0.9, 0.0]])
+WATER = kd.Topology([(0, 1), (0, 2)], angles=True, bond_types="OH")
+MASSES = [15.9994, 1.008, 1.008]
+
+
+def water(*constraints: kd.Constraint, **more: object) -> kd.System:
+    given = {"masses": MASSES, "species": ["O", "H", "H"], "topology": WATER, "units": "metal"} | more
+    return kd.System(BENT, constraints=constraints, **given)
+
+
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        kd.Constraint(bonds=True, distance=1.0),
+        kd.Constraint(bonds="OH", distance=1.0),
+        kd.Constraint(hydrogen=True, distance=1.0),
+        kd.Constraint(pairs=[(0, 1), (2, 0)], distance=[1.0, 1.0]),
+    ],
+)
+def test_bonds_are_named_in_several_ways(constraint):
+    held = water(constraint).constraints
+    np.testing.assert_array_equal(held.pairs, [[0, 1], [0, 2]])
+    np.testing.assert_array_equal(held.lengths, [1.0, 1.0])
+
+
+def test_hydrogen_is_known_by_its_mass_and_by_its_name():
+    by_mass = water(kd.Constraint(hydrogen=True), species=["X", "Y", "Y"])
+    by_name = water(kd.Constraint(hydrogen=True), units="lj", species=["O", "HW1", "HW2"])
+    assert len(by_mass.constraints) == len(by_name.constraints) == 2
+    with pytest.raises(InputError, match="hydrogen: no bond has an end with the mass of hydrogen"):
+        water(kd.Constraint(hydrogen=True), units="lj", species=["O", "He", "He"])
+
+
+def test_an_angle_is_a_distance_across_two_rigid_bonds():
+    both = kd.Constraint(angles=True, angle=109.47), kd.Constraint(bonds=True, distance=1.0)
+    system = water(*both)
+    assert system.constraints.lengths[2] == pytest.approx(2.0 * np.sin(np.radians(109.47 / 2.0)), rel=1e-14)
+    assert np.abs(system.constraints.errors(system.state.phase[0])).max() < 1e-15
+    with pytest.raises(InputError, match="angle 1-0-2: its bond 1-0 has no constraint"):
+        water(both[0])
+
+
+def test_rigid_molecules_keep_their_shape():
+    rng = np.random.default_rng(1)
+    bonds = [(0, 1), (1, 2), (2, 3), (3, 4), (5, 6)]
+    system = kd.System(rng.normal(size=(8, 3)), topology=kd.Topology(bonds), constraints=[kd.Constraint(rigid=True)])
+    assert len(system.constraints) == 9 + 1
+    assert system.degrees_of_freedom == 3 * 8 - 10 - 6
+    assert system.constraints.start.moved == 0.0
+
+
+def test_a_start_is_projected_and_the_system_says_how_far():
+    system = water(kd.Constraint(bonds=True, distance=1.1), velocities=np.random.default_rng(2).normal(size=(3, 3)))
+    centre = np.array(MASSES) @ BENT
+    assert 0.1 < system.constraints.start.moved < 0.2
+    assert 0.0 < system.constraints.start.lost < 1.0
+    np.testing.assert_allclose(np.array(MASSES) @ system.state.positions, centre, atol=1e-12)
+    again = system.remade()
+    np.testing.assert_array_equal(again.state.phase, system.state.phase)
+
+
+def test_a_molecule_across_a_face_of_the_box_becomes_whole():
+    x = np.array([[0.1, 5.0, 5.0], [9.4, 5.0, 5.0]])
+    system = kd.System(x, box=[10.0] * 3, constraints=[kd.Constraint(pairs=[(0, 1)], distance=0.7)])
+    np.testing.assert_allclose(system.state.positions[1], [-0.6, 5.0, 5.0], atol=1e-12)
+
+
+FAR = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+TRIANGLE = [(0, 1), (1, 2), (0, 2)]
+
+
+@pytest.mark.parametrize(
+    ("given", "more", "words"),
+    [
+        ({}, {}, "expected exactly one of pairs, bonds, hydrogen, angles, rigid, got none"),
+        ({"pairs": [(0, 1)], "rigid": True}, {}, "got pairs and rigid"),
+        ({"pairs": [(0, 0)]}, {}, "joins a particle to itself"),
+        ({"pairs": [(0, 7)]}, {}, "there is no particle 7; particles are 0 to 2"),
+        ({"pairs": [(0, 1)], "distance": 0.0}, {}, "expected a length above zero"),
+        ({"pairs": [(0, 1)], "distance": [1.0, 2.0]}, {}, "got 2"),
+        ({"pairs": [(0, 1)], "tolerance": 1e-30}, {}, "below which all is rounding"),
+        ({"pairs": [(0, 1)]}, {"masses": [1.0, 0.0, 1.0]}, "particle 1 has no mass"),
+        ({"pairs": [(0, 1)]}, {"box": [2.0, 9.0, 9.0]}, "so that the nearest image is certain"),
+        ({"pairs": TRIANGLE, "distance": [1.0, 1.0, 3.0]}, {}, "contradict each other"),
+        ({"pairs": TRIANGLE}, {}, "follows from the others"),
+        ({"rigid": True}, {}, "lists no bonds"),
+        ({"bonds": "CH"}, {"topology": WATER}, "no bonds of type 'CH'"),
+        ({"angles": True, "angle": 200.0}, {}, "expected degrees between 0 and 180"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_the_key(given, more, words):
+    with pytest.raises(InputError, match=r"^constraint: ") as found:
+        kd.System(FAR, constraints=[kd.Constraint(**given)], **more)
+    assert words in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_two_lengths_of_one_pair_and_too_many_conditions_are_refused():
+    twice = [kd.Constraint(pairs=[(0, 1)], distance=length) for length in (1.0, 2.0)]
+    with pytest.raises(InputError, match="particles 0 and 1 cannot be both 1 and 2 apart"):
+        kd.System(FAR, constraints=twice)
+    x = np.random.default_rng(1).normal(size=(5, 3))
+    with pytest.raises(InputError, match="has 10 constraints, 1 more than its 5 particles have internal motions"):
+        kd.System(x, constraints=[kd.Constraint(pairs=[(a, b) for b in range(5) for a in range(b)])])
+    chain = np.arange(10_003.0)[:, None] * np.eye(3)[0]
+    with pytest.raises(InputError, match="has 10,002 constraints; the limit is 10,000"):
+        kd.System(chain, constraints=[kd.Constraint(pairs=[(k, k + 1) for k in range(10_002)])])
