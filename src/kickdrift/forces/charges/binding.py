@@ -10,7 +10,7 @@ import numpy as np
 from numba import carray, types
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel, slab
+from kickdrift.forces.charges import direct_kernel, far_kernel, mesh_kernel, slab_kernel
 from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import Far
 from kickdrift.forces.charges.mesh_kernel import Mesh
@@ -64,7 +64,7 @@ class Charges(Protocol):
 class ChargedParts(NamedTuple):
     """Near and far part of Coulomb's law, without a pair force."""
 
-    far: Far | Mesh | slab.SlabFar
+    far: Far | Mesh | slab_kernel.SlabFar
     force: Any  # PairWork of the near part
     address: int  # of its machine code
     work: int
@@ -91,7 +91,7 @@ class ChargedKernel(BesidePairs):
     def with_list(self, **changes: Any) -> ChargedKernel:
         """See PairKernel."""
         far: Any = self.parts.far
-        if "live" in changes and not isinstance(far, slab.SlabFar):  # barostats refuse slabs
+        if "live" in changes and not isinstance(far, slab_kernel.SlabFar):  # barostats refuse slabs
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
 
@@ -141,14 +141,14 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
     )
 
 
-def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh | slab.SlabFar:
+def bind_far(force: Charges, system: Subject, threads: int) -> Far | Mesh | slab_kernel.SlabFar:
     """Bind what is beside the sum over near pairs: waves or a mesh, the energies of single charges, pairs left out, and
     the correction of a slab."""
     space = force.space(system)
     far = bind_waves(force, system, space, threads)
     if space == system.box:
         return far
-    return slab.bind(far, space, force.scaled_charges(system), system.coherent_masses)
+    return slab_kernel.bind(far, space, force.scaled_charges(system), system.coherent_masses)
 
 
 def bind_waves(force: Charges, system: Subject, space: Box, threads: int) -> Far | Mesh:

@@ -11,8 +11,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.charges import slab
 from kickdrift.forces.charges.accuracy import LEAST, MOST, Charged, Split, cheapest, cost, split_at
-from kickdrift.forces.charges.fourier import SMALLEST, is_smooth
 from kickdrift.forces.charges.mesh_choice import cheapest_mesh
+from kickdrift.forces.charges.mesh_sizes import ORDERS, SMALLEST, is_smooth
 from kickdrift.forces.charges.radial import (
     ALL_IMAGES,
     AUTO,
@@ -28,7 +28,6 @@ from kickdrift.forces.charges.radial import (
     ewald_near,
     reaction_field,
 )
-from kickdrift.forces.charges.splines import ORDERS
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.arguments import number, vector
 from kickdrift.forces.seam.group import Grouped, refuse_massless

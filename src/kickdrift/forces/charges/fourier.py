@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.charges.mesh_sizes import SMALLEST
 from kickdrift.jit.compile import as_written, never_inline, strict
 from kickdrift.jit.lanes.functions import multiply_add, splat
 from kickdrift.jit.lanes.memory import load, store
@@ -20,7 +21,6 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats
 
 RADICES = (4, 2, 3, 5)
-SMALLEST = 8  # shortest line: a line takes two passes or more, since no pass works in place
 POINT = 2 * WIDTH  # numbers of a point of eight lines
 HALF_ROOT = math.sqrt(0.75)
 C1, C2, S1, S2 = (function(2.0 * math.pi * k / 5.0) for function in (math.cos, math.sin) for k in (1, 2))
@@ -45,14 +45,6 @@ def plan_of(n: int) -> Plan:
     assert n >= SMALLEST, f"a line of {n} points is too short"
     angles = -2.0 * math.pi * np.arange(n) / n
     return Plan(n, np.array(radices, np.int64), np.column_stack([np.cos(angles), np.sin(angles)]).ravel())
-
-
-def is_smooth(n: int) -> bool:
-    """Tell whether lines of n points have a plan."""
-    for radix in (2, 3, 5):
-        while n % radix == 0:
-            n //= radix
-    return n == 1
 
 
 @strict

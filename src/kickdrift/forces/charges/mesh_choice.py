@@ -11,9 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from kickdrift.forces.charges.accuracy import PAIR, SHARE, Charged, Split, rising
-from kickdrift.forces.charges.fourier import SMALLEST, is_smooth
 from kickdrift.forces.charges.mesh_error import errors_by_alpha, mesh_error
-from kickdrift.forces.charges.splines import ORDERS
+from kickdrift.forces.charges.mesh_sizes import ORDERS, SMALLEST, is_smooth
 from kickdrift.model.state import Floats
 
 ROW, POINT = 4.2, 0.4  # nanoseconds of each row of the mesh for an ion, and of a point over its binary logarithm

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.forces.charges.accuracy import Charged
-from kickdrift.forces.charges.splines import IMAGES
+from kickdrift.forces.charges.mesh_sizes import IMAGES
 from kickdrift.model.state import Floats
 
 POINTS = 10  # waves along each axis at which errors are taken

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.charges.mesh_sizes import IMAGES
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.gathering import lane_floor, transposed
@@ -13,9 +14,7 @@ from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats
 
 MOST = 8  # largest order
-ORDERS = (4, 5, 6, 7, 8)
 BLOCKS = 8  # most blocks along an axis
-IMAGES = 8  # images of a wave on the mesh whose splines count
 
 
 def moduli(n: int, order: int) -> Floats:
