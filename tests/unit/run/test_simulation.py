@@ -227,7 +227,7 @@ def test_equilibrate_reaches_the_temperature_and_starts_anew():
     seen = []
     sim.equilibrate(temperature=wanted, time=8.0, progress=lambda done, of: seen.append((done, of)))
     assert (sim.time, sim.steps_done) == (0.0, 0)
-    assert sim.record == Record(compile_seconds=compiled)
+    assert sim.record == Record(compile_seconds=compiled, equilibrated="at 1.1 ε/k_B in 8 τ by rescaled velocities")
     assert seen[-1] == (2000, 2000)
     report = sim.run(4000, every=10)
     # The mean over 16 time units has a standard error of 0.004, from ten nearly independent blocks.

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.forces.charges.accuracy import Split
 from kickdrift.forces.charges.far_kernel import add_forces, invert, leave_out
 from kickdrift.forces.charges.fourier import POINT, Plan, plan_of, transform
 from kickdrift.forces.charges.splines import MOST, column_order, moduli, put, weigh
 from kickdrift.forces.lists.clusters import chunk_count
-from kickdrift.forces.seam.kernel import OK, kernel
-from kickdrift.jit.compile import as_written, jit, never_inline, strict
+from kickdrift.forces.seam.kernel import FORCES, OK, BoundForce, call_force, kernel
+from kickdrift.jit.compile import as_written, driver, jit, never_inline, strict
 from kickdrift.jit.lanes.functions import lane_exp, lane_numbers, lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.gathering import transposed
 from kickdrift.jit.lanes.memory import aligned, broadcast, load, store
@@ -540,3 +541,17 @@ def join(own, first, second, n):
         store(own, opposite + WIDTH, c - b)
         store(own, at, a - d)
         store(own, at + WIDTH, b + c)
+
+
+def mesh_forces(charges: Floats, x: Floats, box: Box, split: Split) -> Floats:
+    """Far forces (n, 3) by the mesh at positions x (n, 3), without the terms of pairs left out."""
+    n, none = len(charges), (np.zeros((0, 2), np.int64), np.zeros(0))
+    parts = bind(split.alpha, split.order, split.mesh, 0.0, 0.0, charges, np.ones(n), box, none, threads=1)
+    rows, found, bound = np.ascontiguousarray(x.T), np.zeros((3, n)), BoundForce(parts)
+    _evaluate((ready := bound.ready()).address, ready.work, rows, found)
+    return np.asarray(found.T)
+
+
+@driver
+def _evaluate(address, work, x, a):
+    call_force(address, work, FORCES, 0.0, x, x, a, None)

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.charges import mesh_kernel, slab
+from kickdrift.forces.charges import slab
 from kickdrift.forces.charges.accuracy import LEAST, Charged, Split, split_at
 from kickdrift.forces.charges.mesh_choice import predicted
 from kickdrift.forces.charges.radial import ALL_IMAGES, Radial, force_over_r
 from kickdrift.forces.charges.waves import waves_of
-from kickdrift.forces.seam.kernel import FORCES, BoundForce, call_force
-from kickdrift.jit.compile import driver
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 
@@ -172,7 +170,9 @@ def _phases(x: Floats, k: Floats) -> Iterator[tuple[slice, NDArray[np.complex128
 
 def _far_forces(rows: NDArray[np.int64], charges: Floats, x: Floats, box: Box, split: Split) -> Floats:
     if split.mesh:
-        return _mesh_forces(charges, x, box, split)[rows]
+        from kickdrift.forces.charges.mesh_kernel import mesh_forces  # deferred: it loads the compiler
+
+        return mesh_forces(charges, x, box, split)[rows]
     k, _, amplitude = _waves(box, split)
     found = np.zeros((len(rows), 3))
     for some, phase in _phases(x, k):
@@ -180,17 +180,3 @@ def _far_forces(rows: NDArray[np.int64], charges: Floats, x: Floats, box: Box, s
         pull = amplitude[some] * (phase[rows] * density.conj()).imag
         found += charges[rows, None] * (pull @ k[some])
     return found
-
-
-def _mesh_forces(charges: Floats, x: Floats, box: Box, split: Split) -> Floats:
-    """Far forces (n, 3) by the mesh at positions x (n, 3), without the terms of pairs left out."""
-    n, none = len(charges), (np.zeros((0, 2), np.int64), np.zeros(0))
-    parts = mesh_kernel.bind(split.alpha, split.order, split.mesh, 0.0, 0.0, charges, np.ones(n), box, none, threads=1)
-    rows, found, bound = np.ascontiguousarray(x.T), np.zeros((3, n)), BoundForce(parts)
-    _evaluate((ready := bound.ready()).address, ready.work, rows, found)
-    return np.asarray(found.T)
-
-
-@driver
-def _evaluate(address, work, x, a):
-    call_force(address, work, FORCES, 0.0, x, x, a, None)
