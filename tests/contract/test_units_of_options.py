@@ -29,8 +29,11 @@ def test_each_dimension_of_an_option_occurs() -> None:
 
 @pytest.mark.parametrize(("method", "option"), CASES, ids=[f"{m.name}-{o.name}" for m, o in CASES])
 def test_an_option_takes_text_with_a_unit(method: kd.integrators.Method, option: Option) -> None:
-    text = EXAMPLES[option.dimension]
-    wanted = quantity(text, option.dimension, METAL)
+    example, many = EXAMPLES[option.dimension], option.count > 1
+    found = quantity(example, option.dimension, METAL)
+    wanted = (found,) * option.count if many else found
+    text, wrong = ([each] * option.count if many else each for each in (example, "3 angstrom"))
+    typed = ",".join([example] * option.count)
     needed = {DT.name: 0.001} if option is not DT else {}
 
     def value(asked: dict[str, object], run: RunDefaults | None = None) -> object:
@@ -38,14 +41,14 @@ def test_an_option_takes_text_with_a_unit(method: kd.integrators.Method, option:
 
     assert value({option.name: text}) == wanted
     assert value(dict(integrator(method.name, **{option.name: text}).options)) == wanted
-    assert value(parsed([f"{option.name}={text}"], {})) == wanted
-    assert run_defaults({option.name: text}, METAL).said()[option.name] == wanted
+    assert value(parsed([f"{option.name}={typed}"], {})) == wanted
+    assert run_defaults({option.name: text}, METAL).said()[option.name] in (wanted, list(np.atleast_1d(wanted)))
     with pytest.raises(kd.InputError, match=f"^{option.name}: lj quantities are plain numbers"):
         settled(method, needed | {option.name: text}, RunDefaults(), LJ)
     with pytest.raises(kd.InputError, match=f"^{option.name}: .*such as"):
-        value({option.name: "3 angstrom"})
+        value({option.name: wrong})
     with pytest.raises(kd.InputError, match=f"^{option.name}: .*such as"):
-        integrator(method.name, **{option.name: "3 angstrom"})
+        integrator(method.name, **{option.name: wrong})
     with pytest.raises(kd.InputError, match=f"^{option.name} must be .*, got '300'"):
         value({option.name: "300"})
 

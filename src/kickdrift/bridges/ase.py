@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from ase import Atoms
@@ -193,6 +194,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
             raise InputError(f"symbols: no species {shown(kind)}; known are {choices(system.species, kind)}")
         if symbol[kind] not in atomic_numbers:
             raise InputError(f"symbols: {shown(symbol[kind])} for species {kind!r} is not a chemical element")
+    if system.constraints is not None:
+        warn("constraints: ASE's Atoms are without them; ASE has FixBondLengths", stacklevel=3)
     massless = np.flatnonzero(state.masses == 0)
     if massless.size:
         raise InputError(

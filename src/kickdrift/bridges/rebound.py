@@ -280,7 +280,10 @@ class Archive:
         self.notes = [f"force {force.name!r} is left out" for force in system.forces if not isinstance(force, Gravity)]
         if system.box.periodic:
             self.notes.append("the box is left out")
-        self.system = system.remade(forces=gravity, box=Box(None), equilibration=None, topology=None, events=())
+        gone: dict[str, Any] = {"equilibration": None, "topology": None, "events": (), "constraints": None}
+        self.system = system.remade(forces=gravity, box=Box(None), **gone)
+        if system.constraints is not None:
+            self.notes.append("the constraints are left out")
         self.notes += [f"event {event.kind!r} is left out" for event in system.events]
         self._there: tuple[int, ...] | None = None
         self._sim: Any = None

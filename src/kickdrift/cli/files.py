@@ -184,7 +184,7 @@ def list_(
 
 
 def new(
-    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, planets or ode.")] = "liquid",
+    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, water, planets or ode.")] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
     schema: Annotated[
         bool,

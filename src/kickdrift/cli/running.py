@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -62,9 +61,7 @@ def with_keys(chosen: System | Problem, pairs: list[str]) -> System | Problem:
     for one, other in (("steps", "time"), ("time", "steps")):
         if one in given and other not in given:
             said.pop(other, None)
-    made = copy(chosen)
-    object.__setattr__(made, "equilibration", equilibration_of(said | given, chosen.units, chosen.run))
-    return made
+    return chosen.with_equilibration(equilibration_of(said | given, chosen.units, chosen.run))
 
 
 def _number(key: str, text: str) -> int | float | str:

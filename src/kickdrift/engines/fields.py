@@ -124,7 +124,8 @@ def lammps_fixes(system: System) -> tuple[tuple[tuple[str, ...], ...], tuple[Hel
             values = np.broadcast_to(force.stiffness, 3)
             axes = "".join(axis for axis, value in zip("xyz", values, strict=True) if value)
             ids = np.array(force.particles, np.int64) + 1
-            held.append(Held(ids, float(values.max()), axes, force.places(system)[0]))
+            if axes:
+                held.append(Held(ids, float(values.max()), axes, force.places(system)[0]))
         elif type(force) in IN_LAMMPS:
             walls.append(_wall(k, force))
     return tuple(walls), tuple(held)

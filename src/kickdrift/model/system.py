@@ -78,7 +78,7 @@ class System(Bridged, ShownSystem):
     masses : (n,) or one number, default 1
     box : None (open), three edge lengths (periodic, corner at the origin), or a Box
     forces : iterable of forces, e.g. ``[kd.LennardJones(cutoff=2.5)]``
-    units : name of a unit system: lj, metal, si, astro, nbody
+    units : name of a unit system: lj, metal, real, gromacs, si, astro, nbody
     species : (n,) kinds, default all "A"
     names : (n,) names of the bodies, all different ("Jupiter"); default none
     radii : (n,) or one number; radii of the bodies for collisions; default none
@@ -244,6 +244,13 @@ class System(Bridged, ShownSystem):
         ``kickdrift.integrator``. Steps replace a time, and a time replaces steps."""
         made = copy(self)
         object.__setattr__(made, "run", self.run.changed(**defaults).in_units(self.units))
+        return made
+
+    def with_equilibration(self, equilibration: Equilibration | None) -> System:
+        """Return the system with another ``[equilibrate]``, or with none."""
+        check_kinds(equilibration=(equilibration, Equilibration))
+        made = copy(self)
+        object.__setattr__(made, "equilibration", equilibration)
         return made
 
     # --- new systems from old ones ---

@@ -89,7 +89,7 @@ def equilibrate_as_told(sim: Any, exactly: bool = False, progress: Progress | No
     if sim.method.bath and not exactly:
         asked = asked.ending_at(float(sim.options[TEMPERATURE.name]))
     if asked != sim.system.equilibration:
-        sim.integration.system = sim.system.remade(equilibration=asked)
+        sim.integration.system = sim.system.with_equilibration(asked)
     sim.equilibrate(**asked.said(), progress=progress)
 
 

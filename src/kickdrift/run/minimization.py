@@ -327,8 +327,6 @@ def minimize(sim: Any, *given: Any) -> Minimum:
         raise InputError("minimize: the Simulation is already running")
     if not isinstance(sim.system, System):
         raise InputError("minimize: a Problem has no forces")
-    if sim.system.constraints is not None:
-        raise InputError("minimize: moves each particle freely, and the system has constraints; equilibrate does not")
     now = sim.state
     found = minimum(sim.system.at(now.phase, now.time, now.steps_done, now.ids, now.box), sim.threads, *given)
     phase = found.system.state.phase.copy()
@@ -350,6 +348,8 @@ def minimum(
     """Minimum of the potential energy near the positions of a System; see ``Simulation.minimize``."""
     if not system.forces:
         raise InputError(f"minimize: {system.name!r} has no forces")
+    if system.constraints is not None:
+        raise InputError("minimize: moves particles freely, so it would break the constraints; take sim.equilibrate")
     least = _amount("force", force, system)
     steps = whole_number("minimize: steps", steps, 0)
     if not isinstance(method, str) or method not in METHODS:

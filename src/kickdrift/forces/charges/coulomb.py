@@ -160,6 +160,12 @@ class Coulomb(Grouped):
                 f"{self.name}: units {system.units.name!r} have no Coulomb constant; lj, metal, real, gromacs and si "
                 "have one"
             )
+        host = self.host(system)
+        if host is not None and self.group < host.group:
+            raise InputError(
+                f"{self.name}: group {self.group} is below group {host.group} of {host.name!r}, which takes the near "
+                "part into its sum; give both one group, or coulomb the larger one"
+            )
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
         if sum(isinstance(force, Coulomb) for force in system.forces) > 1:

@@ -66,7 +66,7 @@ def _read(text: str, style: str | None) -> AtomTable:
         raise _Other
     rows = _by_id(rows)
     ids, types = _whole(rows[:, 0]), _whole(rows[:, kind])
-    if not (np.diff(ids) > 0).all():
+    if not (np.diff(ids) > 0).all() or types.min() < 1:
         raise _Other
     positions = rows[:, first : first + 3].copy()
     if columns == first + 6:

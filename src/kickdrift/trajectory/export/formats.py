@@ -104,7 +104,7 @@ class Format(NamedTuple):
 
 
 KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names", "bonds")
-LOST_BY_ALL = "forces, observables, events and restarts"
+LOST_BY_ALL = "forces, constraints, observables, events and restarts"
 REMOVED_NAN = "as NaN"
 REMOVED_LEFT_OUT = "left out from then on"
 

@@ -195,7 +195,8 @@ def differences(system: System, run: RunFile) -> list[str]:
     for one, other in zip(here["forces"], there["forces"], strict=False):
         if (other["parameters"] or {}).get("arguments") == OBJECT:  # files of version 0.2.0 say no more
             one["parameters"]["arguments"] = OBJECT
-    found = [key for key in here if key not in skipped and here[key] != there.get(key)]
+    keys = [*here, *(key for key in ("constraints", "topology", "dimensions") if key in there and key not in here)]
+    found = [key for key in keys if key not in skipped and here.get(key) != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {
         "positions": (state.phase[0], run.initial_phase[0]),
