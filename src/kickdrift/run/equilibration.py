@@ -20,6 +20,7 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in
 from kickdrift.run.watch.watched_stepper import WatchedStepper
+from kickdrift.systemfile.files import prefixed
 from kickdrift.text import counted, measured
 
 if TYPE_CHECKING:
@@ -154,7 +155,8 @@ def _with_own_method(
     if sim.method.bath:
         _check_bath(sim, ramp, name)
     dt = sim.system.run.dt if sim.dt is None else sim.dt
-    made = other(name, {"dt": dt, **options, TEMPERATURE.name: ramp.end})
+    with prefixed("equilibrate: "):
+        made = other(name, {"dt": dt, **options, TEMPERATURE.name: ramp.end})
     if not made.method.bath:  # not reached: the method has refused a temperature
         raise InputError(f"equilibrate: {name} has no heat bath; leave integrator out to rescale velocities")
     _through(sim, made, asked, progress)

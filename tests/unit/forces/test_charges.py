@@ -585,3 +585,8 @@ def test_the_pressure_tensor_has_the_virial(given, error):
     x = system.state.positions
     found = instantaneous_pressure(system, x, np.zeros_like(x)) * system.volume
     assert float(np.trace(found)) == pytest.approx(measured(system).virial, rel=error)
+
+
+def test_charges_in_a_group_before_that_of_their_near_part_are_refused():
+    with pytest.raises(InputError, match="coulomb: group 0 is below group 1 of 'lennard-jones'"):
+        ions(UPRIGHT).with_forces(kd.LennardJones(cutoff=2.7, group=1), kd.Coulomb("ewald", group=0))

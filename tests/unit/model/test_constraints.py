@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.batch import Batch
 from kickdrift.errors import InputError
+from kickdrift.run.minimization import minimum
 
 BENT = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.3, 0.9, 0.0]])
 WATER = kd.Topology([(0, 1), (0, 2)], angles=True, bond_types="OH")
@@ -115,3 +117,18 @@ def test_two_lengths_of_one_pair_and_too_many_conditions_are_refused():
     chain = np.arange(10_003.0)[:, None] * np.eye(3)[0]
     with pytest.raises(InputError, match="has 10,002 constraints; the limit is 10,000"):
         kd.System(chain, constraints=[kd.Constraint(pairs=[(k, k + 1) for k in range(10_002)])])
+
+
+def test_what_moves_particles_freely_refuses_constraints(tmp_path):
+    held = kd.Constraint(pairs=[(0, 1)])
+    bodies = kd.System(BENT, masses=MASSES, forces=[kd.Gravity()], units="nbody", constraints=[held])
+    with pytest.raises(InputError, match="a batch moves each particle freely, and 'system' has constraints"):
+        Batch([bodies, bodies], "leapfrog", 0.01)
+    with pytest.raises(InputError, match=r"minimize: .* would break the constraints"):
+        minimum(bodies)
+    crystal = kd.System(BENT, box=(9.0, 9.0, 9.0), forces=[kd.LennardJones(cutoff=2.5)], constraints=[held])
+    with pytest.raises(InputError, match=r"elastic_constants: .* would break the constraints"):
+        kd.analysis.elastic_constants(crystal)
+    kd.Simulation(bodies, dt=0.01).run(2, output=tmp_path / "run.h5md")
+    with pytest.raises(InputError, match="constraints"):
+        kd.resume(tmp_path / "run.h5md", system=bodies.remade(constraints=None))
