@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from functools import cache
@@ -205,7 +206,7 @@ def ode_table(factory: Callable[..., Any]) -> type[Table]:
 def shaped(hint: Any, number: Any) -> Any:
     """Type for a table from a parameter's type hint: each float in it becomes a checked ``number``, a tuple a list of
     that length, a dict a table."""
-    kinds = [kind for kind in get_args(hint) if kind is not NoneType]
+    kinds = [kind for kind in get_args(hint) if kind is not NoneType and get_origin(kind) is not os.PathLike]
     if hint is float:
         return number
     if get_origin(hint) is tuple and Ellipsis not in kinds:

@@ -96,7 +96,7 @@ def test_words_that_nobody_knows_have_no_hint():
         ({"force": "LJ"}, "LJ is 'lennard-jones' here"),
         ({"force": "lj/cut"}, "lj/cut is 'lennard-jones' here"),
         ({"force": "ewald"}, "ewald is the force 'coulomb' here, or one of its methods"),
-        ({"force": "pme"}, "pme is the force 'coulomb' here, with method = 'pme'"),
+        ({"force": "pme"}, "pme is the force 'coulomb' here, with method = pme"),
         ({"force": "meam"}, "are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any calculator of"),
         ({"force": "buckingham"}, "buckingham is not shipped; kd.pair_law makes the force from its formula"),
         ({"units": "kpc"}, "'astro' takes quantities with units, such as \"8 kpc\""),

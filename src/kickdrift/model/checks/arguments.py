@@ -94,7 +94,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
             "{word} is the force 'coulomb' here, or one of its methods",
         ),
         ("lj/cut/coul/long lj/cut/coul/cut", "{word} is two forces here, 'lennard-jones' and 'coulomb'"),
-        ("pme spme p3m pppm", "{word} is the force 'coulomb' here, with method = 'pme'"),
+        ("pme spme p3m pppm", "{word} is the force 'coulomb' here, with method = pme"),
         (
             "meam airebo rebo reaxff reax reax/c comb snap ace mace nequip deepmd mlip gap",
             MANY_BODY,
