@@ -67,6 +67,14 @@ def test_a_certificate_of_flexible_molecules_in_a_plane_has_their_vibration(tmp_
     np.testing.assert_allclose(found.kinetic, kinetic, rtol=1e-12)
 
 
+def test_a_run_at_rest_with_constraints_goes_back_to_its_start():
+    """The check of forces begins at shaken positions, which the run projects."""
+    system = pairs(4).with_velocities(np.zeros((8, 3))).with_forces(kd.HarmonicTrap(0.5))
+    row = kd.analysis.force_checks(system, steps=100, dt=0.01).row("time reversal")
+    assert row.verdict == "pass"
+    assert row.measured < 1e-12
+
+
 def test_a_bath_that_counts_the_constraints_as_freedoms_is_found(tmp_path, monkeypatch):
     def wrong(system, drags=False):
         return freedom.freedom_of(system, drags) + len(system.constraints)
