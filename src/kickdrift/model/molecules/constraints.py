@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint, Distances, Joined
 from kickdrift.model.molecules.relatives import LONGEST, Ids, molecules_of, whole
 from kickdrift.model.state import Floats
@@ -240,21 +241,23 @@ def constraints_of(system: Joined, given: Any) -> Constraints | None:
 
 def on_manifold(system: Joined, held: Constraints, masses: Floats, phase: Floats) -> tuple[Floats, Projected]:
     """Positions and velocities (2, 3, n) of whole molecules on the manifold, near a phase (2, 3, n)."""
-    x = in_one_image(system, held, phase[0])
+    x = in_one_image(system.box, held.pairs, phase[0])
     x, v, projected = held.projected(masses, x, phase[1])
     return np.array([x, v]), projected
 
 
-def in_one_image(system: Joined, held: Constraints, x: Floats) -> Floats:
-    """Positions (3, n) with each molecule in one image of the box: that of its first particle."""
-    if not system.box.periodic:
+def in_one_image(box: Box, pairs: Ids, x: Floats) -> Floats:
+    """Positions (3, n) with each molecule that pairs (c, 2) join in one image of the box: that of its first
+    particle."""
+    if not box.periodic:
         return x
-    i, j = held.pairs.T
+    i, j = pairs.T
     steps = (x[:, j] - x[:, i]).T
-    far = system.box.minimum_image(steps) - steps
-    if not np.abs(far).max() > 1e-9 * float(held.lengths.max()):
+    far = box.minimum_image(steps) - steps
+    if not np.abs(far).max() > 1e-9 * np.abs(steps).max():
         return x
-    places = whole(held.pairs, x.shape[1], lambda a, b: system.box.minimum_image((x[:, b] - x[:, a]).T)).T
-    first = np.unique(held.molecule, return_index=True)[1][held.molecule]
-    count = np.round(system.box.fractional((x[:, first] + places - x).T))
-    return np.asarray(x + system.box.cartesian(np.where(system.box.periodic_axes, count, 0.0)).T)
+    places = whole(pairs, x.shape[1], lambda a, b: box.minimum_image((x[:, b] - x[:, a]).T)).T
+    molecule = molecules_of(pairs, x.shape[1])
+    first = np.unique(molecule, return_index=True)[1][molecule]
+    count = np.round(box.fractional((x[:, first] + places - x).T))
+    return np.asarray(x + box.cartesian(np.where(box.periodic_axes, count, 0.0)).T)
