@@ -48,8 +48,9 @@ class Molecules:
         assert held is not None
         pairs = held.pairs if system.topology is None else np.concatenate([held.pairs, system.topology.bonds])
         self._system, self._held, self._pairs = system, held, pairs
-        self._of = molecules_of(pairs, len(system))
-        self._masses, self._apart = system.coherent_masses, apart_of(system, drags)
+        self._moving = np.flatnonzero(system.state.masses)  # particles without mass have no heat
+        self._of = np.unique(molecules_of(pairs, len(system))[self._moving], return_inverse=True)[1].reshape(-1)
+        self._masses, self._apart = system.coherent_masses[self._moving], apart_of(system, drags)
         self._mass = np.bincount(self._of, self._masses)
         d, count = system.dimensions, np.bincount(self._of)
         x = self._whole(system.state.phase[0])
@@ -62,8 +63,8 @@ class Molecules:
         self.freedoms = None if self._apart == TURN else Freedoms(translation, rotation, left)
 
     def _whole(self, x: Floats) -> Floats:
-        """Positions (3, n) with each molecule in one image of the box."""
-        return in_one_image(self._system.box, self._pairs, x)
+        """Positions of the moving particles, each molecule in one image, from those (3, n) of all."""
+        return in_one_image(self._system.box, self._pairs, x).take(self._moving, axis=1)
 
     def _centres(self, values: Floats) -> Floats:
         return np.array([np.bincount(self._of, self._masses * row) for row in values]) / self._mass
@@ -85,7 +86,7 @@ class Molecules:
     def heats(self, phase: Floats) -> Floats:
         """Kinetic energies (3,) of translation, rotation and vibration at a phase (2, 3, n), without the motion of all
         particles together that is no heat."""
-        x, v = self._whole(phase[0]), phase[1]
+        x, v = self._whole(phase[0]), phase[1].take(self._moving, axis=1)
         if (moved := whole_motion(self._masses, x, v, self._apart)) is not None:
             v = v - moved
         centres = self._centres(v)
