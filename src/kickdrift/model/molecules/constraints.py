@@ -15,7 +15,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
-from kickdrift.model.molecules.constraint import Constraint, Distances, Joined
+from kickdrift.model.molecules.constraint import ROUNDING, Constraint, Distances, Joined
 from kickdrift.model.molecules.relatives import LONGEST, Ids, molecules_of, whole
 from kickdrift.model.state import Floats
 from kickdrift.text import counted
@@ -115,7 +115,7 @@ class Constraints:
         if np.abs(self.errors(x)).max() > ROUGHLY:
             for _ in range(ITERATIONS):
                 error = self.errors(x)
-                if np.abs(error).max() <= 4.0 * self.tolerance:
+                if np.abs(error).max() <= 4.0 * min(self.tolerance, ROUNDING):
                     break
                 slopes = self.gradients(x)
                 push = _solve(slopes @ inverse @ slopes.T, -error * self.lengths**2)
