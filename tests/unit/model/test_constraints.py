@@ -76,6 +76,12 @@ def test_a_loose_tolerance_is_that_of_runs_alone():
     assert np.abs(system.constraints.errors(system.state.phase[0])).max() < 1e-15
 
 
+def test_constraints_may_come_from_a_generator():
+    held = kd.System(BENT, topology=WATER, constraints=(kd.Constraint(bonds=True) for _ in range(1))).constraints
+    np.testing.assert_array_equal(held.pairs, [[0, 1], [0, 2]])
+    assert kd.System(BENT, constraints=iter([])).constraints is None
+
+
 def test_a_molecule_across_a_face_of_the_box_becomes_whole():
     x = np.array([[0.1, 5.0, 5.0], [9.4, 5.0, 5.0]])
     system = kd.System(x, box=[10.0] * 3, constraints=[kd.Constraint(pairs=[(0, 1)], distance=0.7)])

@@ -208,7 +208,8 @@ def _pivots(matrix: Any) -> Floats:
 
 def constraints_of(system: Joined, given: Any) -> Constraints | None:
     """The constraints of a System from a list of `Constraint`, or from those of an earlier System; None for none."""
-    if given is None or (not isinstance(given, Constraints) and isinstance(given, Iterable) and not list(given)):
+    given = list(given) if isinstance(given, Iterable) else given  # once, since it may be a generator
+    if given is None or given == []:
         return None
     if isinstance(given, Constraints):
         made = Constraints(given.pairs, given.lengths, given.tolerance, len(system.state))
