@@ -47,11 +47,13 @@ class Molecules:
         held = system.constraints
         assert held is not None
         pairs = held.pairs if system.topology is None else np.concatenate([held.pairs, system.topology.bonds])
-        self._system, self._held, self._of = system, held, molecules_of(pairs, len(system))
-        self._masses, self._apart = system.coherent_masses, apart_of(system, drags)
+        self._system, self._held, self._pairs = system, held, pairs
+        self._moving = np.flatnonzero(system.state.masses)  # particles without mass have no heat
+        self._of = np.unique(molecules_of(pairs, len(system))[self._moving], return_inverse=True)[1].reshape(-1)
+        self._masses, self._apart = system.coherent_masses[self._moving], apart_of(system, drags)
         self._mass = np.bincount(self._of, self._masses)
         d, count = system.dimensions, np.bincount(self._of)
-        x = in_one_image(system, held, system.state.phase[0])
+        x = self._whole(system.state.phase[0])
         moments = np.linalg.eigvalsh(self._inertia(x - self._centres(x)[:, self._of]))
         turns = (moments > 1e-9 * np.maximum(moments[:, -1:], 1e-300)).sum(axis=1)
         turns = np.where(count > 1, 1 if d == 2 else turns, 0)
@@ -59,6 +61,10 @@ class Molecules:
         rotation = int(turns.sum())
         left = freedom_of(system, drags) - translation - rotation
         self.freedoms = None if self._apart == TURN else Freedoms(translation, rotation, left)
+
+    def _whole(self, x: Floats) -> Floats:
+        """Positions of the moving particles, each molecule in one image, from those (3, n) of all."""
+        return in_one_image(self._system.box, self._pairs, x).take(self._moving, axis=1)
 
     def _centres(self, values: Floats) -> Floats:
         return np.array([np.bincount(self._of, self._masses * row) for row in values]) / self._mass
@@ -80,7 +86,7 @@ class Molecules:
     def heats(self, phase: Floats) -> Floats:
         """Kinetic energies (3,) of translation, rotation and vibration at a phase (2, 3, n), without the motion of all
         particles together that is no heat."""
-        x, v = in_one_image(self._system, self._held, phase[0]), phase[1]
+        x, v = self._whole(phase[0]), phase[1].take(self._moving, axis=1)
         if (moved := whole_motion(self._masses, x, v, self._apart)) is not None:
             v = v - moved
         centres = self._centres(v)
@@ -96,7 +102,8 @@ class Molecules:
 
     def error(self, phase: Floats) -> float:
         """Largest relative error of a constrained distance at a phase (2, 3, n)."""
-        return float(np.abs(self._held.errors(in_one_image(self._system, self._held, phase[0]))).max())
+        x = in_one_image(self._system.box, self._held.pairs, phase[0])
+        return float(np.abs(self._held.errors(x)).max())
 
 
 def _temperature(molecules: Molecules, kind: int, sim: Any) -> float:

@@ -52,6 +52,29 @@ def test_a_run_with_constraints_is_tested_by_the_motions_of_its_molecules(tmp_pa
     assert "secular" not in report.energy.verdict
 
 
+def test_a_certificate_of_flexible_molecules_in_a_plane_has_their_vibration(tmp_path):
+    """Three chains of three with rigid bonds have 4 freedoms each: 2 translations, a rotation and a vibration."""
+    x = np.array([[6.0 * k + a, b] for k in range(3) for a, b in ((0.0, 0.0), (1.0, 0.0), (1.5, 0.8))])
+    held = kd.Constraint(pairs=[(3 * k + a, 3 * k + a + 1) for k in range(3) for a in range(2)])
+    system = kd.System(x, None, box=[18.0] * 2, constraints=[held], dimensions=2)
+    system = system.with_velocities(temperature=1.0, seed=1)
+    sim = kd.Simulation(system, "baoab", dt=0.05, temperature=1.0, friction=1.0)
+    sim.run(20, every=5, output=tmp_path / "run.h5md")
+    found = sampled_run(tmp_path / "run.h5md")
+    assert [group.freedom for group in found.groups] == [6.0, 3.0, 3.0]
+    assert found.freedom == 12.0
+    kinetic = [sample.energies.kinetic for sample in sim.record.samples]
+    np.testing.assert_allclose(found.kinetic, kinetic, rtol=1e-12)
+
+
+def test_a_run_at_rest_with_constraints_goes_back_to_its_start():
+    """The check of forces begins at shaken positions, which the run projects."""
+    system = pairs(4).with_velocities(np.zeros((8, 3))).with_forces(kd.HarmonicTrap(0.5))
+    row = kd.analysis.force_checks(system, steps=100, dt=0.01).row("time reversal")
+    assert row.verdict == "pass"
+    assert row.measured < 1e-12
+
+
 def test_a_bath_that_counts_the_constraints_as_freedoms_is_found(tmp_path, monkeypatch):
     def wrong(system, drags=False):
         return freedom.freedom_of(system, drags) + len(system.constraints)

@@ -108,6 +108,15 @@ def test_a_wall_in_a_wrong_place_is_refused(wall, box, message):
         gas([wall], box=box)
 
 
+def test_a_state_behind_a_hard_wall_is_refused():
+    sim = kd.Simulation(gas([kd.ReflectingWall(UP)]), "velocity-verlet", 0.01)
+    x = sim.state.positions.copy()
+    x[3, 2] = -0.5
+    with pytest.raises(InputError, match=r"reflecting-wall: particle 3 is 0\.5 behind the wall"):
+        sim.state = gas([]).remade(positions=x).state
+    sim.state = sim.state
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -71,6 +71,19 @@ def test_a_start_is_projected_and_the_system_says_how_far():
     np.testing.assert_array_equal(again.state.phase, system.state.phase)
 
 
+def test_a_loose_tolerance_is_that_of_runs_alone():
+    """Each start is projected to rounding."""
+    system = water(kd.Constraint(bonds=True, distance=1.1, tolerance=1e-3))
+    assert system.constraints.start.moved > 0.1
+    assert np.abs(system.constraints.errors(system.state.phase[0])).max() < 1e-15
+
+
+def test_constraints_may_come_from_a_generator():
+    held = kd.System(BENT, topology=WATER, constraints=(kd.Constraint(bonds=True) for _ in range(1))).constraints
+    np.testing.assert_array_equal(held.pairs, [[0, 1], [0, 2]])
+    assert kd.System(BENT, constraints=iter([])).constraints is None
+
+
 def test_a_molecule_across_a_face_of_the_box_becomes_whole():
     x = np.array([[0.1, 5.0, 5.0], [9.4, 5.0, 5.0]])
     system = kd.System(x, box=[10.0] * 3, constraints=[kd.Constraint(pairs=[(0, 1)], distance=0.7)])

@@ -94,6 +94,33 @@ def test_a_flexible_part_vibrates():
     assert Molecules(system).freedoms == (6, 9, 3)
 
 
+def hinged(massless: int = 0) -> kd.System:
+    """Three molecules of a rigid and a flexible bond in a box, and free particles without mass."""
+    x = [[6.0 * k + a, b, 0.0] for k in range(3) for a, b in ((0.0, 0.0), (1.0, 0.0), (1.5, 0.8))]
+    v = np.random.default_rng(8).normal(size=(9 + massless, 3))
+    topology = kd.Topology([(3 * k + a, 3 * k + a + 1) for k in range(3) for a in range(2)])
+    return kd.System(
+        x + [[3.0, 5.0, 5.0]] * massless, v, [1.0, 2.0, 3.0] * 3 + [0.0] * massless, [18.0] * 3,
+        topology=topology, constraints=[kd.Constraint(pairs=[(3 * k, 3 * k + 1) for k in range(3)])],
+    )  # fmt: skip
+
+
+def test_the_motions_of_molecules_do_not_depend_on_the_image_of_a_bonded_particle():
+    system = hinged()
+    molecules, phase = Molecules(system), system.state.phase.copy()
+    phase[0][:, [2, 5]] += [[18.0, 0.0], [0.0, -36.0], [0.0, 18.0]]
+    np.testing.assert_allclose(molecules.heats(phase), molecules.heats(system.state.phase), rtol=1e-12)
+    assert Molecules(system.at(phase, 0.0)).freedoms == molecules.freedoms == (6, 9, 6)
+
+
+def test_a_free_particle_without_mass_has_no_heat():
+    systems = hinged(massless=1), hinged()
+    first, second = (Molecules(system) for system in systems)
+    assert first.freedoms == second.freedoms
+    heats = first.heats(systems[0].state.phase), second.heats(systems[1].state.phase)
+    np.testing.assert_allclose(*heats, rtol=1e-12)
+
+
 def test_a_file_keeps_the_constraints_and_a_resumed_run_the_bits(tmp_path):
     system, path = triangles(), tmp_path / "run.h5md"
     whole = kd.Simulation(system, dt=0.002)

@@ -241,8 +241,8 @@ def _reversal(given: force_tests.Subject, dt: float, threads: int) -> ForceCheck
     system = given.evaluate.system
     if system.acting("time_dependent"):
         return skipped(BACK, f"{', '.join(system.acting('time_dependent'))} depends on time")
-    start = _start(given)
-    sim = Simulation(system.at(start, 0.0), "velocity-verlet", dt=dt, threads=threads)
+    sim = Simulation(system.at(_start(given), 0.0), "velocity-verlet", dt=dt, threads=threads)
+    start = sim.state.phase  # with constraints, projected
     try:
         sim.advance(REVERSED)
         turned = sim.state.phase * np.array([1.0, -1.0])[:, None, None]

@@ -203,7 +203,7 @@ def _of_frames(frames: Frames) -> SampledRun:
     potential, pressures = seen.get("potential_energy"), seen.get("pressure")
     pressure = _pressure(run.method, name)
     boxes = run.boxes_of(range(len(run)))
-    axes = groups[: vectors.dimensions]  # under constraints all kinds of motion, three at most
+    axes = groups[: vectors.dimensions] if system.constraints is None else groups  # all kinds of motion
     return SampledRun(
         name=name,
         boltzmann=run.units.boltzmann,

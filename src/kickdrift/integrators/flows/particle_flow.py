@@ -104,6 +104,9 @@ class ParticleStates:
             if held is None
             else on_manifold(self.subject, held, self.subject.coherent_masses, state.phase)[0]
         )
+        for force in self.subject.forces:
+            if getattr(force, "reflects", False):
+                force.check(self.subject.at(phase, state.time))  # no particle may be behind it
         return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.model.molecules.constraint import Constraint, Distances, Joined
+from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.constraint import ROUNDING, Constraint, Distances, Joined
 from kickdrift.model.molecules.relatives import LONGEST, Ids, molecules_of, whole
 from kickdrift.model.state import Floats
 from kickdrift.text import counted
@@ -114,7 +115,7 @@ class Constraints:
         if np.abs(self.errors(x)).max() > ROUGHLY:
             for _ in range(ITERATIONS):
                 error = self.errors(x)
-                if np.abs(error).max() <= 4.0 * self.tolerance:
+                if np.abs(error).max() <= 4.0 * min(self.tolerance, ROUNDING):
                     break
                 slopes = self.gradients(x)
                 push = _solve(slopes @ inverse @ slopes.T, -error * self.lengths**2)
@@ -207,7 +208,8 @@ def _pivots(matrix: Any) -> Floats:
 
 def constraints_of(system: Joined, given: Any) -> Constraints | None:
     """The constraints of a System from a list of `Constraint`, or from those of an earlier System; None for none."""
-    if given is None or (not isinstance(given, Constraints) and isinstance(given, Iterable) and not list(given)):
+    given = list(given) if isinstance(given, Iterable) else given  # once, since it may be a generator
+    if given is None or given == []:
         return None
     if isinstance(given, Constraints):
         made = Constraints(given.pairs, given.lengths, given.tolerance, len(system.state))
@@ -240,21 +242,23 @@ def constraints_of(system: Joined, given: Any) -> Constraints | None:
 
 def on_manifold(system: Joined, held: Constraints, masses: Floats, phase: Floats) -> tuple[Floats, Projected]:
     """Positions and velocities (2, 3, n) of whole molecules on the manifold, near a phase (2, 3, n)."""
-    x = in_one_image(system, held, phase[0])
+    x = in_one_image(system.box, held.pairs, phase[0])
     x, v, projected = held.projected(masses, x, phase[1])
     return np.array([x, v]), projected
 
 
-def in_one_image(system: Joined, held: Constraints, x: Floats) -> Floats:
-    """Positions (3, n) with each molecule in one image of the box: that of its first particle."""
-    if not system.box.periodic:
+def in_one_image(box: Box, pairs: Ids, x: Floats) -> Floats:
+    """Positions (3, n) with each molecule that pairs (c, 2) join in one image of the box: that of its first
+    particle."""
+    if not box.periodic:
         return x
-    i, j = held.pairs.T
+    i, j = pairs.T
     steps = (x[:, j] - x[:, i]).T
-    far = system.box.minimum_image(steps) - steps
-    if not np.abs(far).max() > 1e-9 * float(held.lengths.max()):
+    far = box.minimum_image(steps) - steps
+    if not np.abs(far).max() > 1e-9 * np.abs(steps).max():
         return x
-    places = whole(held.pairs, x.shape[1], lambda a, b: system.box.minimum_image((x[:, b] - x[:, a]).T)).T
-    first = np.unique(held.molecule, return_index=True)[1][held.molecule]
-    count = np.round(system.box.fractional((x[:, first] + places - x).T))
-    return np.asarray(x + system.box.cartesian(np.where(system.box.periodic_axes, count, 0.0)).T)
+    places = whole(pairs, x.shape[1], lambda a, b: box.minimum_image((x[:, b] - x[:, a]).T)).T
+    molecule = molecules_of(pairs, x.shape[1])
+    first = np.unique(molecule, return_index=True)[1][molecule]
+    count = np.round(box.fractional((x[:, first] + places - x).T))
+    return np.asarray(x + box.cartesian(np.where(box.periodic_axes, count, 0.0)).T)
