@@ -328,7 +328,7 @@ def minimize(sim: Any, *given: Any) -> Minimum:
     if not isinstance(sim.system, System):
         raise InputError("minimize: a Problem has no forces")
     if sim.system.constraints is not None:
-        raise InputError("minimize: moves each particle freely, and the system has constraints; equilibrate does not")
+        raise InputError("minimize moves particles freely, so it breaks constraints; take sim.equilibrate")
     now = sim.state
     found = minimum(sim.system.at(now.phase, now.time, now.steps_done, now.ids, now.box), sim.threads, *given)
     phase = found.system.state.phase.copy()
