@@ -26,6 +26,26 @@ steps = 10
 
 # (expression, line)
 PYTHON = [
+    (
+        'kd.Simulation(PAIR, "shake", dt=0.01)',
+        "integrator 'shake' is unknown; for constraints give [[constraint]] or kd.Constraint, see docs/rigid-water.md",
+    ),
+    (
+        "kd.compare(PAIR)",
+        "compare: its reference, dop853, keeps no constraints, because it moves each particle freely; velocity-verlet, baoab and csvr do",
+    ),
+    (
+        "kd.Simulation(PAIR, dt=0.01).minimize()",
+        "minimize moves particles freely, so it breaks constraints; take sim.equilibrate",
+    ),
+    (
+        "kd.Simulation(PAIR, dt=0.01).equilibrate(1.0, steps=10)",
+        "equilibrate: no degree of freedom is left, so the system has no temperature",
+    ),
+    (
+        "kd.compare(kd.System(X, forces=[kd.ReflectingWall((1, 0, 0), (-9, 0, 0))]))",
+        "compare: its reference, dop853, integrates a force, and 'reflecting-wall' has none: …",
+    ),
     ("kd.System(X, box=10)", "box: expected three edge lengths, got 10; a cube is box=(10, 10, 10)"),
     ("kd.System(X, box=[10])", "box: expected three edge lengths or None, got 1"),
     (

@@ -42,8 +42,9 @@ def names():
         units="nbody",
     )  # fmt: skip
     still = kd.System(X, forces=[kd.LennardJones()])
+    pair = kd.System([[0, 0, 0], [1, 1, 1]], constraints=[kd.Constraint(pairs=[(0, 1)])])
     laws = {"EnergyAlone": EnergyAlone, "WrongSlope": WrongSlope}
-    yield {"kd": kd, "math": math, "X": X, "L": kd.load("lj-1000"), "B": bodies, "STILL": still, **laws}
+    yield {"kd": kd, "math": math, "X": X, "L": kd.load("lj-1000"), "B": bodies, "PAIR": pair, "STILL": still, **laws}
     for name in ("energy-alone", "wrong-slope"):
         FORCES.pop(name, None)
 

@@ -113,7 +113,9 @@ def _checked(sim: Any, asked: Equilibration) -> Ramp:
         dt = DT.in_units(asked.options.get("dt"), sim.system.units) or sim.dt
         count = max(1, round(steps_in("equilibrate: time", time, dt))) if isinstance(dt, float) else count
     if freedom_of(sim.system) == 0:
-        raise InputError("equilibrate: a system of one particle has no temperature")
+        alone = np.count_nonzero(sim.system.state.masses) < 2
+        why = "a system of one particle has" if alone else "no degree of freedom is left, so the system has"
+        raise InputError(f"equilibrate: {why} no temperature")
     if sim.running:
         raise InputError("equilibrate: the Simulation is already running")
     return Ramp(start, end, count)

@@ -349,7 +349,7 @@ def minimum(
     if not system.forces:
         raise InputError(f"minimize: {system.name!r} has no forces")
     if system.constraints is not None:
-        raise InputError("minimize: moves particles freely, so it would break the constraints; take sim.equilibrate")
+        raise InputError("minimize moves particles freely, so it breaks constraints; take sim.equilibrate")
     least = _amount("force", force, system)
     steps = whole_number("minimize: steps", steps, 0)
     if not isinstance(method, str) or method not in METHODS:

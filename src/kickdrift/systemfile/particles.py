@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import check_particles
-from kickdrift.model.molecules.constraint import Constraint
+from kickdrift.model.molecules.constraint import Constraint, numbered
 from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
 from kickdrift.model.starts import elements
@@ -349,7 +349,5 @@ def topology_of(table: TopologyTable, folder: Path) -> Topology:
 
 def constraint_of(table: ConstraintTable, k: int) -> Constraint:
     """Constraint of the checked table ``[[constraint]]`` number k."""
-    try:
+    with numbered(k):
         return Constraint(**table.model_dump(exclude_none=True))
-    except InputError as error:
-        raise InputError(str(error).replace("constraint: ", f"constraint[{k}]: ", 1)) from None

@@ -120,6 +120,7 @@ def compared(
         methods = chosen_methods(subject, integrators, options)
         return compare_sampling(subject, methods, bar, pilot, accuracy, whole, threads, longest, begin, asked)
     chosen_methods(subject, integrators, options)
+    work.check_reference(subject)
     begin()
     start = work.equilibrated(subject, threads, bar)
     found = work.work_precision(

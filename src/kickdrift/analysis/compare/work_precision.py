@@ -62,6 +62,16 @@ def chosen_methods(
     return found
 
 
+def check_reference(subject: Subject) -> None:
+    """Refuse a System that no method for a reference can move."""
+    if isinstance(subject, System):
+        name = loose_method(False)
+        try:
+            Simulation(subject, name, precision="double")
+        except InputError as error:
+            raise InputError(f"compare: its reference, {str(error).replace(f'{name}: ', f'{name}, ', 1)}") from None
+
+
 def have_baths(integrators: Sequence[str | Integrator] | None) -> bool:
     """Whether all of these methods have a heat bath. Raises InputError if only some have."""
     methods = [method_of(each) for each in integrators or ()]

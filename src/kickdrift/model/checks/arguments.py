@@ -17,6 +17,7 @@ from kickdrift.text import VALUE, clean, suggestion
 TEMPERATURE = "methods of constant temperature are baoab, csvr and nose-hoover"
 PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk (with nose-hoover) or monte-carlo"
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
+CONSTRAINTS = "for constraints give [[constraint]] or kd.Constraint, see docs/rigid-water.md"
 SALTS = "did you mean 'rock-salt' or 'molten-salt'?"
 WATER = "did you mean 'water-512' or 'water-flexible'?"
 MANY_BODY = (
@@ -70,7 +71,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("fr4 forestruth", "{word} is 'forest-ruth' here"),
         ("omelyan", "{word} is 'pefrl' here"),
         ("r-respa rrespa mts multiple-time-step", "{word} is 'respa' here"),
-        ("rattle shake settle lincs", "constraints are not there yet; 'harmonic-bond' is a stiff bond"),
+        ("rattle shake settle lincs", CONSTRAINTS),
         ("nvt berendsen nvtberendsen thermostat constantnvt fix-nvt", TEMPERATURE),
         ("nosehoover nosehooverintegrator nose nose-hoover-chain", "{word} is 'nose-hoover' here"),
         ("langevinintegrator fix-langevin", "{word} is 'baoab' here"),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence, Sized
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,16 +16,19 @@ from kickdrift.model.box.box import Box
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import is_number, listed, number
 from kickdrift.model.molecules.relatives import Ids, molecules_of
-from kickdrift.model.molecules.topology import Topology, items_of
+from kickdrift.model.molecules.topology import Topology, is_index, items_of
 from kickdrift.model.state import Floats, State
+from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import shown, suggestion
 
 ROUNDING = float(np.finfo(float).eps)
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-17, 1e-2
-HYDROGEN = re.compile(r"[HD](?![a-z])")  # names such as H, H1 and HW, but not He
+HYDROGEN = re.compile(r"H(?![a-z])")  # names such as H, H1 and HW, but not He
+DEUTERIUM = re.compile(r"D\d*")  # D and D1, where masses are in u
 HYDROGEN_MASSES = (0.9, 2.1)  # in u, deuterium included
 KINDS = ("pairs", "bonds", "hydrogen", "angles", "rigid")
+FLAT = 1e-4  # smallest height over the length of a molecule that is not flat
 
 
 class Joined(Protocol):
@@ -80,8 +84,8 @@ class Constraint:
     hydrogen : True for all bonds to hydrogen: one end has the mass of hydrogen or deuterium, or a species such as H1
     angles : a type of angles of the topology, a list of types, or True; both bonds of each must be constrained, too
     rigid : True for all molecules of the topology, or a list of molecules, each a list of particles
-    distance : of pairs and bonds: one for all, or one for each pair
-    angle : of angles, in degrees
+    distance : of pairs and bonds: one for all, or one for each pair; numbers, or texts such as "1 angstrom"
+    angle : of angles, in degrees, or a text such as "104 deg"
     tolerance : largest relative error of the squared distances that the solution leaves before rounding; default 2^-52.
         A method is symplectic, and goes back to its start, only at rounding level
 
@@ -97,7 +101,7 @@ class Constraint:
     angles: Any = None
     rigid: Any = None
     distance: Any = None
-    angle: float | None = None
+    angle: float | str | None = None
     tolerance: float = ROUNDING
 
     def __post_init__(self) -> None:
@@ -110,6 +114,9 @@ class Constraint:
         kind = given[0]
         if self.hydrogen not in (True, False):
             raise InputError(f"constraint: hydrogen: expected true or false, got {shown(self.hydrogen)}")
+        stated = getattr(self, kind)
+        if isinstance(stated, Sized) and not isinstance(stated, str) and not len(stated):
+            raise InputError(f"constraint: {kind}: the list is empty; leave out the constraint instead")
         if kind == "pairs":
             put(self, "pairs", items_of("constraint: pairs", self.pairs, 2))
         if self.distance is not None:
@@ -119,13 +126,28 @@ class Constraint:
         if self.angle is not None:
             if kind != "angles":
                 raise InputError(f"constraint: angle: goes with angles, not with {kind}")
-            if not 0.0 < number(self.angle) < 180.0:
+            if not (isinstance(self.angle, str) or 0.0 < number(self.angle) < 180.0):
                 raise InputError(f"constraint: angle: expected degrees between 0 and 180, got {shown(self.angle)}")
         if not is_number(self.tolerance) or not LEAST_TOLERANCE <= self.tolerance <= MOST_TOLERANCE:
             raise InputError(
                 f"constraint: tolerance: expected a number from {LEAST_TOLERANCE:g}, below which all is rounding, to "
                 f"{MOST_TOLERANCE:g}, got {shown(self.tolerance)}"
             )
+
+    def in_units(self, units: UnitSystem) -> Constraint:
+        """The same constraint with numbers in these units in place of texts such as "1 angstrom"."""
+
+        def converted(key: str, value: Any, dimension: str) -> Any:
+            return quantity(value, dimension, units, f"constraint: {key}") if isinstance(value, str) else value
+
+        distance = self.distance
+        if isinstance(distance, list):
+            distance = [converted("distance", each, "length") for each in distance]
+        return replace(
+            self,
+            distance=converted("distance", distance, "length"),
+            angle=converted("angle", self.angle, "angle"),
+        )
 
     def distances(self, system: Joined, before: Distances) -> Distances:
         """The pairs of a System that this keeps apart; ``before`` are those of the other constraints."""
@@ -137,11 +159,7 @@ class Constraint:
             pairs = np.concatenate([_rigid_pairs(system, each) for each in self._molecules(system)])
         else:
             pairs = self._bonds(system)
-        if (wrong := np.flatnonzero((pairs >= len(system.state)).any(axis=1))).size:
-            raise InputError(
-                f"constraint: pair {pairs[wrong[0]].tolist()}: there is no particle {pairs[wrong[0]].max()}; particles "
-                f"are 0 to {len(system.state) - 1}"
-            )
+        check_particles(pairs, len(system.state))
         found = apart(system, pairs) if self.distance is None else np.broadcast_to(self.distance, len(pairs))
         return Distances(pairs, np.array(found, dtype=float))
 
@@ -163,13 +181,13 @@ class Constraint:
         """Distances between the ends of angles, from the distances along both bonds of each."""
         if system.topology is None or not len(system.topology.angles):
             raise InputError("constraint: the system lists no angles; [topology] lists them")
-        angles = _of_types(system.topology, "angles", self.angles)
+        angles, across = _of_types(system.topology, "angles", self.angles), number(self.angle)
         pairs = angles[:, [0, 2]]
         if self.angle is None:
             return Distances(pairs, apart(system, pairs))
         pairs_before = map(tuple, np.sort(before.pairs, axis=1).tolist())
         known = dict(zip(pairs_before, before.lengths.tolist(), strict=True))
-        lengths, cosine = [], math.cos(math.radians(self.angle))
+        lengths, cosine = [], math.cos(math.radians(across))
         for i, j, k in angles.tolist():
             a, b = (known.get((min(end, j), max(end, j)), 0.0) for end in (i, k))
             if not (a and b):
@@ -185,12 +203,10 @@ class Constraint:
         """Rigid molecules, as lists of particles."""
         if self.rigid is not True:
             given = listed("constraint: rigid", self.rigid, "true, or a list of molecules")
-            found = [
-                [int(i) for i in listed("constraint: rigid", each, "the particles of a molecule")] for each in given
-            ]
+            found = [listed("constraint: rigid", each, "the particles of a molecule") for each in given]
             n = len(system.state)
             for each in found:
-                if len(set(each)) < max(2, len(each)) or min(each) < 0 or max(each) >= n:
+                if not all(map(is_index, each)) or len(set(each)) < max(2, len(each)) or max(each) >= n:
                     raise InputError(
                         f"constraint: rigid: expected two or more of the particles 0 to {n - 1}, got {shown(each)}"
                     )
@@ -205,10 +221,33 @@ class Constraint:
         return [part.tolist() for part in parts if len(part) > 1]
 
 
-def _lengths(values: Any, count: int | None) -> float | Floats:
-    """Checked distances: one, or one for each of ``count`` pairs."""
+@contextmanager
+def numbered(k: int) -> Iterator[None]:
+    """Context in which the message of an InputError names the constraint number k."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace("constraint: ", f"constraint[{k}]: ", 1)) from None
+
+
+def check_particles(pairs: Ids, n: int) -> None:
+    """Refuse pairs (c, 2) with a particle beyond the ``n`` of a System."""
+    if (wrong := np.flatnonzero((pairs >= n).any(axis=1))).size:
+        raise InputError(
+            f"constraint: pair {pairs[wrong[0]].tolist()}: there is no particle {pairs[wrong[0]].max()}; particles "
+            f"are 0 to {n - 1}"
+        )
+
+
+def _lengths(values: Any, count: int | None) -> str | float | list[Any] | Floats:
+    """Checked distances: one, or one for each of ``count`` pairs. Texts stay until the units are known."""
+    if isinstance(values, str):
+        return values
     one = is_number(values)
-    found = np.array([values] if one else listed("constraint: distance", values, "a length, or one for each pair"))
+    given = [values] if one else listed("constraint: distance", values, "a length, or one for each pair")
+    if any(isinstance(each, str) for each in given):
+        return given
+    found = np.array(given)
     if found.dtype.kind not in "iuf" or not (np.isfinite(found) & (found > 0)).all():
         raise InputError(f"constraint: distance: expected a length above zero, got {shown(values)}")
     if one:
@@ -225,13 +264,21 @@ def _lengths(values: Any, count: int | None) -> float | Floats:
 def apart(system: Joined, pairs: Ids) -> Floats:
     """Distances (c,) between the nearest images of the particles in each pair (c, 2)."""
     x = system.state.phase[0]
-    return np.asarray(np.linalg.norm(system.box.minimum_image((x[:, pairs[:, 0]] - x[:, pairs[:, 1]]).T), axis=1))
+    found = np.linalg.norm(system.box.minimum_image((x[:, pairs[:, 0]] - x[:, pairs[:, 1]]).T), axis=1)
+    if (same := np.flatnonzero(found == 0)).size:
+        i, j = pairs[same[0]].tolist()
+        raise InputError(
+            f"constraint: {system.body(i)} and {system.body(j)} are at one place; no distance is there to keep"
+        )
+    return np.asarray(found)
 
 
 def is_hydrogen(system: Joined) -> np.ndarray:
     """Whether each particle is hydrogen, by its mass in units with a real mass, or by its species."""
-    named = np.array([bool(HYDROGEN.match(name)) for name in system.species])[system.species_index]
-    if system.units.mass != "u":
+    real = system.units.mass == "u"
+    light = [bool(HYDROGEN.match(name) or (real and DEUTERIUM.fullmatch(name))) for name in system.species]
+    named = np.array(light)[system.species_index]
+    if not real:
         return named
     low, high = HYDROGEN_MASSES
     return named | ((system.state.masses > low) & (system.state.masses < high))
@@ -258,8 +305,26 @@ def _of_types(topology: Topology, kind: str, types: Any) -> Ids:
 
 
 def _rigid_pairs(system: Joined, members: Sequence[int]) -> Ids:
-    """Pairs whose distances make a molecule rigid: those among the first particles that span the space, and from each
-    further particle to these."""
-    corners = system.dimensions
-    rows = [(members[a], members[b]) for b in range(len(members)) for a in range(min(b, corners))]
-    return np.array(rows, np.int64)
+    """Pairs whose distances make a molecule rigid.
+
+    Four corners span the space, three in two dimensions. Each further particle joins all of them but one, so that it
+    lies off the plane or line of those. A molecule without such corners gets pairs that depend on each other.
+    """
+    n, d, which = len(members), system.dimensions, np.array(members, np.int64)
+    corners = np.arange(min(n, d + 1))
+    shares = np.repeat(np.eye(d + 1)[:, [d]], n, axis=1)  # of the corners in each particle's place
+    if n > d + 1:
+        from scipy.linalg import qr
+
+        x = system.state.phase[0][:, which]
+        x = system.box.minimum_image((x - x[:, :1]).T)[:, :d].T
+        spans, order = qr(x[:, 1:], mode="r", pivoting=True)
+        heights = np.abs(np.diag(spans))
+        if heights[-1] > FLAT * heights[0]:
+            corners = np.append(0, 1 + order[:d])
+            others = np.linalg.solve(x[:, corners[1:]], x)
+            shares = np.concatenate([1.0 - others.sum(axis=0, keepdims=True), others])
+    rows = [(corners[a], corners[b]) for b in range(len(corners)) for a in range(b)]
+    for k in np.setdiff1d(np.arange(n), corners):
+        rows += [(corner, k) for corner in np.delete(corners, np.argmax(np.abs(shares[:, k])))]
+    return np.asarray(which[np.array(rows)])

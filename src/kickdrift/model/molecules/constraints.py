@@ -7,7 +7,6 @@ total momentum and the centre of mass of each molecule stay as they are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -15,7 +14,15 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
-from kickdrift.model.molecules.constraint import ROUNDING, Constraint, Distances, Joined
+from kickdrift.model.checks.values import listed
+from kickdrift.model.molecules.constraint import (
+    ROUNDING,
+    Constraint,
+    Distances,
+    Joined,
+    check_particles,
+    numbered,
+)
 from kickdrift.model.molecules.relatives import LONGEST, Ids, molecules_of, whole
 from kickdrift.model.state import Floats
 from kickdrift.text import counted
@@ -208,23 +215,26 @@ def _pivots(matrix: Any) -> Floats:
 
 def constraints_of(system: Joined, given: Any) -> Constraints | None:
     """The constraints of a System from a list of `Constraint`, or from those of an earlier System; None for none."""
-    given = list(given) if isinstance(given, Iterable) else given  # once, since it may be a generator
-    if given is None or given == []:
+    if given is None:
         return None
     if isinstance(given, Constraints):
+        check_particles(given.pairs, len(system.state))
         made = Constraints(given.pairs, given.lengths, given.tolerance, len(system.state))
         made.start = given.start
         return made
-    stated = [given] if isinstance(given, Constraint) else list(given)
+    wanted = "a list of kickdrift.Constraint"
+    stated = [given] if isinstance(given, Constraint) else listed("constraints", given, wanted)
+    if not stated:
+        return None
     for each in stated:
         if not isinstance(each, Constraint):
             raise InputError(f"constraints: expected kickdrift.Constraint, got {type(each).__name__}")
     found = Distances(np.zeros((0, 2), np.int64), np.zeros(0))
-    for each in sorted(stated, key=lambda one: one.angles is not None):  # angles need the distances along bonds
-        more = each.distances(system, found)
+    order = sorted(range(len(stated)), key=lambda k: stated[k].angles is not None)  # angles need the lengths of bonds
+    for k in order:
+        with numbered(k):
+            more = stated[k].in_units(system.units).distances(system, found)
         found = Distances(np.concatenate([found.pairs, more.pairs]), np.concatenate([found.lengths, more.lengths]))
-    if not len(found.pairs):
-        return None
     ordered = np.sort(found.pairs, axis=1)
     _, first, inverse = np.unique(ordered, axis=0, return_index=True, return_inverse=True)
     earlier = first[inverse.reshape(-1)]

@@ -270,6 +270,11 @@ def _items(key: str, values: Any, size: int = 0) -> Ids:
     return items_of(f"topology: {key}", values, size or SIZES[key])
 
 
+def is_index(value: Any) -> bool:
+    """Whether the value is a whole number, zero or more; True and False are not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)
+
+
 def items_of(key: str, values: Any, size: int) -> Ids:
     """Checked rows of ``size`` particles: whole numbers, no particle twice in a row, no row twice in either
     direction. Messages begin with ``key``."""
@@ -287,7 +292,7 @@ def items_of(key: str, values: Any, size: int) -> Ids:
     if found.ndim != 2 or found.shape[1] != size or found.dtype.kind not in "iu" or (found < 0).any():
         for k, row in enumerate(given):
             whole = isinstance(row, Sequence | np.ndarray) and len(row) == size
-            if not (whole and all(isinstance(i, int | np.integer) and not isinstance(i, bool) and i >= 0 for i in row)):
+            if not (whole and all(map(is_index, row))):
                 raise InputError(f"{key}[{k}]: expected the numbers of {size} particles, got {shown(row)}")
         raise InputError(f"{key}: expected lists of {size} particles, got {shown(values)}")
     found = found.astype(np.int64)
