@@ -9,7 +9,7 @@ from typing import Any
 
 from kickdrift.systemfile.files import shipped
 
-FREE = ("invariants", "species", "arguments", "types", "mass")  # tables with keys of the user's own
+FREE = ("invariants", "species", "arguments", "types", "mass", "charge")  # tables with keys of the user's own
 REQUIRED = ("units", "particles", "force", "type", "count", "central", "elements", "problem")
 UNKNOWN, WRONG, MISSING = "unknown key", "wrong type", "missing key"
 

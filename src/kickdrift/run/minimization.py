@@ -346,10 +346,10 @@ def minimum(
     progress: Progress | None = None,
 ) -> Minimum:
     """Minimum of the potential energy near the positions of a System; see ``Simulation.minimize``."""
-    if not system.forces:
-        raise InputError(f"minimize: {system.name!r} has no forces")
     if system.constraints is not None:
         raise InputError("minimize moves particles freely, so it breaks constraints; take sim.equilibrate")
+    if not system.forces:
+        raise InputError(f"minimize: {system.name!r} has no forces")
     least = _amount("force", force, system)
     steps = whole_number("minimize: steps", steps, 0)
     if not isinstance(method, str) or method not in METHODS:

@@ -45,7 +45,8 @@ def test_names_that_no_particle_has_are_told():
     few = kd.LennardJones(cutoff=2.0, pairs={("Ar", "Arr"): {"epsilon": 2.0}})
     system = kd.System(system.state.positions, forces=[few], species=["Ar"] * 3)
     assert kd.Simulation(system, dt=0.001).run(1).warnings == [
-        "lennard-jones: no particle is of species 'Arr'; did you mean 'Ar'?"
+        "lennard-jones: no particle is of species 'Arr'; did you mean 'Ar'?",
+        "lennard-jones: pairs Ar-Ar have epsilon = 1 and sigma = 1, the default, because only other pairs are named",
     ]
 
 

@@ -189,7 +189,9 @@ def test_a_structure_file_beside_the_system_file(tmp_path):
     assert system.species == ("Ar",)
     assert system.state.masses == pytest.approx([39.95, 39.95], abs=0.01)
     path.write_text('units = "lj"\nforce = []\n[particles]\nfile = "start.extxyz"\n')
-    with pytest.raises(InputError, match=r'argon\.toml: particles\.file: .* expected units = "metal", got "lj"'):
+    with pytest.raises(
+        InputError, match=r'argon\.toml: particles\.file: .* expected units = "metal", "real" or "gromacs", got "lj"'
+    ):
         load(str(path))
 
 
@@ -226,10 +228,20 @@ def message_of(text):
 
 
 BAD = [
-    (GOOD, 'units = "lj"', "", "units: required key is missing; expected one of lj, metal, si, astro, nbody"),
-    (GOOD, '"lj"', '"LJ"', "units: expected one of lj, metal, si, astro, nbody, got 'LJ'; did you mean 'lj'?"),
-    (GOOD, '"lj"', "3", "units: expected one of lj, metal, si, astro, nbody, got 3"),
-    (GOOD, '"lj"', "[1]", "units: expected one of lj, metal, si, astro, nbody, got [1]"),
+    (
+        GOOD,
+        'units = "lj"',
+        "",
+        "units: required key is missing; expected one of lj, metal, real, gromacs, si, astro, nbody",
+    ),
+    (
+        GOOD,
+        '"lj"',
+        '"LJ"',
+        "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'LJ'; did you mean 'lj'?",
+    ),
+    (GOOD, '"lj"', "3", "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 3"),
+    (GOOD, '"lj"', "[1]", "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got [1]"),
     (GOOD, "[box]", "[bx]", "bx: unknown key; did you mean 'box'? (known: units, title,"),
     (GOOD, "[particles]", "[particle]", "particle: unknown key; did you mean 'particles'?"),
     (GOOD, "count", "cuont", "particles.cuont: unknown key; did you mean 'count'?"),
