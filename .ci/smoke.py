@@ -17,6 +17,8 @@ RUNS = [  # system, method, options, steps, most relative error of the energy
     ("solar-system", "gauss-radau15", {}, 20, 1e-12),
     ("figure-eight", "rk4", {"dt": 0.001}, 500, 1e-8),
     ("plummer-1000", "leapfrog-dkd", {"dt": 0.001}, 5, 1e-3),
+    ("silicon-512", "velocity-verlet", {"dt": 0.001}, 10, 1e-4),
+    ("water-512", "velocity-verlet", {"dt": 0.001}, 5, 2e-3),
 ]
 
 

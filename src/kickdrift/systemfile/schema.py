@@ -223,6 +223,7 @@ def shaped(hint: Any, number: Any) -> Any:
         if len(by_form) == len(kinds):  # tags, so that an error names the kind that the user gave
             tagged = [Annotated[shaped(kind, number), Tag(form)] for form, kind in by_form.items()]
             return Annotated[Union[tuple(tagged)], Discriminator(lambda given: _form(tuple(by_form), given))]  # noqa: UP007
+        return Union[tuple(kinds)]  # noqa: UP007
     return hint
 
 
