@@ -190,3 +190,10 @@ def test_constraints_are_any_iterable():
     assert kd.System(FAR, constraints=[]).constraints is None
     with pytest.raises(InputError, match="constraints: expected a list of"):
         kd.System(FAR, constraints=5)
+
+
+def test_a_start_far_from_its_constraints_and_angles_without_rigid_bonds_are_refused():
+    with pytest.raises(InputError, match=r"particles 0 and 1 are 1 apart, and their constraint is 0.1; start nearer"):
+        kd.System(BENT, constraints=[kd.Constraint(pairs=[(0, 1)], distance=0.1)])
+    with pytest.raises(InputError, match=r"angle 1-0-2: its bond .* a rigid angle needs both bonds rigid"):
+        water(kd.Constraint(angles=True))

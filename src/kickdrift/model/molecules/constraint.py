@@ -181,13 +181,11 @@ class Constraint:
         """Distances between the ends of angles, from the distances along both bonds of each."""
         if system.topology is None or not len(system.topology.angles):
             raise InputError("constraint: the system lists no angles; [topology] lists them")
-        angles, across = _of_types(system.topology, "angles", self.angles), number(self.angle)
+        angles = _of_types(system.topology, "angles", self.angles)
         pairs = angles[:, [0, 2]]
-        if self.angle is None:
-            return Distances(pairs, apart(system, pairs))
         pairs_before = map(tuple, np.sort(before.pairs, axis=1).tolist())
         known = dict(zip(pairs_before, before.lengths.tolist(), strict=True))
-        lengths, cosine = [], math.cos(math.radians(across))
+        lengths, cosine = [], 0.0 if self.angle is None else math.cos(math.radians(number(self.angle)))
         for i, j, k in angles.tolist():
             a, b = (known.get((min(end, j), max(end, j)), 0.0) for end in (i, k))
             if not (a and b):
@@ -197,7 +195,7 @@ class Constraint:
                     "bonds rigid"
                 )
             lengths.append(math.sqrt(a * a + b * b - 2.0 * a * b * cosine))
-        return Distances(pairs, np.array(lengths))
+        return Distances(pairs, apart(system, pairs) if self.angle is None else np.array(lengths))
 
     def _molecules(self, system: Joined) -> list[list[int]]:
         """Rigid molecules, as lists of particles."""
