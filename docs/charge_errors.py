@@ -53,11 +53,12 @@ def point(system: kd.System, force: Any, exact: np.ndarray) -> tuple[float, floa
     found = bound.measure(0.0, phase)
     assert found is not None
     off = (found.accelerations * alone.coherent_masses).T - exact
-    taken = []
+    taken, moved = [], phase.copy()
+    moved[0] += 1e-9  # so that no evaluation finds its sums in the one before
     for _ in range(TURNS):
         begin = time.process_time()
-        for _ in range(EVALUATIONS):
-            bound.measure(0.0, phase)
+        for k in range(EVALUATIONS):
+            bound.measure(0.0, phase if k % 2 else moved)
         taken.append((time.process_time() - begin) / EVALUATIONS)
     return 1e3 * min(taken), math.sqrt(float((off**2).sum() / (exact**2).sum()))
 
