@@ -37,8 +37,9 @@ def test_each_cell_that_says_yes_runs(name):
             subjects.append(system_of(name, box))
         except InputError:
             continue
+    method = "velocity-verlet" if name == "reflecting-wall" else "dormand-prince45"  # hard walls are no force
     for system in subjects[1:]:
-        assert np.isfinite(kd.Simulation(system, "dormand-prince45", 0.001).energy().potential)
+        assert np.isfinite(kd.Simulation(system, method, 0.001).energy().potential)
     for asked in columns().values():
         for title, ask in asked.items():
             made: list[kd.Simulation] = []
