@@ -53,4 +53,4 @@ def _paths(value: Any) -> Iterator[tuple[Any, ...]]:
 
 def _other(value: Any) -> Any:
     """A value of another type, which no unit makes a number."""
-    return {bool: 3, str: [["x"]], int: "many", float: "much", list: "much", dict: 3}[type(value)]
+    return {bool: 3, str: [["x"]], int: "many", float: "much", list: "much", dict: [["x"]]}[type(value)]

@@ -23,7 +23,7 @@ import kickdrift as kd
 from docs.studies.peaks import measure, per_second
 from kickdrift.analysis.compare.bench import processor
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.bound.table import accelerate
+from kickdrift.forces.bound.table import accelerate_by
 from kickdrift.forces.lists.clusters import N_CLUSTERS
 from kickdrift.integrators.gauss_radau.series import NODES, correct, prepare
 from kickdrift.integrators.gauss_radau.tables import tables
@@ -95,7 +95,7 @@ def evaluations(forces, x, a, rounds):
     """Accelerations at x, this many times."""
     bound, x, a = handle(forces), unowned(x), unowned(a)
     for _ in range(rounds):
-        accelerate(bound, 0.0, x, x, a, None)
+        accelerate_by(bound, None, 0, 0.0, x, x, a, None)
 
 
 @jit

@@ -59,6 +59,9 @@ _VALUES: dict[tuple[str, str], Json] = {
     ("collision", "restitution"): {"type": ["number", "string"]},
     **{("topology", key): GROUPS for key in ("bonds", "impropers", "exclusions")},
     **{("topology", key): {"anyOf": [GROUPS, {"type": "boolean"}]} for key in ("angles", "dihedrals")},
+    ("constraint", "pairs"): GROUPS,
+    **{("constraint", key): {"anyOf": [TEXT, NAMES, {"const": True}]} for key in ("bonds", "angles")},
+    ("constraint", "rigid"): {"anyOf": [GROUPS, {"const": True}]},
     **{("topology", f"{key[:-1]}_types"): {"anyOf": [TEXT, NAMES]} for key in SIZES},
 }
 _HELP: dict[tuple[str, str], str] = {
@@ -93,6 +96,7 @@ def json_schema() -> Json:
         "run": run,
         "equilibrate": _table(schema_run.equilibrate_table(), "equilibrate", integrator=method),
         "topology": _table(schema_base.TopologyTable, "topology"),
+        "constraint": _table(schema_base.ConstraintTable, "constraint"),
         "ode": {"oneOf": [_by_type(schema.ode_table(make), name, make, "problem") for name, make in _odes()]},
         "ode-run": ode_run,
     }
@@ -101,6 +105,7 @@ def json_schema() -> Json:
         "system",
         force={"type": "array", "items": _reference("force")},
         event={"type": "array", "items": _reference("event")},
+        constraint={"type": "array", "items": _reference("constraint")},
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))
