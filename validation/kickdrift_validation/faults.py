@@ -56,7 +56,8 @@ FAULTS = (
     ),
     Fault(
         "unit-factor", "metal's atomic mass unit of CODATA 2002, 1.2e-7 off", "model/units/unit_systems.py",
-        "coherent_mass=constants.ATOMIC_MASS *", "coherent_mass=1.66053886e-27 *", small=True,
+        "coherent_mass=constants.ATOMIC_MASS * (1e-10 / 1e-12) ** 2 / constants.ELEM",
+        "coherent_mass=1.66053886e-27 * (1e-10 / 1e-12) ** 2 / constants.ELEM", small=True,
     ),
     Fault(
         "tableau", "-212 / 729 in dormand-prince45 copied as -212 / 792", "integrators/runge_kutta/tableaus.py",

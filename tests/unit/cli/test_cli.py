@@ -423,7 +423,7 @@ NOTHING = "no.folder/run"
         (["--integrator", "verlet"], ["integrator 'verlet' is unknown; did you mean ", "velocity-verlet"]),
         (["--engine", "gromacs"], ["engine 'gromacs' is not one of native, ase, rebound, lammps, openmm"]),
         (["--processes", "0"], ["--processes"]),
-        (["--processes", "2"], ["engine 'native': processes: native runs in one process, not in 2\n"]),
+        (["--processes", "2"], ["engine 'native': processes: native runs in one process, not in 2; only lammps can\n"]),
         (["--output", "run.txt"], ["--output run.txt: the name must end in .h5md"]),
         (["--output", "run"], ["the name must end in .h5md, .h5, .csv, .parquet"]),
         (["--output", "run.xyz"], ["not '.xyz'; kickdrift export makes such a file from a run's file"]),
