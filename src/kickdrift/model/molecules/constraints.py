@@ -31,7 +31,7 @@ MOST = 10_000  # constraints in one molecule
 SAME = 1e-9  # relative difference of two distances that are the same
 ROUGHLY = 1e-12  # relative error of squared distances, and of velocities, that needs no projection
 ITERATIONS = 60
-FAR = 3.0  # distances at the start, over those to be kept, from which no projection makes sense
+FAR = 3.0  # largest distance at the start, in lengths of the constraint, that is projected
 DEPENDENT = 1e-9  # pivot, relative to 1, below which a condition follows from the others
 
 
@@ -120,7 +120,8 @@ class Constraints:
         over = np.tile(1.0 / np.where(masses > 0, masses, 1.0), 3)
         inverse = csr_array((over, (np.arange(len(over)), np.arange(len(over)))))
         moved, lost, begun = 0.0, 0.0, x
-        stretch = np.sqrt(1.0 + 2.0 * self.errors(x))
+        error = self.errors(x)
+        stretch = np.sqrt(1.0 + 2.0 * error)
         if (far := np.flatnonzero(stretch > FAR)).size:
             i, j = self.pairs[far[0]].tolist()
             length = self.lengths[far[0]]
@@ -128,7 +129,7 @@ class Constraints:
                 f"constraint: particles {i} and {j} are {length * stretch[far[0]]:.6g} apart, and their constraint is "
                 f"{length:.6g}; start nearer to that"
             )
-        if np.abs(self.errors(x)).max() > ROUGHLY:
+        if np.abs(error).max() > ROUGHLY:
             for _ in range(ITERATIONS):
                 error = self.errors(x)
                 if np.abs(error).max() <= 4.0 * min(self.tolerance, ROUNDING):
