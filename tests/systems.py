@@ -90,3 +90,14 @@ def moved(system, x):
     """The same system with its particles moved to x (n, 3)."""
     names = [system.species[k] for k in system.species_index]
     return System(x, masses=system.state.masses, box=system.box, forces=system.forces, species=names)
+
+
+def assert_bits_last(made, steps, cut):
+    """Check that two threads, and a restart after ``cut`` steps, keep the bits of a run; ``made`` takes the threads."""
+    whole, first, threaded, other = (made(threads) for threads in (1, 1, 2, 1))
+    whole.run(steps)
+    first.run(cut)
+    other.restore(first.checkpoint())
+    other.run(steps - cut)
+    threaded.run(steps)
+    assert whole.state.phase.tobytes() == other.state.phase.tobytes() == threaded.state.phase.tobytes()

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 import kickdrift as kd
-from docs.studies.crystal_pressures import ASKED, BAROSTATS, EVERY, GPA, SIGMAS, STEPS, run_of
+from docs.studies import crystal_pressures
+from docs.studies.crystal_pressures import ASKED, BAROSTATS, EVERY, GPA, SIGMAS, STEPS, conserved_claims, run_of
 from kickdrift.analysis.certify.certifying import ensemble_checks
-from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.live_box import LiveBox, in_box
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main, not_run
-from kickdrift_validation.example_forces import EXAMPLES, crystal, example
+from kickdrift_validation.example_forces import EXAMPLES
 
 LAMMPS = "LAMMPS, fix npt tri"
 NAMES = ("xx", "yy", "zz", "yz", "xz", "xy")
@@ -30,13 +30,8 @@ STRESS = (0.5 * GPA, -0.3 * GPA, 0.2 * GPA, 0.0, 0.3 * GPA, 0.4 * GPA)
 
 def systems() -> dict[str, tuple[kd.System, dict[str, Any]]]:
     """Crystals by name, with the options of bath and box."""
-    metal = {"temperature": 300.0, "tau": 0.1, "pressure": 2.0 * GPA}
-    copper, silicon = ({"pressure_tau": 0.3, "compressibility": b / GPA} for b in (0.007, 0.01))
-    return {
-        "copper, embedded atoms": (crystal(example(FORCES["eam"])), metal | copper),
-        "silicon, Stillinger-Weber": (crystal(kd.StillingerWeber()), metal | silicon),
-        "silicon, Tersoff": (crystal(kd.Tersoff()), metal | silicon),
-    }
+    found = crystal_pressures.systems().items()
+    return {name: (system, options) for name, (system, options, *_) in found if system.units.name == "metal"}
 
 
 class Tensor:
@@ -199,26 +194,12 @@ def lammps_claims(long: bool) -> Iterator[Claim]:
         yield claim(f"copper: {name}", text, f"within {SIGMAS:g} standard errors", off <= SIGMAS, LAMMPS)
 
 
-def conserved_claims(long: bool) -> Iterator[Claim]:
-    """The conserved quantity of ``mtk`` under embedded atoms."""
-    system, options = systems()["copper, embedded atoms"]
-    steps = 1_000_000 if long else 100_000
-    sim, report = run_of(system, "nose-hoover", "mtk", "full", 0.002, steps, **options)
-    totals = np.array([sample.energies.total + sample.taken.energy for sample in sim.record.samples])
-    energy = report.energy
-    rate = f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e} per ps"
-    print(f"  mtk, full: {rate}, scatter {totals.std():.2g} eV, {energy.verdict}", flush=True)
-    held = abs(energy.drift_per_unit_time) <= 1.5 * energy.drift_error
-    text = f"copper, mtk, full: drift of energy less heat and work over {steps:,} steps"
-    yield claim(text, rate, "0 within three standard errors", held, "the law of the barostat")
-
-
 def claims(long: bool = False) -> Iterator[Claim]:
     yield from component_claims(long)
     yield from pair_claims(long)
     yield from shear_claims(long)
     yield from lammps_claims(long)
-    yield from conserved_claims(long)
+    yield from conserved_claims(long, "full")
 
 
 if __name__ == "__main__":

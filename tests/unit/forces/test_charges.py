@@ -26,6 +26,7 @@ from kickdrift.run.report.charges import charge_warnings
 from kickdrift.run.report.warnings import unused_warnings
 from tests.folders import DATA
 from tests.oracle import slab
+from tests.systems import assert_bits_last
 
 UPRIGHT = [6.0, 7.0, 8.0]
 LEANING = [[6.0, 0.0, 0.0], [1.5, 6.5, 0.0], [-1.0, 2.0, 6.8]]
@@ -405,15 +406,7 @@ def test_charges_that_are_all_zero_have_no_forces_and_no_error():
 
 
 def test_threads_cuts_and_restarts_keep_the_bits():
-    whole, cut, threaded = (kd.Simulation(salt(), dt=0.002, threads=threads) for threads in (1, 1, 2))
-    whole.run(60)
-    cut.run(25)
-    checkpoint = cut.checkpoint()
-    other = kd.Simulation(salt(), dt=0.002)
-    other.restore(checkpoint)
-    other.run(35)
-    threaded.run(60)
-    assert whole.state.phase.tobytes() == other.state.phase.tobytes() == threaded.state.phase.tobytes()
+    assert_bits_last(lambda threads: kd.Simulation(salt(), dt=0.002, threads=threads), 60, 25)
 
 
 def test_a_far_part_in_a_slower_group():

@@ -15,6 +15,7 @@ from kickdrift.forces.charges.sampled import errors_of
 from kickdrift.jit.compile import driver
 from kickdrift.model.box.box import Box
 from kickdrift.model.live_box import LiveBox
+from tests.systems import assert_bits_last
 
 UPRIGHT = [6.0, 7.0, 8.0]
 LEANING = [[6.0, 0.0, 0.0], [1.5, 6.5, 0.0], [-1.0, 2.0, 6.8]]
@@ -150,15 +151,7 @@ def salt(**given: Any) -> kd.System:
 
 
 def test_threads_cuts_and_restarts_keep_the_bits():
-    whole, cut, threaded = (kd.Simulation(salt(), dt=0.002, threads=threads) for threads in (1, 1, 2))
-    whole.run(40)
-    cut.run(15)
-    checkpoint = cut.checkpoint()
-    other = kd.Simulation(salt(), dt=0.002)
-    other.restore(checkpoint)
-    other.run(25)
-    threaded.run(40)
-    assert whole.state.phase.tobytes() == other.state.phase.tobytes() == threaded.state.phase.tobytes()
+    assert_bits_last(lambda threads: kd.Simulation(salt(), dt=0.002, threads=threads), 40, 15)
 
 
 def test_the_report_names_the_mesh_and_its_error():

@@ -1,6 +1,6 @@
 """Error of the forces of particle-mesh Ewald, for charges at random places.
 
-The mesh gives a pair of charges a force with Fourier components that Ewald's sum has not, and others with a wrong size.
+The force of a pair on the mesh has Fourier components that Ewald's sum lacks, and other components of a wrong size.
 The mean square of these differences over all places follows from the splines (Hockney & Eastwood 1988; Wang, Dommert &
 Holm 2010, doi:10.1063/1.3446812). A charge also pushes itself, as far as it sees the points of the mesh (Ballenegger
 2011, doi:10.1063/1.3555122).

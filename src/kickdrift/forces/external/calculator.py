@@ -208,7 +208,7 @@ def _made(name: str, code: Any, arguments: dict[str, Any]) -> Any:
 
 
 def _parameters(made: Any) -> dict[str, Any] | None:
-    """Arguments of which the class of a ready-made calculator makes the same calculator; None if there are none.
+    """Arguments with which the class makes a calculator equal to this ready-made one; None if there are none.
 
     The two are compared by their parameters, and by all plain values that a new calculator has."""
     cls = type(made)
