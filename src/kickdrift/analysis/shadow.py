@@ -1,7 +1,5 @@
 """Modified (shadow) Hamiltonian that velocity Verlet conserves: the true one plus even powers of the step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

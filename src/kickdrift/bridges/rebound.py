@@ -8,8 +8,6 @@ rebound reads an archive in a process of its own, because a damaged archive may 
 the snapshots of an archive.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import math

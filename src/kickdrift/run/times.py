@@ -1,7 +1,5 @@
 """Looks at given times: the plan of ``Simulation.run(times=…)``, and the way to its next time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Drift of an invariant: the energy error, its growth in a pilot run, and the slope of a correlated series."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

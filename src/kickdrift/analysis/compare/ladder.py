@@ -1,7 +1,5 @@
 """Ladder of one method: runs at steps or tolerances from coarse to fine; and the error of one step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log

@@ -4,8 +4,6 @@ All floating-point arithmetic here is strict, operation by operation. So an incr
 pair stands in a list.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Flow of a System: the view that integrators have of its particles under their forces, its states and its samples."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

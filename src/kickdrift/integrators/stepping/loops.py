@@ -14,8 +14,6 @@ All loops take the same arguments:
 - ``cursor``: (int64) the place inside the loop, so that it can stop inside a step (a full pair list) and continue.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from numba import types

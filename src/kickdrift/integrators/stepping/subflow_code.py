@@ -6,8 +6,6 @@ all again, and the barostat decides: it keeps the change, or takes it back. For 
 compiled out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Integrations of many small systems with the hybrid map, one system in each lane."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np

@@ -6,8 +6,6 @@ duals, see `tangent_meeting`. The pairs and passages are constants: between two 
 map's own code moves the bodies, so they move as in a run without derivatives. Duals of duals give second derivatives.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -14,8 +14,6 @@ every time. So is the rest that the rounded coefficients 1 / 3! and 1 / 4! lose.
 linearly, not as the root of the steps.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

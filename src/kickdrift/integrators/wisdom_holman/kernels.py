@@ -10,8 +10,6 @@ Sources: Wisdom, Holman & Touma 1996, Fields Inst. Commun. 10, 217; Rein, Tamayo
 doi:10.1093/mnras/stz2503.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from numba import types

@@ -4,8 +4,6 @@ Coordinates are Jacobi's. Masses may vary as well. `tangent_drift` has the Keple
 other forces, and the kernels that change a kick (see `kernels`). Duals of duals give the second derivatives.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ To first order a block has eight columns. To second order it has one column and 
 the one and each of the eight, and the first derivatives. Memory with a last axis of two numbers holds these.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ second step, on duals of duals, gives the second derivative. The rest of the dri
 drift has seven slopes, which serve all columns.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, one_g, one_solution, solution

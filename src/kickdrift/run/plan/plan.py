@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import neg
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from kickdrift.looks.observers import check_samples as check_samples
 from kickdrift.model.checks.limits import NEVER, steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.run.plan.lengths import (
     CLOSE,
     SHORTEN,
@@ -27,9 +28,6 @@ from kickdrift.run.plan.lengths import (
     whole_steps,
 )
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.model.run_defaults import RunDefaults
 
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.

@@ -1,7 +1,5 @@
 """Facts that stand once in the file of a Problem's run, checked. Samples and checkpoints are as in every file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Damaged rows of a run's file: wrong checksums, and steps and times that make no sense."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import NamedTuple
 
