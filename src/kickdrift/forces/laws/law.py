@@ -4,8 +4,6 @@
 between calls, and every error is one line that quotes the law. This module does not import numba.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import dis
 import inspect
