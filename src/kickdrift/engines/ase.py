@@ -8,8 +8,6 @@ LangevinBAOAB and Andersen move the centre of mass. NoseHooverChainNVT conserves
 degrees of freedom. Bussi counts 3 N too, unless a FixCom constraint takes 3 of these, as it does here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Forces in the terms of other programs: which ones they take, a row for each bonded law, and files of parameters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ LAMMPS' units "lj" have no constants, so they hold the system's own numbers in a
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ machines (see ``hosts``). They run in a session of their own, so that Ctrl-C rea
 ends them. They also end when this process ends (see ``keeper``).
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -3,8 +3,6 @@
 Particles are passed wrapped into the box, with their counts of box crossings.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.metadata
 import tempfile
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
-from kickdrift.engines.fields import Held
+from kickdrift.engines.fields import PositionRestraint
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
 from kickdrift.engines.tables import POINTS, PairTable, written
@@ -236,7 +234,7 @@ class Model(NamedTuple):
     many_body: tuple[str, str, tuple[str, ...]] | None = None
     ewald: Ewald | None = None
     walls: tuple[tuple[str, ...], ...] = ()
-    held: tuple[Held, ...] = ()
+    held: tuple[PositionRestraint, ...] = ()
     linear: bool = False
     tables: tuple[PairTable, ...] = ()
 

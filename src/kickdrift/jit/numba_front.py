@@ -5,6 +5,8 @@ trying dozens of templates, again at each place where the call stands. Together 
 compilation. Here flags compare by the values that were set, and each resolved call is remembered.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from kickdrift.jit.numba_private import BaseFunction, ConfigStack, TargetConfig

@@ -6,8 +6,6 @@ times the pair energy. ASE's are twice continuously differentiable, of the pair 
 spacing of the table.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Exact slopes of laws, called by address: their formulas on duals, along eight deviations at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
