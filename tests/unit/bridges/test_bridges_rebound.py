@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kickdrift as kd
-from kickdrift.bridges.rebound import SABA
-from kickdrift.bridges.rebound_system import KERNELS, PASSAGES
+from kickdrift.bridges.rebound_system import KERNELS, PASSAGES, SABA
 from kickdrift.model.bridged import bridge
 from kickdrift.model.run_defaults import RunDefaults
 
