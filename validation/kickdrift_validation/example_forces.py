@@ -91,7 +91,7 @@ def crystal(force: Any, few: bool = False, shaken: float = 0.05, seed: int = 5) 
     count = sites * (2 if few else 4) ** 3
     x, edges = lattice(kind, count, sites / edge**3)
     x = x + np.random.default_rng(seed).uniform(-shaken, shaken, x.shape)
-    box, species = None if few else edges, [force.elements[0]] * count
+    box, species = None if few else edges, [force.known[0]] * count
     system = kd.System(x, masses=mass, box=box, forces=[force], units="metal", species=species)
     v = maxwell_boltzmann(system.coherent_masses, 600.0, system.units.boltzmann, seed)
     return kd.System(x, v, mass, box, [force], "metal", species=species)

@@ -368,7 +368,8 @@ class World:
         with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
             file = Path(folder) / "potential"
             file.write_text(text, encoding="utf-8")
-            self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
+            elements = "" if style == "eam" else " ".join(species)  # a file of one element names none
+            self.lmp.command(f"pair_coeff * * {str(file)!r} {elements}")
 
     def _tables(self, tables: Sequence[PairTable]) -> None:
         """Give LAMMPS pair forces as tables, which it reads from files."""
