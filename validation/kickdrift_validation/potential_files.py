@@ -75,14 +75,13 @@ def dimers(force: Any, elements: tuple[str, ...]) -> kd.System:
     return system(np.array(x), species, force)
 
 
-def beside(own: kd.System, what: str, bounds: tuple[float, float]) -> list[Claim]:
+def apart(own: kd.System) -> tuple[float, float]:
+    """Differences of energy and forces from LAMMPS' ones."""
     ours, theirs = kd.Simulation(own, dt=0.001), kd.Simulation(own, dt=0.001, engine="lammps")
     one, other = ours.sample().energies.potential, theirs.sample().energies.potential
-    off = float(np.abs(ours.forces() - theirs.forces()).max() / max(1e-3, np.abs(theirs.forces()).max()))
-    return [
-        at_most(f"{what}: energy", abs(one - other) / (abs(other) + 1.0), bounds[0], "LAMMPS"),
-        at_most(f"{what}: forces, over the largest", off, bounds[1], "LAMMPS"),
-    ]
+    forces = theirs.forces()
+    off = float(np.abs(ours.forces() - forces).max() / max(1e-3, np.abs(forces).max()))
+    return abs(one - other) / (abs(other) + 1.0), off
 
 
 def claims(long: bool = False) -> list[Claim]:
@@ -91,9 +90,10 @@ def claims(long: bool = False) -> list[Claim]:
         mapped = MAPPED.get(file.name)
         force = kind_of(file)(file=str(file), elements=mapped)
         elements, bounds = tuple(mapped or force.known), BOUNDS.get(file.name, (ENERGY, FORCES))
-        rows += beside(crystal(force, elements, slab=False), f"{file.name}, crystal", bounds)
-        rows += beside(crystal(force, elements, slab=True), f"{file.name}, slab", bounds)
-        rows += beside(dimers(force, elements), f"{file.name}, dimers", bounds)
+        made = (crystal(force, elements, slab=False), crystal(force, elements, slab=True), dimers(force, elements))
+        energy, forces = np.max([apart(each) for each in made], axis=0)
+        rows.append(at_most(f"{file.name}: energy, the largest of three", float(energy), bounds[0], "LAMMPS"))
+        rows.append(at_most(f"{file.name}: forces, the largest of three", float(forces), bounds[1], "LAMMPS"))
     return rows or [not_run("files of potentials", f"at most {ENERGY:g}", "LAMMPS")]
 
 
