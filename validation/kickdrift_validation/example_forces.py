@@ -61,6 +61,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "reflecting-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0)},
     "python": {"function": pull},
     "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
+    "lammps": {
+        "pair_style": "lj/cut 1.5",
+        "pair_coeff": "* * 1.0 0.9",
+        "commands": (),
+        "atom_style": "atomic",
+        "renewal": 0.1,
+    },
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
 
