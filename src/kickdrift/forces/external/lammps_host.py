@@ -28,7 +28,7 @@ class Library:
             self.lmp.command(line)
         except Exception as error:
             what = " ".join(str(error).split()).partition("(src/")[0].strip().removeprefix("ERROR: ")
-            raise InputError(f"LAMMPS refuses {line!r}: {what}") from None
+            raise InputError(f"lammps: LAMMPS refuses {line!r}: {what}") from None
 
     def __del__(self) -> None:
         if lmp := getattr(self, "lmp", None):
