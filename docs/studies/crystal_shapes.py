@@ -142,7 +142,7 @@ def shear_claims(long: bool) -> Iterator[Claim]:
 
 def edges_of_lammps(pressure: float, steps: int) -> np.ndarray:
     """Edges (f, 3, 3) of copper in LAMMPS."""
-    from kickdrift.engines.lammps_world import lammps_class
+    from kickdrift.forces.external.lammps_library import lammps_class
 
     lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none"])
     lmp.commands_string(f"""

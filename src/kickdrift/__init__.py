@@ -176,6 +176,7 @@ __all__ = [
     "InputError",
     "Installation",
     "KickdriftError",
+    "LammpsForce",
     "LennardJones",
     "LennardJonesWall",
     "LenseThirring",
