@@ -207,7 +207,7 @@ class System(Bridged, ShownSystem):
                     "and forces along bonds do"
                 )
         put = object.__setattr__
-        put(self, "state", replace(self.state, phase=sites.settled(self, self.state.phase)))
+        put(self, "state", replace(self.state, phase=sites.settled(self.box, self.constraints, self.state.phase)))
         if self.topology is not None:
             put(self, "topology", sites.joined(self.topology))
 

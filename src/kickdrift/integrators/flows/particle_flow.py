@@ -110,7 +110,7 @@ class ParticleStates:
             if getattr(force, "reflects", False):
                 force.check(self.subject.at(phase, state.time))  # no particle may be behind it
         if (sites := self.subject.virtual_sites) is not None:
-            phase = sites.settled(self.subject, phase)
+            phase = sites.settled(self.subject.box, held, phase)
         return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kickdrift.errors import InputError
+from kickdrift.model.box.box import Box
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import listed, numbers
 from kickdrift.model.molecules.constraint import Joined
-from kickdrift.model.molecules.constraints import in_one_image
+from kickdrift.model.molecules.constraints import Constraints, in_one_image
 from kickdrift.model.molecules.relatives import Ids
 from kickdrift.model.molecules.topology import Topology, is_index
 from kickdrift.model.state import Floats
@@ -140,12 +140,11 @@ class VirtualSites:
             found[axis] += self.normal * (first[a] * second[b] - first[b] * second[a])
         x[:, self.particles] = found
 
-    def settled(self, system: Joined, phase: Floats) -> Floats:
-        """Phase (2, 3, n) with the particles of each site in one image of the box, and the sites at rest at their
-        places."""
-        held = system.constraints
+    def settled(self, box: Box, held: Constraints | None, phase: Floats) -> Floats:
+        """Phase (2, 3, n) with the molecules of sites and constraints in one image of the box, and the sites at rest at
+        their places."""
         pairs = np.concatenate([self.of[:, [0, 1]], self.of[:, [0, 2]], *([] if held is None else [held.pairs])])
-        found = np.array([in_one_image(system.box, pairs, phase[0]), phase[1]])
+        found = np.array([in_one_image(box, pairs, phase[0]), phase[1]])
         self.place(found[0])
         found[1][:, self.particles] = 0.0
         return found
@@ -186,7 +185,7 @@ def _table(site: VirtualSite) -> dict[str, Any]:
     return found
 
 
-def virtual_sites_of(given: ArrayLike | VirtualSites | None) -> VirtualSites | None:
+def virtual_sites_of(given: Iterable[VirtualSite] | VirtualSites | None) -> VirtualSites | None:
     """The virtual sites of a System from a list of `VirtualSite`, or those of an earlier System; None for none."""
     if given is None or isinstance(given, VirtualSites):
         return given
