@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import openmm
 from openmm import unit
 
+from kickdrift.bridges.openmm_files import Asked, read
 from kickdrift.bridges.openmm_nonbonded import nonbonded
 from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
@@ -29,7 +31,7 @@ MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stat
 
 
 def system_of(
-    given: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None, name: str = "openmm"
+    given: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None, *, name: str = "openmm"
 ) -> System:
     """Return the System; see `System.from_openmm`."""
     if not isinstance(given, openmm.System):
@@ -72,6 +74,11 @@ def system_of(
         charges=found.charges if found else None,
         constraints=[Constraint(pairs=pairs, distance=[number(length) for *_, length in kept])] if kept else None,
     )
+
+
+def file_system(path: Path, asked: Asked) -> System:
+    """Return the System of a file of parameters, or of a structure with a force field; see `kickdrift.load`."""
+    return system_of(*read(path, asked), name=path.stem)
 
 
 def _read(topology: Any, n: int) -> tuple[list[str], list[tuple[int, int]] | None]:

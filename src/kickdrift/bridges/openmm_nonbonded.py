@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kickdrift.bridges.openmm_terms import number
 from kickdrift.errors import InputError
-from kickdrift.forces import Coulomb, LennardJones, ListedPairs
+from kickdrift.forces import FORCES, Coulomb, ListedPairs
 from kickdrift.model.state import Floats
 
 METHODS = ("NoCutoff", "CutoffNonPeriodic", "CutoffPeriodic", "Ewald", "PME", "LJPME")  # by OpenMM's number
@@ -52,7 +52,7 @@ def nonbonded(force: Any, symbols: Sequence[str], positions: Floats) -> Nonbonde
         if switched:
             raise InputError("system: NonbondedForce: its switching function has no counterpart in kickdrift")
         tail = method in METHODS[2:] and force.getUseDispersionCorrection()
-        forces.append(LennardJones(cutoff=cutoff, truncation="cut", tail=tail, species=table))
+        forces.append(FORCES["lennard-jones"](cutoff=cutoff, truncation="cut", tail=tail, species=table))
     if charges.any():
         forces.append(_coulomb(force, method, cutoff))
     exceptions = [force.getExceptionParameters(k) for k in range(force.getNumExceptions())]
