@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,13 +57,18 @@ def read(path: Path, asked: Asked) -> Parts:
 
 @contextmanager
 def told(what: str = "") -> Iterator[None]:
-    """Context in which any error of OpenMM's readers becomes an InputError of one line, which begins with ``what``."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # readers raise many kinds
-        raise InputError(f"{what}OpenMM cannot take it: {clean(' '.join(str(error).split()), 300)}") from None
+    """Context in which any error of OpenMM's readers becomes an InputError of one line, which begins with ``what``.
+    Readers leave files open, and Python closes these here without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # readers raise many kinds
+            text = clean(" ".join(str(error).split()), 300)
+            traceback.clear_frames(error.__traceback__)
+            raise InputError(f"{what}OpenMM cannot take it: {text}") from None
 
 
 def _frame(path: Path, asked: Asked) -> Any:

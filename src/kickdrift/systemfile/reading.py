@@ -29,7 +29,7 @@ from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.files import PARAMETERS, find, parsed, plain, prefixed, toml_table
 from kickdrift.systemfile.particles import (
     as_given,
     box_of,
@@ -45,7 +45,6 @@ from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
 from kickdrift.text import choices, shown, suggestion
 
-PARAMETERS = (".prmtop", ".parm7", ".top", ".psf")  # files that OpenMM reads
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 _BESIDE_ODE = tuple(key for key in schema.OdeFileTable.model_fields if key != "ode")
 
@@ -90,7 +89,7 @@ def load(
         with prefixed("system: "):
             return _subject(plain(name_or_path), Path("system.toml"), "", seed, overlaps)
     path = find(name_or_path)
-    given = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
+    given: dict[str, Any] = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
     if path.suffix.lower() in PARAMETERS or (force_field is not None and path.suffix.lower() in (".pdb", ".cif")):
         return _force_field_system(path, **given)
     for key, value in given.items():

@@ -216,3 +216,103 @@ def test_particles_without_a_counterpart_are_named():
     refused(theirs, topology, x, "particle 2 has no mass, so OpenMM holds it fixed")
     theirs.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
     refused(theirs, topology, x, "particle 2 is a TwoParticleAverageSite, which has no counterpart")
+
+
+# --- files ---
+
+TOP = """\
+[ defaults ]
+1 2 yes 0.5 0.5
+
+[ atomtypes ]
+C 6 12.011 0.0 A 0.35 0.3
+O 8 15.999 0.0 A 0.30 0.7
+
+[ moleculetype ]
+acid 3
+
+[ atoms ]
+1 C 1 ACI C1 1 0.1 12.011
+2 C 1 ACI C2 1 0.2 12.011
+3 C 1 ACI C3 1 0.1 12.011
+4 O 1 ACI O 1 -0.4 15.999
+
+[ bonds ]
+1 2 1 0.15 2e5
+2 3 1 0.15 2e5
+3 4 1 0.14 3e5
+
+[ pairs ]
+1 4 1
+
+[ angles ]
+1 2 3 1 110.0 400.0
+2 3 4 1 112.0 450.0
+
+[ dihedrals ]
+1 2 3 4 3 1.0 2.0 -0.5 0.3 0.2 0.1
+
+[ system ]
+acid
+
+[ molecules ]
+acid 1
+"""
+GRO = """\
+acid
+    4
+    1ACI     C1    1   0.100   0.100   0.100
+    1ACI     C2    2   0.250   0.105   0.100
+    1ACI     C3    3   0.310   0.240   0.110
+    1ACI      O    4   0.430   0.250   0.190
+   2.50000   2.50000   2.50000
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    for name, text in (("acid.top", TOP), ("acid.gro", GRO), ("alanine.pdb", ALANINE)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_top_and_a_gro_are_one_system(files):
+    ours = kd.load(files / "acid.top", coordinates=files / "acid.gro", cutoff="9 angstrom", rigid="none")
+    assert [force.name for force in ours.forces] == [
+        "lennard-jones", "coulomb", "listed-pairs", "harmonic-bond", "harmonic-angle", "ryckaert-bellemans",
+    ]  # fmt: skip
+    assert ours.forces[1].cutoff == pytest.approx(0.9)
+    assert ours.forces[2].pairs == ((0, 3),)
+    assert ours.forces[2].epsilon == pytest.approx((0.5 * np.sqrt(0.3 * 0.7),))
+    assert ours.forces[2].charges == pytest.approx((-0.02,))
+    assert ours.box.lengths == (2.5, 2.5, 2.5)
+    assert ours.name == "acid"
+
+
+def test_a_structure_with_a_force_field_is_a_system(files):
+    ours = kd.load(files / "alanine.pdb", force_field="amber14-all.xml")
+    assert len(ours.constraints) == 12
+    assert ours.units.name == "gromacs"
+    assert kd.load(files / "alanine.pdb").units.name == "metal"  # bare atoms, through ASE
+
+
+def test_bad_files_end_in_one_line(files):
+    top, pdb = files / "acid.top", files / "alanine.pdb"
+    (files / "broken.top").write_text(TOP.replace("C 6 12.011 0.0 A 0.35 0.3\n", ""), encoding="utf-8")
+    (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
+    (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
+    for match, path, more in (
+        ("acid.top: holds no coordinates; give a file of them", top, {}),
+        ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
+        (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
+        ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),
+        ("broken.top: OpenMM cannot take it", files / "broken.top", {"coordinates": files / "acid.gro"}),
+        ("No template found for residue 0", pdb, {"force_field": "tip3p.xml"}),
+        ("own.xml: has a script, which OpenMM would run as Python", pdb, {"force_field": str(files / "own.xml")}),
+        ("rigid: expected hydrogen, water, none, got 'all'", pdb, {"force_field": "amber14-all.xml", "rigid": "all"}),
+        ("cutoff: expected a length above zero, got -1", pdb, {"force_field": "amber14-all.xml", "cutoff": -1}),
+        ("cutoff: is for files of force fields", pdb, {"cutoff": 1.0}),
+    ):
+        with pytest.raises(kd.InputError, match=match) as caught:
+            kd.load(path, **more)
+        assert "\n" not in str(caught.value)
