@@ -163,7 +163,7 @@ def test_the_script_for_a_device_writes_its_sections_and_their_errors(monkeypatc
 
 @WITHOUT_DEVICE
 def test_lists_of_many_cells_and_of_few():
-    from kickdrift.engines.cuda.forces import PairForces
+    from kickdrift.engines.cuda.forces import SKIN, PairForces
     from kickdrift.engines.cuda.launches import Launches
 
     rng = np.random.default_rng(3)
@@ -176,7 +176,7 @@ def test_lists_of_many_cells_and_of_few():
         ids, rows, counts = (each.copy_to_host() for each in (particles.ids, forces._near, forces.found))
         found = {(ids[i], ids[j]) for i in range(60) for j in rows[i, : counts[i]]}
         apart = np.linalg.norm(system.box.minimum_image(x[:, None] - x[None]), axis=2)
-        assert found == {(i, j) for i, j in np.argwhere(apart < 1.2 * 1.3).tolist() if i != j}
+        assert found == {(i, j) for i, j in np.argwhere(apart < 1.2 * (1 + SKIN)).tolist() if i != j}
         assert counts.sum() == len(found)
 
 

@@ -9,30 +9,30 @@ import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda import gravity, pair_sum
-from kickdrift.engines.cuda.cells import SEARCHING, counting_of, grid_of, moving_of, scan_of, search_of
+from kickdrift.engines.cuda.cells import CHUNK, SCAN, add_chunks, counting_of, grid_of, moving_of, scan, start_cells
 from kickdrift.engines.cuda.device import check_room, processors
 from kickdrift.engines.cuda.launches import Launches, zeros
 from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
 from kickdrift.engines.cuda.motion import placing_of
 from kickdrift.engines.cuda.particles import Particles
 from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
+from kickdrift.engines.cuda.search import list_shape, room_of, search_of
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-SKIN = 0.3  # of the cutoff
-SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
+SKIN = 0.24  # of the cutoff
 LEAST_ROOM = 32  # neighbours
 STATE_BYTES = 260  # of a particle, without neighbours
-MOST = 2**27 - 1  # particles: kernels count threads in 32 bits, and a search has 32 for each particle
+MOST = 2**31 - 1  # particles: their numbers have 32 bits
 
 
 def lanes_for(n: int) -> int:
     """Threads of one particle: few particles need many threads to keep the device busy."""
     if config.ENABLE_CUDASIM:
         return 1
-    return 16 if n < 50_000 else 8 if n < 300_000 else 4
+    return 16 if n < 50_000 else 4 if n < 300_000 else 1
 
 
 class DeviceForces(Protocol):
@@ -71,8 +71,8 @@ class PairForces:
         law = pair_sum.Law(truncated_law(force, kind, single), cutoff, *grains(force, kind))
         self._forces = pair_sum.forces_of(law, self._places, self._lanes)
         law = law._replace(terms=truncated_law(force, kind, False))
-        self._measure = pair_sum.measure_of(law, self._exact)
-        self._scan, self._moving = scan_of(SCAN), moving_of(self.write)
+        self._measure = pair_sum.measure_of(law, self._exact, self._lanes)
+        self._moving = moving_of(self.write)
 
     def upload(self, phase: Floats) -> Particles:
         n = phase.shape[2]
@@ -83,10 +83,12 @@ class PairForces:
         particles = Particles(self._launches, phase, self._inverse_masses)
         particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
         self._grid = grid_of(self._edges, phase[0], self._reach)
-        self._count, self._search = counting_of(self._grid), search_of(self._grid, self._places, self._reach)
+        self._count = counting_of(self._grid)
+        self._search = search_of(self._grid, self._places, self._reach, self._lanes)
         self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
         self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
-        self._near, self._most = cuda.device_array((n, room), np.uint32), zeros(1, np.int32)
+        self._sums, self._most = zeros(-(-self._grid.size // CHUNK), np.int32), zeros(1, np.int32)
+        self._near = cuda.device_array(list_shape(n, room, self._lanes), np.uint32)
         self.prepare(particles)
         return particles
 
@@ -98,16 +100,18 @@ class PairForces:
 
     def prepare(self, particles: Particles) -> None:
         self._launches.repeat("list", lambda: self.listed(particles))
-        while (most := int(self._launches.read(self._most)[0])) > self._near.shape[1]:
+        while (most := int(self._launches.read(self._most)[0])) > room_of(self._near, self._lanes):
             self._launches.forget()
-            self._near = cuda.device_array((particles.n, 8 * math.ceil(1.1 * most / 8)), np.uint32)
+            self._near = cuda.device_array(list_shape(particles.n, math.ceil(1.1 * most), self._lanes), np.uint32)
             self.listed(particles)
 
     def listed(self, particles: Particles) -> None:
         """Sort the particles, and search their neighbours."""
         p, over = particles, self._launches.over
         over(p.n, self._count, p.x, self._cells, self._numbers, self._sizes)
-        self._launches.grid(1, SCAN, self._scan, self._sizes, self._starts, p.marks, self._most)
+        over(self._sums.size, add_chunks, self._sizes, self._sums)
+        self._launches.grid(1, SCAN, scan, self._sums, p.marks, self._most)
+        over(self._sums.size, start_cells, self._sizes, self._sums, self._starts)
         found = self._homes, p.at, p.placed
         over(p.n, self._moving, self._cells, self._numbers, self._starts, *p.arrays, *p.spare.arrays, *found)
         p.settle()
@@ -115,8 +119,8 @@ class PairForces:
 
     def search(self, particles: Particles) -> None:
         """Write the neighbours of particles in the order of the cells."""
-        n, lists = particles.n, (self._homes, self._starts, self._near, self.found, self._most)
-        self._launches.over(n * SEARCHING, self._search, particles.placed, *lists)
+        lists = self._homes, self._starts, self._near, self.found, self._most
+        self._launches.over(particles.n, self._search, particles.placed, *lists)
 
     def evaluate(self, particles: Particles) -> None:
         p = particles

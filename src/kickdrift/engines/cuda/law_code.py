@@ -21,9 +21,9 @@ from kickdrift.forces.pairs.lanes import AtCutoff
 Code = Callable[..., Any]
 
 
-def on_device(function: Code) -> Code:
-    """A device function of a Python function; in numba's simulator the function itself."""
-    return function if config.ENABLE_CUDASIM else cuda.jit(device=True)(function)
+def on_device(function: Code, rounding: Any = False) -> Code:
+    """A device function of a Python function, with what its arithmetic may do; in numba's simulator the function."""
+    return function if config.ENABLE_CUDASIM else cuda.jit(device=True, fastmath=rounding)(function)
 
 
 def positive(u: Any) -> Any:

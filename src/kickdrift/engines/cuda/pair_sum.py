@@ -1,6 +1,7 @@
 """Sums of a pair law over lists of neighbours: each pair twice, and no two threads write to one place.
 
-Several threads share one particle. Forces, energies and virials are sums of whole numbers of 64 bits. So their bits do
+One or more threads share a particle. A thread loads four neighbours at once, and the numbers of the next four before it
+computes these. Forces, energies and virials are sums of whole numbers of 64 bits. So their bits do
 not depend on the order of neighbours, and the sum of all forces is zero.
 """
 
@@ -15,10 +16,10 @@ from numba import cuda
 from kickdrift.engines.cuda.law_code import Code, on_device
 from kickdrift.engines.cuda.motion import TOO_LARGE
 from kickdrift.engines.cuda.places import Places
+from kickdrift.engines.cuda.search import group_of
+from kickdrift.engines.cuda.words import ALL, WARP, loaded
 
 LARGEST = 2.0**62
-ALL_LANES = 0xFFFFFFFF
-ROUNDED = {"contract", "arcp", "nsz"}  # what float32 arithmetic may do; nan stays nan
 
 
 class Law(NamedTuple):
@@ -38,7 +39,7 @@ def across_of(lanes: int) -> Code:
     def across(number):
         step = lanes // 2
         while step > 0:
-            number += cuda.shfl_xor_sync(ALL_LANES, number, step)
+            number += cuda.shfl_xor_sync(ALL, number, step)
             step //= 2
         return number
 
@@ -52,26 +53,40 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
     number: Any = np.float32 if places.single else np.float64
     cutoff2, grain, none = number(law.cutoff**2), number(law.force_grain), number(0.0)
     inverse_grain, largest = 1.0 / law.force_grain, LARGEST / law.cutoff
+    each, shared = np.uint32(WARP // lanes), np.uint32(lanes)
 
-    @cuda.jit(fastmath=ROUNDED if places.single else False)
+    def add(own, place, counted, fx, fy, fz, total):
+        dx, dy, dz = apart(own, place)
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < cutoff2 and counted:
+            g = terms(r2)[1] * grain
+            total += abs(g)
+            fx += np.int64(g * dx)
+            fy += np.int64(g * dy)
+            fz += np.int64(g * dz)
+        return fx, fy, fz, total
+
+    add = on_device(add, places.rounding)
+
+    @cuda.jit(fastmath=places.rounding)
     def forces(placed, near, counts, inverse_masses, a, marks):
         t = np.uint32(cuda.grid(1))
-        i, lane = np.uint32(t // lanes), np.uint32(t % lanes)
+        i, lane, at = np.uint32(t // shared), np.uint32(t % shared), np.uint32(t % np.uint32(WARP))
         inside = i < counts.size
         i = i if inside else np.uint32(0)
         own = read(placed, i)
         fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), none
-        row, k, end = near[i], lane, np.uint32(counts[i] if inside else 0)
+        row, k, end = near[np.uint32(i // each)], np.uint32(4 * lane), np.uint32(counts[i] if inside else 0)
+        j0, j1, j2, j3 = loaded(row, at)
         while k < end:
-            dx, dy, dz = apart(own, read(placed, row[k]))
-            k = np.uint32(k + lanes)
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < cutoff2:
-                g = terms(r2)[1] * grain
-                total += abs(g)
-                fx += np.int64(g * dx)
-                fy += np.int64(g * dy)
-                fz += np.int64(g * dz)
+            p0, p1, p2, p3 = read(placed, j0), read(placed, j1), read(placed, j2), read(placed, j3)
+            at = np.uint32(at + WARP)
+            j0, j1, j2, j3 = loaded(row, at)
+            fx, fy, fz, total = add(own, p0, True, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p1, np.uint32(k + 1) < end, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p2, np.uint32(k + 2) < end, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p3, np.uint32(k + 3) < end, fx, fy, fz, total)
+            k = np.uint32(k + 4 * lanes)
         if not total < largest:
             marks[TOO_LARGE] = 1.0
         fx, fy, fz = across(fx), across(fy), across(fz)
@@ -83,9 +98,9 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
 
 
 @lru_cache(maxsize=8)
-def measure_of(law: Law, places: Places) -> Code:
+def measure_of(law: Law, places: Places, lanes: int) -> Code:
     """Kernel that writes rows (5, n) in the order of ``ids``: accelerations, and each particle's energy and virial."""
-    read, apart, terms = places.read, places.apart, law.terms
+    read, apart, terms, group = places.read, places.apart, law.terms, group_of(lanes)
     cutoff2, largest = law.cutoff**2, LARGEST / law.cutoff
     grain, energy_grain = law.force_grain, law.energy_grain
 
@@ -97,7 +112,7 @@ def measure_of(law: Law, places: Places) -> Code:
             fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), 0.0
             energies, virials = np.int64(0), np.int64(0)
             for k in range(counts[i]):
-                dx, dy, dz = apart(own, read(placed, near[i, k]))
+                dx, dy, dz = apart(own, read(placed, group(near, i, np.uint32(k // 4))[k % 4]))
                 r2 = dx * dx + dy * dy + dz * dz
                 if r2 < cutoff2:
                     energy, force_over_r = terms(r2)

@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.engines.cuda.law_code import Code, on_device
-from kickdrift.engines.cuda.words import two_at
+from kickdrift.engines.cuda.words import loaded, store
 from kickdrift.model.state import Floats
 
 PARTS = 2.0**32
+SLACK = 4  # places after the last particle, which a search reads
+ROUNDED = {"contract", "arcp", "nsz"}  # what float32 arithmetic may do; nan stays nan
 
 
 class Places(NamedTuple):
@@ -35,6 +37,11 @@ class Places(NamedTuple):
     read: Code
     apart: Code
 
+    @property
+    def rounding(self) -> Any:
+        """What arithmetic with displacements may do."""
+        return ROUNDED if self.single else False
+
 
 def places_of(edges: Floats, single: bool) -> Places:
     """Form of positions in a box with perpendicular edges (3,), zero along open axes; ``single`` needs all three."""
@@ -49,8 +56,8 @@ def _plain(a: float, b: float, c: float) -> Places:
         places[4 * i], places[4 * i + 1], places[4 * i + 2] = x, y, z
 
     def read(places, i):
-        x, y = two_at(places, np.uint32(4 * i))
-        z, _ = two_at(places, np.uint32(4 * i + 2))
+        x, y = loaded(places, np.uint32(2 * i))
+        z, _ = loaded(places, np.uint32(2 * i + 1))
         return x, y, z
 
     def apart(p, q):
@@ -82,15 +89,14 @@ def _wrapped(a: float, b: float, c: float) -> Places:
     part_a, part_b, part_c = (np.float32(edge / PARTS) for edge in (a, b, c))
 
     def part(share):
-        return np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF
+        return np.int32(np.uint32(np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF))
 
     def write(places, i, x, y, z):
-        places[2 * i] = part_of(x * inverse_a) | (part_of(y * inverse_b) << 32)
-        places[2 * i + 1] = part_of(z * inverse_c)
+        store(places, np.uint32(i), part_of(x * inverse_a), part_of(y * inverse_b), part_of(z * inverse_c), np.int32(0))
 
     def read(places, i):
-        xy, z = two_at(places, np.uint32(2 * i))
-        return np.int32(xy), np.int32(xy >> 32), np.int32(z)
+        x, y, z, _ = loaded(places, i)
+        return x, y, z
 
     def apart(p, q):
         return (
@@ -104,5 +110,5 @@ def _wrapped(a: float, b: float, c: float) -> Places:
 
 
 def room_for(places: Places, n: int) -> Any:
-    """Type and shape of the array of n positions."""
-    return (2 * n, np.int64) if places.single else (4 * n, np.float64)
+    """Shape and type of the array of n positions."""
+    return 4 * (n + SLACK), np.int32 if places.single else np.float64
