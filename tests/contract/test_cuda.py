@@ -11,7 +11,8 @@ import math
 import os
 import subprocess
 import sys
-from typing import NamedTuple
+import threading
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -178,6 +179,72 @@ def test_lists_of_many_cells_and_of_few():
         apart = np.linalg.norm(system.box.minimum_image(x[:, None] - x[None]), axis=2)
         assert found == {(i, j) for i, j in np.argwhere(apart < 1.2 * (1 + SKIN)).tolist() if i != j}
         assert counts.sum() == len(found)
+
+
+class Warp:
+    """Votes and words of the 32 threads of a simulated block, which on a device are a warp."""
+
+    def __init__(self) -> None:
+        self.said: list[Any] = [0] * 32
+
+    def all_said(self, number: Any) -> list[Any]:
+        thread = threading.current_thread()
+        self.said[thread.threadIdx.x] = number
+        thread.syncthreads()
+        said = list(self.said)
+        thread.syncthreads()
+        return said
+
+    def votes(self, hit):
+        return np.uint32(sum(int(bool(each)) << k for k, each in enumerate(self.all_said(hit))))
+
+    def told(self, number, thread):
+        return self.all_said(number)[int(thread)]
+
+    def across_of(self, lanes):
+        def across(number):
+            first = threading.current_thread().threadIdx.x // lanes * lanes
+            return sum(self.all_said(number)[first : first + lanes])
+
+        return across
+
+
+@pytest.fixture
+def warps(monkeypatch):
+    """Kernels for warps of 32 threads, which in the simulator have one otherwise."""
+    from kickdrift.engines.cuda import pair_sum, search
+
+    cached, warp = (search.group_of, search.search_of, pair_sum.forces_of, pair_sum.measure_of), Warp()
+    for module in (search, pair_sum):
+        monkeypatch.setattr(module, "WARP", 32)
+    for module, names in ((search, ("votes", "told")), (pair_sum, ("across_of",))):
+        for name in names:
+            monkeypatch.setattr(module, name, getattr(warp, name))
+    for kernels in cached:
+        kernels.cache_clear()
+    yield
+    for kernels in cached:
+        kernels.cache_clear()
+
+
+@WITHOUT_DEVICE
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy: whole numbers wrap
+@pytest.mark.parametrize(("lanes", "precision"), [(1, "double"), (4, "mixed")])
+def test_the_threads_of_a_warp_share_lists_on_cuda(lanes, precision, warps):
+    from kickdrift.engines.cuda.forces import PairForces
+    from kickdrift.engines.cuda.launches import Launches
+
+    rng = np.random.default_rng(4)
+    x = np.array(list(np.ndindex(4, 3, 5))) + rng.uniform(-0.1, 0.1, (60, 3))
+    for box in (kd.Box((4.0, 3.0, 5.0)), kd.Box((9.0, 8.0, 14.0))):
+        system = kd.System(x, box=box, forces=[DeviceMorse(cutoff=1.2)])
+        forces = PairForces(system, Launches(), precision == "mixed", lanes=lanes)
+        particles = forces.upload(system.state.phase)
+        forces.evaluate(particles)
+        expected = python_sums(system).T
+        bound = 1e-12 if precision == "double" else 3e-6
+        assert np.abs(particles.in_order(particles.a) - expected).max() < bound * np.abs(expected).max()
+        assert np.abs(forces.measure(particles)[0] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 @WITHOUT_DEVICE
