@@ -6,6 +6,7 @@ test_engines.py, in a process of its own.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -26,6 +27,10 @@ from tests.simulated import SIMULATED, WITHOUT_DEVICE
 
 MD = {"integrator": "velocity-verlet", "dt": 0.002}
 STEEP = 6.0
+PAIRS = {
+    "lennard-jones": {("A", "B"): {"sigma": 0.9, "epsilon": 1.5}, ("B", "B"): {"sigma": 0.8}},
+    "device-morse": {("A", "B"): {"length": 1.0, "depth": 1.5}, ("B", "B"): {"depth": 0.5}},
+}
 
 
 @njit
@@ -70,10 +75,10 @@ def python_sums(system: kd.System) -> np.ndarray:
     """Forces (n, 3) of a law that its Python function gives, with truncation "shift"."""
     x, force = system.state.positions, system.forces[0]
     d = system.box.minimum_image(x[:, None] - x[None])
-    r2, law = (d**2).sum(axis=2), force.pair_law("A", "A")
+    r2, kinds = (d**2).sum(axis=2), [system.species[k] for k in system.species_index]
     found = np.zeros_like(x)
     for i, j in np.argwhere((r2 < force.cutoff**2) & (r2 > 0)).tolist():
-        found[i] += law.law(r2[i, j])[1] * d[i, j]
+        found[i] += force.pair_law(kinds[i], kinds[j]).law(r2[i, j])[1] * d[i, j]
     return found
 
 
@@ -97,9 +102,12 @@ def test_on_a_simulated_device():
 
 
 @WITHOUT_DEVICE
+@pytest.mark.parametrize("species", ["A", "ABB"])
 @pytest.mark.parametrize("force", [kd.LennardJones(cutoff=1.4, truncation="force-shift"), DeviceMorse(cutoff=1.5)])
-def test_mixed_forces(force):
-    system = liquid(forces=[force], masses=np.linspace(1.0, 3.0, 27))
+def test_mixed_forces(force, species):
+    if len(species) > 1:
+        force = dataclasses.replace(force, species={"A": {}, "B": {}}, pairs=PAIRS[force.name])
+    system = liquid(forces=[force], masses=np.linspace(1.0, 3.0, 27), species=list(species * 27)[:27])
     found = step_forces(kd.Simulation(system, engine="cuda", precision="mixed", **MD))
     pulls = pair_oracle(system)[0] if isinstance(force, kd.LennardJones) else python_sums(system)
     expected = pulls.T / system.state.masses
@@ -124,10 +132,10 @@ def test_float32_laws_have_no_float64_in_them():
     for truncation in ("cut", "shift", "force-shift", "switch"):
         for kind in (kd.LennardJones, DeviceMorse):
             force = kind(cutoff=2.5, truncation=truncation)
-            exact, single = (truncated_law(force, "A", which) for which in (False, True))
+            exact, single = (truncated_law(force, ["A"], which) for which in (False, True))
             for r2 in (1.1, 4.5, 6.2):
-                found = single(np.float32(r2))
-                np.testing.assert_allclose(found, exact(r2), rtol=2e-5, atol=1e-6)
+                found = single[0](np.float32(r2), single[1], 0)
+                np.testing.assert_allclose(found, exact[0](r2, exact[1], 0), rtol=2e-5, atol=1e-6)
                 if isinstance(force, kd.LennardJones) and truncation in ("cut", "shift"):
                     assert {type(value) for value in found} == {np.float32}
 

@@ -149,3 +149,11 @@ def moving_of(write: Code) -> Code:
             write(placed, to, x[0, i], x[1, i], x[2, i])
 
     return move
+
+
+@cuda.jit
+def write_kinds(ids: Any, kinds: Any, placed: Any) -> None:
+    """Write the species of the particles, in the caller's order, to their places."""
+    i = cuda.grid(1)
+    if i < ids.size:
+        placed[4 * i + 3] = kinds[ids[i]]

@@ -8,8 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numba import config, cuda
 
-from kickdrift.engines.cuda import gravity, pair_sum
-from kickdrift.engines.cuda.cells import CHUNK, SCAN, add_chunks, counting_of, grid_of, moving_of, scan, start_cells
+from kickdrift.engines.cuda import cells, gravity, pair_sum
 from kickdrift.engines.cuda.device import check_room, processors
 from kickdrift.engines.cuda.launches import Launches, zeros
 from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
@@ -59,20 +58,23 @@ class PairForces:
 
     def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
         force: Any = system.forces[0]
-        kind, cutoff = system.species[0], float(force.cutoff)
+        cutoff, mixture = float(force.cutoff), len(system.species) > 1
         self._launches, self._reach = launches, (1.0 + skin) * cutoff
         self._lanes = lanes or lanes_for(len(system))
         self.half_skin = 0.499 * skin * cutoff
         self._edges = np.where(system.box.periodic_axes, np.diag(system.box.matrix), 0.0)
         self._inverse_masses = 1.0 / system.coherent_masses
         self._tail = force.tail_corrections(system)
-        self._places, self._exact = places_of(self._edges, single), places_of(self._edges, False)
+        self._places, self._exact = (places_of(self._edges, each, mixture) for each in (single, False))
         self.write = self._places.write
-        law = pair_sum.Law(truncated_law(force, kind, single), cutoff, *grains(force, kind))
+        self._kinds = cuda.to_device(system.species_index.astype(np.int32)) if mixture else None
+        terms, table = truncated_law(force, system.species, single)
+        law = pair_sum.Law(terms, len(system.species), cutoff, *grains(force, system.species))
         self._forces = pair_sum.forces_of(law, self._places, self._lanes)
-        law = law._replace(terms=truncated_law(force, kind, False))
-        self._measure = pair_sum.measure_of(law, self._exact, self._lanes)
-        self._moving = moving_of(self.write)
+        terms, exact_table = truncated_law(force, system.species, False)
+        self._measure = pair_sum.measure_of(law._replace(terms=terms), self._exact, self._lanes)
+        self._table, self._exact_table = cuda.to_device(table), cuda.to_device(exact_table)
+        self._moving = cells.moving_of(self.write)
 
     def upload(self, phase: Floats) -> Particles:
         n = phase.shape[2]
@@ -82,12 +84,12 @@ class PairForces:
         check_room(n, STATE_BYTES + 4 * room)
         particles = Particles(self._launches, phase, self._inverse_masses)
         particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
-        self._grid = grid_of(self._edges, phase[0], self._reach)
-        self._count = counting_of(self._grid)
+        self._grid = cells.grid_of(self._edges, phase[0], self._reach)
+        self._count = cells.counting_of(self._grid)
         self._search = search_of(self._grid, self._places, self._reach, self._lanes)
         self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
         self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
-        self._sums, self._most = zeros(-(-self._grid.size // CHUNK), np.int32), zeros(1, np.int32)
+        self._sums, self._most = zeros(-(-self._grid.size // cells.CHUNK), np.int32), zeros(1, np.int32)
         self._near = cuda.device_array(list_shape(n, room, self._lanes), np.uint32)
         self.prepare(particles)
         return particles
@@ -109,13 +111,18 @@ class PairForces:
         """Sort the particles, and search their neighbours."""
         p, over = particles, self._launches.over
         over(p.n, self._count, p.x, self._cells, self._numbers, self._sizes)
-        over(self._sums.size, add_chunks, self._sizes, self._sums)
-        self._launches.grid(1, SCAN, scan, self._sums, p.marks, self._most)
-        over(self._sums.size, start_cells, self._sizes, self._sums, self._starts)
+        over(self._sums.size, cells.add_chunks, self._sizes, self._sums)
+        self._launches.grid(1, cells.SCAN, cells.scan, self._sums, p.marks, self._most)
+        over(self._sums.size, cells.start_cells, self._sizes, self._sums, self._starts)
         found = self._homes, p.at, p.placed
         over(p.n, self._moving, self._cells, self._numbers, self._starts, *p.arrays, *p.spare.arrays, *found)
         p.settle()
+        self._name_species(p, p.placed)
         self.search(p)
+
+    def _name_species(self, particles: Particles, placed: Any) -> None:
+        if self._kinds is not None:
+            self._launches.over(particles.n, cells.write_kinds, particles.ids, self._kinds, placed)
 
     def search(self, particles: Particles) -> None:
         """Write the neighbours of particles in the order of the cells."""
@@ -124,16 +131,17 @@ class PairForces:
 
     def evaluate(self, particles: Particles) -> None:
         p = particles
-        self._launches.over(
-            p.n * self._lanes, self._forces, p.placed, self._near, self.found, p.weights, p.a, p.marks
-        )  # fmt: skip
+        lists = p.placed, self._near, self.found
+        self._launches.over(p.n * self._lanes, self._forces, *lists, p.weights, self._table, p.a, p.marks)
 
     def measure(self, particles: Particles) -> tuple[Floats, float, float]:
         p, rows, placed = particles, cuda.device_array((5, particles.n), np.float64), particles.placed
         if self._places.single:
             placed = cuda.device_array(*room_for(self._exact, p.n))
             self._launches.over(p.n, placing_of(self._exact.write), p.x, placed)
-        self._launches.over(p.n, self._measure, placed, self._near, self.found, p.weights, p.ids, rows, p.marks)
+            self._name_species(p, placed)
+        lists = placed, self._near, self.found
+        self._launches.over(p.n, self._measure, *lists, p.weights, self._exact_table, p.ids, rows, p.marks)
         found = self._launches.read(rows)
         return found[:3], float(found[3].sum()) + self._tail[0], float(found[4].sum()) + self._tail[1]
 

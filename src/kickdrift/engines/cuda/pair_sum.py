@@ -23,9 +23,10 @@ LARGEST = 2.0**62
 
 
 class Law(NamedTuple):
-    """A pair law for kernels: ``terms`` returns energy and force over r at r2, see `law_code`."""
+    """A pair law for kernels: ``terms`` returns energy and force over r, see `law_code`."""
 
     terms: Code
+    species: int
     cutoff: float
     force_grain: float
     energy_grain: float
@@ -46,20 +47,28 @@ def across_of(lanes: int) -> Code:
     return on_device(across)
 
 
+def row_of(species: int) -> Code:
+    """Device function of two positions that returns the table's row of their species."""
+    many = np.uint32(species)
+    if species == 1:
+        return on_device(lambda p, q: np.uint32(0))
+    return on_device(lambda p, q: np.uint32(np.uint32(p[3]) * many + np.uint32(q[3])))
+
+
 @lru_cache(maxsize=8)
 def forces_of(law: Law, places: Places, lanes: int) -> Code:
     """Kernel that writes the accelerations (3, n) of all particles."""
-    read, apart, terms, across = places.read, places.apart, law.terms, across_of(lanes)
+    read, apart, terms, across, row_for = places.read, places.apart, law.terms, across_of(lanes), row_of(law.species)
     number: Any = np.float32 if places.single else np.float64
     cutoff2, grain, none = number(law.cutoff**2), number(law.force_grain), number(0.0)
     inverse_grain, largest = 1.0 / law.force_grain, LARGEST / law.cutoff
     each, shared = np.uint32(WARP // lanes), np.uint32(lanes)
 
-    def add(own, place, counted, fx, fy, fz, total):
+    def add(own, place, counted, table, fx, fy, fz, total):
         dx, dy, dz = apart(own, place)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < cutoff2 and counted:
-            g = terms(r2)[1] * grain
+            g = terms(r2, table, row_for(own, place))[1] * grain
             total += abs(g)
             fx += np.int64(g * dx)
             fy += np.int64(g * dy)
@@ -69,7 +78,7 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
     add = on_device(add, places.rounding)
 
     @cuda.jit(fastmath=places.rounding)
-    def forces(placed, near, counts, inverse_masses, a, marks):
+    def forces(placed, near, counts, inverse_masses, table, a, marks):
         t = np.uint32(cuda.grid(1))
         i, lane, at = np.uint32(t // shared), np.uint32(t % shared), np.uint32(t % np.uint32(WARP))
         inside = i < counts.size
@@ -82,10 +91,10 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
             p0, p1, p2, p3 = read(placed, j0), read(placed, j1), read(placed, j2), read(placed, j3)
             at = np.uint32(at + WARP)
             j0, j1, j2, j3 = loaded(row, at)
-            fx, fy, fz, total = add(own, p0, True, fx, fy, fz, total)
-            fx, fy, fz, total = add(own, p1, np.uint32(k + 1) < end, fx, fy, fz, total)
-            fx, fy, fz, total = add(own, p2, np.uint32(k + 2) < end, fx, fy, fz, total)
-            fx, fy, fz, total = add(own, p3, np.uint32(k + 3) < end, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p0, True, table, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p1, np.uint32(k + 1) < end, table, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p2, np.uint32(k + 2) < end, table, fx, fy, fz, total)
+            fx, fy, fz, total = add(own, p3, np.uint32(k + 3) < end, table, fx, fy, fz, total)
             k = np.uint32(k + 4 * lanes)
         if not total < largest:
             marks[TOO_LARGE] = 1.0
@@ -100,22 +109,23 @@ def forces_of(law: Law, places: Places, lanes: int) -> Code:
 @lru_cache(maxsize=8)
 def measure_of(law: Law, places: Places, lanes: int) -> Code:
     """Kernel that writes rows (5, n) in the order of ``ids``: accelerations, and each particle's energy and virial."""
-    read, apart, terms, group = places.read, places.apart, law.terms, group_of(lanes)
+    read, apart, terms, group, row_for = places.read, places.apart, law.terms, group_of(lanes), row_of(law.species)
     cutoff2, largest = law.cutoff**2, LARGEST / law.cutoff
     grain, energy_grain = law.force_grain, law.energy_grain
 
     @cuda.jit
-    def measure(placed, near, counts, inverse_masses, ids, rows, marks):
+    def measure(placed, near, counts, inverse_masses, table, ids, rows, marks):
         i = cuda.grid(1)
         if i < counts.size:
             own = read(placed, i)
             fx, fy, fz, total = np.int64(0), np.int64(0), np.int64(0), 0.0
             energies, virials = np.int64(0), np.int64(0)
             for k in range(counts[i]):
-                dx, dy, dz = apart(own, read(placed, group(near, i, np.uint32(k // 4))[k % 4]))
+                other = read(placed, group(near, i, np.uint32(k // 4))[k % 4])
+                dx, dy, dz = apart(own, other)
                 r2 = dx * dx + dy * dy + dz * dz
                 if r2 < cutoff2:
-                    energy, force_over_r = terms(r2)
+                    energy, force_over_r = terms(r2, table, row_for(own, other))
                     g = force_over_r * grain
                     total += abs(g)
                     fx += np.int64(g * dx)

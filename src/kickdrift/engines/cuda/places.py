@@ -28,8 +28,8 @@ class Places(NamedTuple):
     ----------
     single : whether displacements are float32
     write : device function (places, i, x, y, z) that writes a position
-    read : device function (places, i) that returns three numbers
-    apart : device function of two such triples that returns the displacement of the nearest images
+    read : device function (places, i) that returns three numbers, and that of the species
+    apart : device function of two such positions that returns the displacement of the nearest images
     """
 
     single: bool
@@ -43,9 +43,11 @@ class Places(NamedTuple):
         return ROUNDED if self.single else False
 
 
-def places_of(edges: Floats, single: bool) -> Places:
-    """Form of positions in a box with perpendicular edges (3,), zero along open axes; ``single`` needs all three."""
-    return _wrapped(*(float(edge) for edge in edges)) if single else _plain(*(float(edge) for edge in edges))
+def places_of(edges: Floats, single: bool, mixture: bool) -> Places:
+    """Form of positions in a box with perpendicular edges (3,), zero along open axes; ``single`` needs all three. In a
+    mixture, a write keeps the number of the species."""
+    a, b, c = (float(edge) for edge in edges)
+    return _wrapped(a, b, c, mixture) if single else _plain(a, b, c)
 
 
 @lru_cache(maxsize=8)
@@ -57,8 +59,8 @@ def _plain(a: float, b: float, c: float) -> Places:
 
     def read(places, i):
         x, y = loaded(places, np.uint32(2 * i))
-        z, _ = loaded(places, np.uint32(2 * i + 1))
-        return x, y, z
+        z, kind = loaded(places, np.uint32(2 * i + 1))
+        return x, y, z, kind
 
     def apart(p, q):
         dx, dy, dz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
@@ -84,19 +86,22 @@ def nearest(value: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _wrapped(a: float, b: float, c: float) -> Places:
+def _wrapped(a: float, b: float, c: float, mixture: bool) -> Places:
     inverse_a, inverse_b, inverse_c = 1.0 / a, 1.0 / b, 1.0 / c
     part_a, part_b, part_c = (np.float32(edge / PARTS) for edge in (a, b, c))
 
     def part(share):
         return np.int32(np.uint32(np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF))
 
-    def write(places, i, x, y, z):
+    def write_three(places, i, x, y, z):
+        places[4 * i], places[4 * i + 1] = part_of(x * inverse_a), part_of(y * inverse_b)
+        places[4 * i + 2] = part_of(z * inverse_c)
+
+    def write_four(places, i, x, y, z):
         store(places, np.uint32(i), part_of(x * inverse_a), part_of(y * inverse_b), part_of(z * inverse_c), np.int32(0))
 
     def read(places, i):
-        x, y, z, _ = loaded(places, i)
-        return x, y, z
+        return loaded(places, i)
 
     def apart(p, q):
         return (
@@ -106,7 +111,7 @@ def _wrapped(a: float, b: float, c: float) -> Places:
         )
 
     part_of = on_device(part)
-    return Places(True, on_device(write), on_device(read), on_device(apart))
+    return Places(True, on_device(write_three if mixture else write_four), on_device(read), on_device(apart))
 
 
 def room_for(places: Places, n: int) -> Any:

@@ -25,6 +25,10 @@ if config.ENABLE_CUDASIM:
         """Write the four numbers of the 16 bytes at a place."""
         array[4 * place], array[4 * place + 1], array[4 * place + 2], array[4 * place + 3] = a, b, c, d
 
+    def numbers_in(kind: Any, first: int, columns: int) -> Any:
+        """Function of a flat table and a row that returns a NamedTuple of the numbers from a column on."""
+        return lambda table, row: kind(*table[int(row) * columns + first :][: len(kind._fields)])
+
     def votes(hit: Any) -> Any:
         """Threads with a hit, as bits."""
         return np.uint32(1 if hit else 0)
@@ -80,3 +84,21 @@ else:
             return context.get_dummy_value()
 
         return types.none(array, types.uint32, *4 * (array.dtype,)), codegen
+
+    def numbers_in(kind: Any, first: int, columns: int) -> Any:
+        """Device function of a flat table and a row, a uint32, that returns numbers from a column on."""
+
+        @intrinsic
+        def numbers(typingctx, table, row):
+            found = types.NamedUniTuple(table.dtype, len(kind._fields), kind)
+
+            def codegen(context, builder, signature, args):
+                data = context.make_array(signature.args[0])(context, builder, args[0]).data
+                begin = builder.mul(builder.zext(args[1], ir.IntType(64)), ir.IntType(64)(columns))
+                places = [builder.add(begin, ir.IntType(64)(first + k)) for k in range(len(kind._fields))]
+                parts = [builder.load(builder.gep(data, [place])) for place in places]
+                return context.make_tuple(builder, found, parts)
+
+            return found(table, types.uint32), codegen
+
+        return numbers
