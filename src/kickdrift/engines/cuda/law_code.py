@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import combinations_with_replacement, product
+from itertools import combinations_with_replacement
 from types import CellType, FunctionType
 from typing import Any
 
@@ -119,15 +119,17 @@ NEAR = 0.7  # of sigma: particles of a liquid are hardly nearer
 
 def grains(force: Any, names: Sequence[str]) -> tuple[float, float]:
     """Numbers of steps in one unit of force and of energy, powers of two, for sums in whole numbers of 64 bits."""
-    laws = [force.pair_law(a, b) for a, b in combinations_with_replacement(names, 2)]
     cutoff, largest = float(force.cutoff), [0.0, 0.0]
-    near = min(NEAR * force.shortest() or 0.3 * cutoff, 0.9 * cutoff)
-    for law, r in product(laws, np.linspace(near, cutoff, 50).tolist()):
-        try:
-            energy, force_over_r = law.law(r * r)
-        except (ArithmeticError, ValueError):  # a law need not hold at every distance
-            continue
-        for k, value in enumerate((abs(force_over_r) * r, max(abs(energy), abs(force_over_r) * r * r))):
-            if math.isfinite(value):
-                largest[k] = max(largest[k], float(value))
+    for a, b in combinations_with_replacement(names, 2):
+        law = force.pair_law(a, b)
+        lengths = [getattr(law, key) for key in law._fields if force.dimensions.get(key) == "length"]
+        near = min(NEAR * min(lengths, default=0.0) or 0.3 * cutoff, 0.9 * cutoff)
+        for r in np.linspace(near, cutoff, 50).tolist():
+            try:
+                energy, force_over_r = law.law(r * r)
+            except (ArithmeticError, ValueError):  # a law need not hold at every distance
+                continue
+            for k, value in enumerate((abs(force_over_r) * r, max(abs(energy), abs(force_over_r) * r * r))):
+                if math.isfinite(value):
+                    largest[k] = max(largest[k], float(value))
     return tuple(2.0 ** (62 - HEADROOM - math.ceil(math.log2(value or 1.0))) for value in largest)  # type: ignore[return-value]
