@@ -48,6 +48,10 @@ def _no_calculator(system: System) -> str | None:
     force = system.forces[0]
     if isinstance(force, StillingerWeber):
         return f"force {force.name!r}: ASE has no calculator for it"
+    if force.elements:
+        return f"force {force.name!r}: elements: ASE's calculators know species by the elements of their parameters"
+    if isinstance(force, EmbeddedAtom) and force.style == "eam/he":
+        return f"force {force.name!r}: ASE does not read files of {force.style}"
     from ase.data import atomic_numbers
 
     strange = [species for species in system.species if species not in atomic_numbers]

@@ -9,7 +9,7 @@ from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.many_body.base import ManyBodyForce, TabledForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
-from kickdrift.forces.many_body.entries import FORMS, potential_file
+from kickdrift.forces.many_body.entries import potential_file
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
@@ -149,7 +149,7 @@ def many_body(system: System, molecules: bool = False) -> bool:
 def style_of(force: ManyBodyForce) -> str:
     """LAMMPS' pair style."""
     if isinstance(force, EmbeddedAtom):
-        return "eam/alloy" if force.file.endswith(FORMS[0]) else "eam/fs"
+        return force.style
     return STYLES[type(force)]
 
 

@@ -25,6 +25,7 @@ _TOKEN = re.compile(
     r"""|["'].*+|\#[^\n]*+|[^\w"'#-]++|.""",
     re.DOTALL | re.ASCII,
 )
+PARAMETERS = (".prmtop", ".parm7", ".top", ".psf")  # files of force fields, which OpenMM reads
 SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
 
 

@@ -62,6 +62,7 @@ class Record(Known):
     dimensions: int = 3
     topology: dict[str, Any] | None = None
     constraints: list[dict[str, Any]] = []
+    virtual_sites: list[dict[str, Any]] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
