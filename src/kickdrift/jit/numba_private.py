@@ -3,8 +3,6 @@
 A missing name, or an untested version of numba, raises an `InputError` of one line.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 
