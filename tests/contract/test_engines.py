@@ -79,7 +79,7 @@ def leaning() -> kd.System:
 
 
 def leaning_mixture() -> kd.System:
-    force = kd.LennardJones(cutoff=2.2, truncation="cut", species=SPECIES, pairs={("A", "C"): {"sigma": 0.97}})
+    force = kd.LennardJones(cutoff=2.2, species=SPECIES, pairs={("A", "C"): {"sigma": 0.97}})
     return boxed(LEANING, forces=[force], species=["A", "B", "C", "A"] * 128)
 
 

@@ -19,7 +19,7 @@ from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Handle, address, callback, handle_at
 from kickdrift.jit.threads.chunks import Chunks
 
-REFRESH, PRUNE, OUTLAST = range(3)  # tasks of the code
+REFRESH, PRUNE, OUTLAST, ADOPT = range(4)  # tasks of the code
 _CODE: dict[Any, Any] = {}  # addresses, by the type of list
 _SIGNATURE = types.int64(*5 * [types.int64], types.CPointer(types.float64))
 
@@ -37,13 +37,14 @@ def _upkeep_for(kind: types.BaseTuple) -> Callable[..., int]:
 
     def upkeep(place, count, team, what, n, x):
         pairs, chunks = restore(place), Chunks(count, team)
-        if what == PRUNE:
-            pairlist.adopt(pairs)
-            pairlist.prune(pairs, chunks)
-            return OK
+        if what == REFRESH:
+            return pairlist.refresh(pairs, carray(x, (3, n)), chunks)
         if what == OUTLAST:
             return pairlist.outlasts(pairs, chunks)
-        return pairlist.refresh(pairs, carray(x, (3, n)), chunks)
+        pairlist.adopt(pairs)
+        if what == PRUNE:
+            pairlist.prune(pairs, chunks)
+        return OK
 
     return upkeep
 
@@ -78,3 +79,9 @@ def prune(pairs, chunks):
 def outlasts(pairs, chunks):
     """Prune the outer list if the noted moves need it; return OK, or another status if the list must be made anew."""
     return _call(pairs.code, address(pairs), chunks.number, chunks.team, OUTLAST, pairs.built_at)
+
+
+@jit
+def adopt(pairs, chunks):
+    """Bring the box of the list to the edge lengths of now; see `load.adopt`."""
+    _call(pairs.code, address(pairs), chunks.number, chunks.team, ADOPT, pairs.built_at)

@@ -14,8 +14,8 @@ from kickdrift.forces.lists.clusters import (
     ClusterList,
     copy,
 )
-from kickdrift.forces.lists.list_code import list_code, prune, refresh
-from kickdrift.forces.lists.load import PRUNED, SEARCHED, adopt, scaled_tail
+from kickdrift.forces.lists.list_code import adopt, list_code, prune, refresh
+from kickdrift.forces.lists.load import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
@@ -159,7 +159,7 @@ def remake(force, built_at, pruned_at):
     status = refresh(pairs, built_at, force.chunks)
     if status == OK:
         copy(then[PRUNED], pairs.live)
-        adopt(pairs)
+        adopt(pairs, force.chunks)
         copy(pruned_at, pairs.x)
         prune(pairs, force.chunks)
     copy(now, pairs.live)
