@@ -293,7 +293,7 @@ class Coulomb(Grouped):
             return self
         values: dict[str, Any] = {"cutoff": split.cutoff, "alpha": split.alpha}
         if split.mesh:
-            return replace(self, method=PME, mesh=split.mesh, order=split.order, **values)
+            return replace(self, method=PME, **(values | {"mesh": split.mesh, "order": split.order}))
         return replace(self, method=EWALD, waves=split.waves, **values)
 
     def radial(self, split: Split) -> Radial:
