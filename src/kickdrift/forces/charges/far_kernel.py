@@ -139,9 +139,10 @@ def add_far(force, x, a, sums):
 
 
 def tilts_of(box: Box) -> Floats:
-    """Tilts (3,) cy / by, bx / ax and cx / ax of a box, each over the edge that can change it by 1."""
-    matrix = box.matrix
-    return np.array([matrix[row, k] / matrix[k, k] for row, k in LEANS])
+    """Tilts (3,) cy / by, bx / ax and cx / ax of a box, each over the edge that can change it by 1; zero along open
+    axes."""
+    matrix, edges = box.matrix, np.diag(box.matrix)
+    return np.array([matrix[row, k] / edges[k] if edges[k] > 0.0 else 0.0 for row, k in LEANS])
 
 
 @strict
