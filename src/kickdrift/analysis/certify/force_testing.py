@@ -1,7 +1,5 @@
 """`force_checks`: whether forces are safe for dynamics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from math import isnan, nan
 from time import perf_counter

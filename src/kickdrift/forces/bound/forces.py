@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.sites import around, weighed
 from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, measure, table_of
 from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
 from kickdrift.forces.laws.law import not_compiled
@@ -123,7 +124,10 @@ class BoundForces:
         pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
-        self.forces = bound(system, threads, mixed)
+        sites = getattr(system, "virtual_sites", None) is not None
+        self.forces = bound(weighed(system) if sites else system, threads, mixed)
+        if sites:
+            self.forces = around(system, self.forces)
         self._varies = live is not None
         self.along: Floats | None = None
         if live is not None:

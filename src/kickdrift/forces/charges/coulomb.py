@@ -117,6 +117,7 @@ class Coulomb(Grouped):
     name: ClassVar[str] = "coulomb"
     stands_for: ClassVar[str] = "the forces between charges"
     thermal: ClassVar[bool] = True
+    on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"cutoff": "length", "alpha": "inverse length", "waves": "inverse length"}
 
     def __post_init__(self) -> None:

@@ -23,8 +23,8 @@ from kickdrift.model.state import Floats
 OK, GROW, BLOWN_UP = 0, 1, 2  # status of a force evaluation: done, a list is full, positions make no sense
 RAISED = 4  # Python code inside raised, so no other step is tried; 3 is a stepper's STOPPED
 
-# tasks of a bound force; the last two are for pair lists alone
-FORCES, FORCES_AND_SUMS, REMAKE, TAKE_STEPS = range(4)
+# tasks of a bound force; the third is for pair lists alone, and those after it for forces that take steps
+FORCES, FORCES_AND_SUMS, REMAKE, TAKE_STEPS, REFRESH, FORCES_ALONE = range(6)
 KERNELS: dict[type, Any] = {}
 _ROWS: dict[type, int] = {}
 _NUMBERS = types.CPointer(types.float64)
