@@ -186,6 +186,21 @@ def test_the_error_of_the_forces_is_the_one_asked(box, accuracy):
     assert 0.2 * accuracy < errors.measured < accuracy
 
 
+def test_an_uneven_density_counts_in_the_error():
+    """Ions in two fifths of a box have 2.5 times the density that its volume tells, and their cutoff neglects more."""
+    even = ions(2.0 * np.array(LEANING), side=8, special=False)
+    matrix = even.box.matrix
+    matrix[2, 2] *= 2.5
+    slab = even.remade(box=Box.of(matrix))
+    force = slab.forces[0]
+    assert even.forces[0].charged(even).crowding == 1.0
+    assert force.charged(slab).crowding == pytest.approx(2.3, abs=0.1)
+    errors = errors_of(force, slab)
+    assert 0.2 * force.accuracy < errors.measured < force.accuracy
+    held = force.held(slab)
+    assert held.split(even) == force.split(slab)
+
+
 PRESSED = {"temperature": 1.0, "tau": 1.0, "pressure": 1.0, "pressure_tau": 1.0, "compressibility": 0.1}
 
 

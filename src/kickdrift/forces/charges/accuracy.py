@@ -20,21 +20,25 @@ TYPICAL = 0.5  # typical force, over that of two charges of mean square (V / n)^
 TRIED = 48  # cutoffs between the shortest and the longest
 SHARE = 0.5  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
 LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
+FEW, EVEN = 64, 1.25  # charges below which a density counts as even, and the most crowding that does
 
 
 class Charged(NamedTuple):
-    """What the errors depend on: number of charges, volume, and the sums of squares and of fourth powers of the charges
-    (energy times length, and its square)."""
+    """What the errors depend on: number of charges, volume, the sums of squares and of fourth powers of the charges
+    (energy times length, and its square), and the crowding, see `crowding_of`."""
 
     charges: int
     volume: float
     squares: float
     fourths: float
+    crowding: float = 1.0
 
     @classmethod
-    def of(cls, charges: Floats, volume: float) -> Charged:
-        """The Charged with these charges, scaled by the root of Coulomb's constant."""
-        return cls(max(int(np.count_nonzero(charges)), 1), volume, float(charges @ charges), float((charges**4).sum()))
+    def of(cls, charges: Floats, volume: float, fractions: Floats) -> Charged:
+        """The Charged with these charges (n,), scaled by the root of Coulomb's constant, at fractional coordinates (n,
+        3)."""
+        count, sums = int(np.count_nonzero(charges)), (float(charges @ charges), float((charges**4).sum()))
+        return cls(max(count, 1), volume, *sums, crowding_of(fractions[charges != 0]))
 
     @property
     def unit(self) -> float:
@@ -43,13 +47,30 @@ class Charged(NamedTuple):
 
     def near_error(self, alpha: float, cutoff: float) -> float:
         """Root-mean-square error of a force by the cutoff, over the unit."""
-        error = 2.0 * self.squares / math.sqrt(self.charges * cutoff * self.volume)
+        error = 2.0 * self.squares * math.sqrt(self.crowding / (self.charges * cutoff * self.volume))
         return error * math.exp(-((alpha * cutoff) ** 2)) / self.unit
 
     def far_error(self, alpha: float, waves: float) -> float:
         """Root-mean-square error of a force by the limit of wave numbers, over the unit."""
         error = 2.0 * self.squares * alpha * math.sqrt(2.0 / (waves * self.charges * self.volume))
         return error * math.exp(-((0.5 * waves / alpha) ** 2)) / self.unit
+
+
+def crowding_of(fractions: Floats) -> float:
+    """Mean density at the place of a charge, over that of the box, for charges at fractional coordinates (n, 3).
+
+    A cutoff neglects more charges where more are near. The density along each axis is a sum of waves that are longer
+    than two distances between charges. An even density has 1, also a crystal's or a liquid's.
+    """
+    n, found = len(fractions), 1.0
+    if n < FEW:
+        return 1.0
+    for axis in range(3):
+        for wave in range(1, math.ceil(0.5 * n ** (1.0 / 3.0) - 1e-9)):
+            angles = 2.0 * math.pi * wave * fractions[:, axis]
+            square = float(np.cos(angles).sum() ** 2 + np.sin(angles).sum() ** 2)
+            found += 2.0 * max(square - n, 0.0) / n**2
+    return found if found > EVEN else 1.0
 
 
 class Split(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -246,7 +246,8 @@ class Coulomb(Grouped):
     def charged(self, system: Subject) -> Charged:
         """Numbers on which Ewald's errors depend. The volume of a slab is that of its whole box."""
         volume = float(np.linalg.det(system.box.matrix)) if slab.is_slab(system.box) else system.volume
-        return Charged.of(self.scaled_charges(system), volume)
+        fractions = system.state.positions @ np.linalg.inv(system.box.matrix)  # of a slab along z, too
+        return Charged.of(self.scaled_charges(system), volume, fractions)
 
     def space(self, system: Subject) -> Box:
         """The box of Ewald's sum: that of the System, and for a slab with vacuum along z."""
@@ -285,6 +286,16 @@ class Coulomb(Grouped):
             return split_at(charged, self.accuracy, self.cutoff, self.alpha, self.waves)
         waves = cheapest(charged, self.accuracy, shortest, longest, self.alpha, self.waves)
         return waves if found is None or cost(charged, waves) <= found[0] else found[1]
+
+    def held(self, system: Subject) -> Coulomb:
+        """The same force with what it chooses for a System as given values, so that it chooses the same elsewhere."""
+        split = self.split(system)
+        if self.method not in ALL_IMAGES or not (split.waves or split.mesh):
+            return self
+        values: dict[str, Any] = {"cutoff": split.cutoff, "alpha": split.alpha}
+        if split.mesh:
+            return replace(self, method=PME, **(values | {"mesh": split.mesh, "order": split.order}))
+        return replace(self, method=EWALD, waves=split.waves, **values)
 
     def radial(self, split: Split) -> Radial:
         """The near part at this Split."""

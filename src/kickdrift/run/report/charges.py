@@ -69,14 +69,12 @@ class ChargeReport:
 
 def charge_report(system: Any, sim: Any) -> ChargeReport | None:
     """The ChargeReport of a System that a Simulation runs; None without a force between charges."""
-    if _force_of(system) is None:
+    if (force := _force_of(system)) is None:
         return None
     state = sim.state
     if system not in _FOUND or _FOUND[system][0] != state.time:
         present = system.at(state.phase, state.time) if state.box == system.box else system
-        found = charges_of(present)
-        assert found is not None
-        _FOUND[system] = state.time, found
+        _FOUND[system] = state.time, _made(force.held(system), present)
     return _FOUND[system][1]
 
 
