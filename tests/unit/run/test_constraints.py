@@ -196,6 +196,19 @@ def test_barostats_that_know_no_molecules_refuse():
         kd.Simulation(triangles(), "nose-hoover", dt=0.005, barostat="mtk", **options)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_drift_in_numpy_is_that_of_the_compiled_flow(sign):
+    """`compare` follows paths to the next bath on the manifold; a step without forces is one drift and a projection."""
+    system, dt = triangles().with_forces([]), 0.05
+    held, masses = system.constraints, system.coherent_masses
+    sim = kd.Simulation(system, "velocity-verlet", dt=dt)
+    sim.run(1)
+    begin, end = (system.state.phase, sim.state.phase) if sign > 0 else (sim.state.phase, system.state.phase)
+    x, v = held.drifted(masses, *begin, sign * dt)
+    np.testing.assert_allclose(x, end[0], rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(held.projected(masses, x, v)[1], end[1], rtol=0.0, atol=1e-11)
+
+
 WATER = """
 units = "metal"
 [particles]
