@@ -1,7 +1,7 @@
 """Rigid water: constraints at rounding, energy without drift, and equipartition against the step.
 
 Velocity Verlet keeps an energy near the true one, in whose equilibrium fast motion has less kinetic energy at whole
-h: m v^2 lacks h^2 / 6 times the mean of F^2 / m, for each degree of freedom, to leading order (Eastwood et al.
+steps h: m v^2 lacks h^2 / 6 times the mean of F^2 / m, for each degree of freedom, to leading order (Eastwood et al.
 2010, doi:10.1021/ct9002916). Torques on water are strong, and forces on its centres weak. So rotation shows a lower
 temperature than translation, by a part that grows with the square of the step (Asthagiri & Beck 2024,
 arXiv:2308.08383). Forces at one moment give this part to a few per cent; the temperatures need nanoseconds for that.
