@@ -138,6 +138,11 @@ def check_pressed(system: Any, options: Options) -> None:
             f"coupling: {FULL} does not act on constraints, because its virial is that of particles, not of whole "
             "molecules; take isotropic, semi-isotropic or per-axis"
         )
+    if coupling in APART and system.virtual_sites is not None and system.virtual_sites.normal.any():
+        raise InputError(
+            f"coupling: {coupling} needs the virial along each axis, and virtual sites beside the plane of their "
+            "particles do not give it; take isotropic"
+        )
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
     if coupling in APART and coupling != FULL and system.box.tilts:
