@@ -179,10 +179,12 @@ __all__ = [
     "InputError",
     "Installation",
     "KickdriftError",
+    "LammpsForce",
     "LennardJones",
     "LennardJonesWall",
     "LenseThirring",
     "LinearDrag",
+    "ListedPairs",
     "Listing",
     "LyapunovSpectrum",
     "MassChange",
@@ -280,6 +282,12 @@ def _ase() -> ModuleType:
     return ase
 
 
+def _openmm() -> ModuleType:
+    from kickdrift.bridges import openmm
+
+    return openmm
+
+
 def _rebound() -> ModuleType:
     from kickdrift.bridges import rebound
 
@@ -304,7 +312,7 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
-BRIDGES.update(ase=_ase, rebound=_rebound)
+BRIDGES.update(ase=_ase, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 

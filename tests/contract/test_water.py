@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import lammps_class
+from kickdrift.forces.external.lammps_library import lammps_class
 
 COUNT, EDGE, CUTOFF, DT = 27, 12.6, 6.0, 0.001
 EPSILON, SIGMA, CHARGE, ANGLE = 0.006738, 3.166, 0.4238, 109.47

@@ -1,7 +1,5 @@
 """Members of a batch: which Systems it takes, and their numbers side by side in lanes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Particles from the tables of a system file: on lattices, at positions, on orbits and in clusters; and the box."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """System files from Systems; reading such a file gives the same bits."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping

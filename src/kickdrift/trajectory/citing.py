@@ -34,7 +34,7 @@ RESCALING = "Woodcock 1971, Chem. Phys. Lett. 10, 257, doi:10.1016/0009-2614(71)
 SHAKE = "Ryckaert, Ciccotti & Berendsen 1977, J. Comput. Phys. 23, 327, doi:10.1016/0021-9991(77)90098-5"
 RATTLE = "Andersen 1983, J. Comput. Phys. 52, 24, doi:10.1016/0021-9991(83)90014-1"
 PROJECTED = "Leimkuhler & Matthews 2016, Proc. R. Soc. A 472, 20160138, doi:10.1098/rspa.2016.0138"
-BAROSTATS = {
+BAROSTAT_SOURCES = {
     C_RESCALE: "Bernetti & Bussi 2020, J. Chem. Phys. 153, 114107, doi:10.1063/5.0020514",
     MTK: "Martyna, Tobias & Klein 1994, J. Chem. Phys. 101, 4177, doi:10.1063/1.467468",
     MONTE_CARLO: "McDonald 1972, Mol. Phys. 23, 41, doi:10.1080/00268977200100031",
@@ -118,7 +118,10 @@ def _of_system(subject: Any, method: Any) -> Iterator[str]:
         if any(name in INTEGRATORS and INTEGRATORS[name].drags for name in used):
             yield PROJECTED
     for force in getattr(subject, "forces", ()):
-        yield from _of_force(type(force))
+        if hasattr(force, "sources"):
+            yield force.sources(subject)
+        else:
+            yield from _of_force(type(force))
     if source := dict(getattr(subject, "invariants", {}) or {}).get("source"):
         yield str(source)
 
@@ -126,7 +129,7 @@ def _of_system(subject: Any, method: Any) -> Iterator[str]:
 def _of_options(options: Mapping[str, Any]) -> Iterator[str]:
     """Sources of the barostat that the options of a run ask for."""
     if options.get(PRESSURE.name) is not None:
-        yield BAROSTATS.get(options.get(BAROSTAT.name) or C_RESCALE, "")
+        yield BAROSTAT_SOURCES.get(options.get(BAROSTAT.name) or C_RESCALE, "")
 
 
 def _of_force(cls: Any) -> Iterator[str]:

@@ -5,8 +5,6 @@ differences of order 4. So any force has a stress here, also a user's own or a c
 and the particles alike, and the particles then move to their minimum of energy.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

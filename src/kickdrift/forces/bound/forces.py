@@ -68,9 +68,7 @@ def in_live_box(force: BoundForce, lengths: Floats, shortest: Floats, along: Flo
         force = force.with_list(**live_list(force.pairs, lengths, shortest))
     elif hasattr(force.parts, "cell"):
         force = type(force)(force.parts._replace(cell=live_cell(force.parts.cell, lengths)))
-    if along is not None and hasattr(force.parts, "along"):
-        force = type(force)(force.parts._replace(along=along))
-    return force
+    return force if along is None else force.with_along(along)
 
 
 def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, ...]:
@@ -145,8 +143,7 @@ class BoundForces:
 
     def _follow(self, lengths: Floats, shortest: Floats, form: tuple[int, ...]) -> None:
         """Put all forces in a box with its edges in this memory. A virial along the axes has this form, if any."""
-        parts = [force.parts for force in self.forces]
-        rows = [len(getattr(each, "sums", (0,))) if hasattr(each, "along") else 0 for each in parts]
+        rows = [force.rows_along for force in self.forces]
         ends = np.cumsum(rows)
         self.along = np.zeros((sum(rows), *form)) if form else None
         self.forces = tuple(

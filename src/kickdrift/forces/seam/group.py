@@ -57,6 +57,10 @@ class Grouped:
         """Why no barostat can change angles and the choice of edges under this force; "" if one can."""
         return ""
 
+    def stated_error(self) -> float:
+        """Relative root-mean-square error of the forces that the user has asked; 0 for an exact sum."""
+        return 0.0
+
     def acting_on(self, system: Subject) -> dict[Any, str] | None:
         """Where the force acts, with a text for each place; None if it acts everywhere."""
         return None

@@ -157,7 +157,7 @@ class SplittingStepper(FixedStepper):
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
             if not held:
-                stages, further_stages = self.barostat.stages(method)
+                stages, further_stages = self.barostat.stages
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:

@@ -4,8 +4,6 @@ Names are looked up in registries alone, never in a module. Parameters are check
 is data, whoever wrote it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
