@@ -105,10 +105,11 @@ def _mean(values: Floats, canonical: float) -> Mean | None:
     samples, or a variance far below that of the ``canonical`` ensemble, so that slow exchange is not in its error, or
     halves that differ by far more than their errors."""
     mean, spread, half = block_average(values), float(np.var(values)), len(values) // 2
-    if not np.isfinite(mean.error) or spread < max(FEWEST * mean.error**2, SAMPLED * canonical):
+    error = float(mean.error)
+    if not np.isfinite(error) or spread < max(FEWEST * error**2, SAMPLED * canonical):
         return None
     apart = abs(float(values[:half].mean() - values[half:].mean()))
-    return None if apart > DRIFTING * mean.error else mean
+    return None if apart > DRIFTING * error else mean
 
 
 def _verdict(found: dict[str, Floats], canonical: dict[str, float], bias: dict[str, float]) -> str:
@@ -124,9 +125,10 @@ def _verdict(found: dict[str, Floats], canonical: dict[str, float], bias: dict[s
         if (mean := _mean(apart, canonical[kind] + canonical["translation"])) is None:
             return "too short to judge equipartition"
         error, far = float(mean.error), float(stdtrit(mean.blocks - 1, 0.5 + 0.5 * SURE))
-        if abs(mean.value) > far * error:
-            words = "above" if mean.value > 0 else "below"
+        value = float(mean.value)
+        if abs(value) > far * error:
+            words = "above" if value > 0 else "below"
             by_step = bias.get("translation", 0.0) - bias[kind] if kind in bias else 0.0
             more = f" (the step makes it {by_step:+.2g})" if by_step else ""
-            said.append(f"{kind} is {with_error(abs(mean.value), error)} {words} translation{more}")
+            said.append(f"{kind} is {with_error(abs(value), error)} {words} translation{more}")
     return f"no equipartition, {' and '.join(said)}" if said else "equipartition within three standard errors"
