@@ -228,6 +228,11 @@ def test_bad_sites_are_refused_in_one_line(change, message):
     assert "\n" not in str(caught.value)
 
 
+def pressed(system: kd.System) -> kd.Simulation:
+    options = {"temperature": 298.0, "friction": 5.0, "pressure": 0.0, "pressure_tau": 1.0, "compressibility": 70.0}
+    return kd.Simulation(system, "baoab", dt=DT, coupling="per-axis", **options)
+
+
 def test_what_has_no_sites_refuses_them():
     system = water()
     for call, words in (
@@ -235,6 +240,7 @@ def test_what_has_no_sites_refuses_them():
         (lambda: kd.Simulation(water(rigid=False), "rk4", dt=DT), "keeps no virtual sites"),
         (lambda: kd.Simulation(water(rigid=False), dt=DT).minimize(), "it breaks virtual sites"),
         (lambda: kd.Simulation(water(rigid=False), dt=DT, engine="openmm"), "virtual sites: only a native run"),
+        (lambda: pressed(water(normal=0.4, truncation="force-shift")), "virtual sites beside the plane"),
         (lambda: system.with_forces(kd.Gravity(G=1.0)), "force 'gravity' does not act through sites without mass"),
     ):
         with pytest.raises(InputError, match=words):

@@ -110,6 +110,11 @@ class Method:
         return False
 
     @property
+    def kinetic_bias(self) -> bool:
+        """Whether kinetic energies at whole steps are those of velocity Verlet, see `run.report.molecules`."""
+        return False
+
+    @property
     def rescalable(self) -> bool:
         return False
 

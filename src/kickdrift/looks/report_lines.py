@@ -15,7 +15,7 @@ from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.units.quantities import FAMILIAR
 from kickdrift.statistics.drift import ROUNDINGS, Drift, EnergyError, drift, energy_error, rounding_of
-from kickdrift.text import measured, with_error
+from kickdrift.text import counted, measured, with_error
 
 
 def method_text(name: str, options: Mapping[str, Any], time_unit: str = "") -> str:
@@ -46,8 +46,8 @@ def energy_lines(
     of the energy less both."""
     less_heat = "" if heat is None else " (energy less heat)" if work is None else " (energy less heat and work)"
     by_force, missed = energy.get("work") or {}, energy.get("work_error") or 0.0
-    counted = not str(energy.get("verdict")).startswith("not conserved")
-    if by_force and heat is None and counted:
+    conserved = not str(energy.get("verdict")).startswith("not conserved")
+    if by_force and heat is None and conserved:
         less_heat = " (energy less work)"
     unit = measured("", energy_unit)
     per = f" per {time_unit or 'unit of time'}"
@@ -60,7 +60,7 @@ def energy_lines(
         lines.append(("work", f"{work:.8g}{unit} from the change of the box"))
     if by_force:
         found = ", ".join(f"{value:.6g}{unit} by {name}" for name, value in by_force.items())
-        more = "" if counted else "; look more often to count it"
+        more = "" if conserved else "; look more often to count it"
         lines.append(("work", f"{found} (± {missed:.1e} by the distance between looks{more})"))
     if _are_numbers(energy, "rms_relative_error", "max_relative_error"):
         rms, largest = energy["rms_relative_error"], energy["max_relative_error"]
@@ -71,6 +71,53 @@ def energy_lines(
     if isinstance(verdict, str):
         context = _size(energy, length) + cause if drift and verdict == "secular drift" else ""
         lines.append(("energy drift", (f"{drift}{per}: {verdict}{context}" if drift else verdict) + less_heat))
+    return lines
+
+
+def molecule_lines(found: Mapping[str, Any], length: str, temperature: str) -> list[tuple[str, str]]:
+    """Lines of the values of a MoleculeReport, with the units of length and temperature."""
+    lines = []
+    if _are_numbers(found, "constraints", "error"):
+        held = counted(int(found["constraints"]), "rigid distance", ",")
+        lines.append(("constraints", f"{held}, largest relative error {found['error']:.1e}"))
+    if _are_numbers(found, "moved", "lost") and (found["moved"] or found["lost"]):
+        moved = measured(f"{found['moved']:.3g}", length)
+        said = f"positions by up to {moved}, velocities by {found['lost']:.2g} of the kinetic energy"
+        lines.append(("start", f"projected on the constraints: {said}"))
+    means, errors = found.get("temperatures"), found.get("errors")
+    if isinstance(means, Mapping) and means and isinstance(errors, Mapping) and _are_numbers(means, *means):
+        parts = []
+        for kind, mean in means.items():
+            text = with_error(mean, errors[kind]) if _are_numbers(errors, kind) and errors[kind] else f"{mean:.5g}"
+            parts.append(f"{measured(text, temperature)} of {kind}")
+        verdict = found.get("verdict")
+        lines.append(("molecules", ", ".join(parts) + (f": {verdict}" if verdict else "")))
+    bias = found.get("step_bias")
+    if isinstance(bias, Mapping) and bias and _are_numbers(bias, *bias):
+        low = ", ".join(f"{measured(f'{each:.2g}', temperature)} of {kind}" for kind, each in bias.items())
+        lines.append(("step bias", f"temperatures at whole steps lack {low}, to leading order"))
+    return lines
+
+
+def charge_lines(found: Mapping[str, Any], length: str) -> list[tuple[str, str]]:
+    """Lines of the values of a ChargeReport, with the unit of length."""
+    said = [str(found.get("method"))]
+    if _are_numbers(found, "cutoff"):
+        said.append(f"cutoff = {measured(format(found['cutoff'], '.5g'), length)}")
+    if _are_numbers(found, "alpha"):
+        said.append(f"alpha = {measured(format(found['alpha'], '.5g'), length and f'1/{length}')}")
+    if _are_numbers(found, "waves"):
+        said.append(f"{found['waves']:,} waves")
+    if found.get("mesh"):
+        said.append(f"mesh {' x '.join(map(str, found['mesh']))}, order {found.get('order')}")
+    if _are_numbers(found, "vacuum"):
+        said.append(f"slab with a vacuum of {measured(format(found['vacuum'], '.5g'), length)}")
+    lines = [("charges", ", ".join(said))]
+    if _are_numbers(found, "predicted_error", "accuracy"):
+        errors = f"{found['predicted_error']:.1e} predicted"
+        if _are_numbers(found, "measured_error"):
+            errors += f", {found['measured_error']:.1e} measured for {found.get('measured_particles')} particles"
+        lines.append(("force error", f"{errors}, of {found.get('relative_to')}; asked {found['accuracy']:.1e}"))
     return lines
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.options import DT, TEMPERATURE
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from kickdrift.run.advance import Integration
 
 Progress = Callable[[int, int], Any]
+NEGATIVE = re.compile(r"(steps? )-(\d+)")
 STAIRS = 200  # parts of constant temperature in the ramp of a heat bath
 
 
@@ -215,12 +218,24 @@ def _through_bath(sim: Any, ramp: Ramp, progress: Progress | None) -> None:
             first, last = count * (stair - 1) // stairs, count * stair // stairs
             _heat_to(run, ramp.at(0.5 * (first + last)))
             ahead = last - first
-        sim.advance(min(ahead, -sim.steps_done))
+        with _steps_from(count):
+            sim.advance(min(ahead, -sim.steps_done))
         _tell(sim, progress, count + sim.steps_done, count)
     if not ramp.flat:
         _heat_to(run, ramp.end)
     _restart(sim)
     run.record.compile_seconds = compile_seconds
+
+
+@contextmanager
+def _steps_from(count: int) -> Iterator[None]:
+    """Context in which errors count steps from the start of an equilibration, which takes them from -count to 0."""
+    try:
+        yield
+    except RunError as error:
+        told = NEGATIVE.sub(lambda found: f"{found[1]}{count - int(found[2])} of the equilibration", str(error))
+        error.args = (told, *error.args[1:])
+        raise
 
 
 def _tell(sim: Any, progress: Progress | None, done: int, of: int) -> None:

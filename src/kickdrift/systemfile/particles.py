@@ -331,6 +331,15 @@ def molecules_of(table: SystemTable, folder: Path) -> tuple[Topology | None, lis
     if "chains" in given or "file" in given:
         raise InputError("topology.copies: goes with lists of one molecule, not with chains or file")
     one, least = Topology(**given), 1 + max((each.last for each in sites), default=-1)
+    particles = table.particles
+    if isinstance(particles, LatticeTable) and particles.molecule is not None:
+        size, count = len(particles.molecule), particles.count
+        if copies != count or one.size(least) > size:
+            raise InputError(
+                f"topology.copies: the lattice has {count} molecules of {size} particles, and the topology has "
+                f"{copies} copies of {one.size(least)}"
+            )
+        least = size
     return one.repeated(copies, least), [each.repeated(copies, one.size(least)) for each in sites]
 
 

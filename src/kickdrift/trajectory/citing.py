@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -12,6 +12,7 @@ from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.options import BAROSTAT, C_RESCALE, MONTE_CARLO, MTK, PRESSURE
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.systemfile.reading import load
 from kickdrift.text import shown
@@ -30,6 +31,14 @@ _CITED = re.compile(  # authors, year, and DOI, journal or book, in running text
 )
 _CITED_BY_PLACE = re.compile(rf"{_AUTHORS}, ({_PLACE}) \({_YEAR}\), ({_OWN_DOI})")
 RESCALING = "Woodcock 1971, Chem. Phys. Lett. 10, 257, doi:10.1016/0009-2614(71)80281-6"
+SHAKE = "Ryckaert, Ciccotti & Berendsen 1977, J. Comput. Phys. 23, 327, doi:10.1016/0021-9991(77)90098-5"
+RATTLE = "Andersen 1983, J. Comput. Phys. 52, 24, doi:10.1016/0021-9991(83)90014-1"
+PROJECTED = "Leimkuhler & Matthews 2016, Proc. R. Soc. A 472, 20160138, doi:10.1098/rspa.2016.0138"
+BAROSTAT_SOURCES = {
+    C_RESCALE: "Bernetti & Bussi 2020, J. Chem. Phys. 153, 114107, doi:10.1063/5.0020514",
+    MTK: "Martyna, Tobias & Klein 1994, J. Chem. Phys. 101, 4177, doi:10.1063/1.467468",
+    MONTE_CARLO: "McDonald 1972, Mol. Phys. 23, 41, doi:10.1080/00268977200100031",
+}
 FRAGMENTS = "Leinhardt & Stewart 2012, doi:10.1088/0004-637X/745/1/79"
 KICKDRIFT = """@software{{kickdrift,
   author = {{{{The kickdrift developers}}}},
@@ -77,10 +86,12 @@ def _sources(name: str) -> Iterator[str]:
             yield _of_method(made.get("integrator"))
             yield ENGINES[made["engine"]].source if made.get("engine") in ENGINES else ""
             if hasattr(recorded, "system_record"):
+                yield from _of_options(made.get("options") or {})
                 yield from _of_system(recorded.system(), made.get("integrator"))
     elif is_shipped(name) or name.endswith(".toml"):
         subject: Any = load(name)
         yield _of_method(subject.run.integrator)
+        yield from _of_options(subject.run.options)
         yield from _of_system(subject, subject.run.integrator)
     else:
         raise InputError(
@@ -101,6 +112,11 @@ def _of_system(subject: Any, method: Any) -> Iterator[str]:
         yield INTEGRATORS[by].source if by in INTEGRATORS and INTEGRATORS[by].bath else RESCALING
     if any(getattr(event, "action", None) == "fragment" for event in getattr(subject, "events", ())):
         yield FRAGMENTS
+    if getattr(subject, "constraints", None) is not None:
+        yield from (SHAKE, RATTLE)
+        used = (method, asked.integrator if asked else None)
+        if any(name in INTEGRATORS and INTEGRATORS[name].drags for name in used):
+            yield PROJECTED
     for force in getattr(subject, "forces", ()):
         if hasattr(force, "sources"):
             yield force.sources(subject)
@@ -108,6 +124,12 @@ def _of_system(subject: Any, method: Any) -> Iterator[str]:
             yield from _of_force(type(force))
     if source := dict(getattr(subject, "invariants", {}) or {}).get("source"):
         yield str(source)
+
+
+def _of_options(options: Mapping[str, Any]) -> Iterator[str]:
+    """Sources of the barostat that the options of a run ask for."""
+    if options.get(PRESSURE.name) is not None:
+        yield BAROSTAT_SOURCES.get(options.get(BAROSTAT.name) or C_RESCALE, "")
 
 
 def _of_force(cls: Any) -> Iterator[str]:

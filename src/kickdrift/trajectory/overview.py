@@ -12,7 +12,15 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import mean_pressure, worth_saying
 from kickdrift.looks.doubts import UNRELIABLE
-from kickdrift.looks.report_lines import energy_lines, energy_trend, mean_text, method_text, verdict_text
+from kickdrift.looks.report_lines import (
+    charge_lines,
+    energy_lines,
+    energy_trend,
+    mean_text,
+    method_text,
+    molecule_lines,
+    verdict_text,
+)
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import symbol_of
@@ -22,7 +30,7 @@ from kickdrift.trajectory.layout.problem_header import ENERGY, Y
 from kickdrift.trajectory.problems.reader import MOST, ProblemRun, table_rows
 from kickdrift.trajectory.problems.reader import info as info_of_problem
 from kickdrift.trajectory.problems.table import ProblemTable
-from kickdrift.trajectory.read.info import alarms, goal, info_of, room_lines, warnings_of
+from kickdrift.trajectory.read.info import alarms, goal, info_of, room_lines, tie_lines, warnings_of
 from kickdrift.trajectory.read.reader import Run, open
 from kickdrift.trajectory.read.recorded import Samples
 
@@ -63,6 +71,7 @@ def overview_of(run: Run) -> Lines:
             energy, units["energy"], units["time"], found["time"][1] - found["time"][0],
             heat=heat if _is_number(heat) else None, work=work if _is_number(work) else None,
         )  # fmt: skip
+    lines += _of_particles(found, report, units)
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
     lines += [line for line in room_lines(found, units["length"]) if line[0] not in dict(lines)]
@@ -106,6 +115,14 @@ def _method(method: Mapping[str, Any], report: Mapping[str, Any], time_unit: str
         str(method.get("integrator")), {key: value for key, value in chosen.items() if worth_saying(value)}, time_unit
     )
     return ", ".join([name, *where])
+
+
+def _of_particles(found: dict[str, Any], report: Mapping[str, Any], units: Mapping[str, str]) -> Lines:
+    """Charges, constraints and molecules: of the file, and what the report tells of them."""
+    charges, molecules = report.get("charges"), report.get("molecules")
+    told = charge_lines(charges, units["length"]) if isinstance(charges, Mapping) else []
+    told += molecule_lines(molecules, units["length"], units["temperature"]) if isinstance(molecules, Mapping) else []
+    return [line for line in tie_lines(found, units["charge"]) if line[0] not in dict(told)] + told
 
 
 def _momentum(report: Mapping[str, Any]) -> Lines:

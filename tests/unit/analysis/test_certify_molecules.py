@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.certify.certifying import checked
 from kickdrift.analysis.certify.sampled_run import sampled_run
 from kickdrift.integrators.splitting import stepper
 from kickdrift.integrators.splitting.baths import bath
 from kickdrift.integrators.splitting.constraints import flows
+from kickdrift.looks import looking
 from kickdrift.model import freedom
 
 
@@ -106,6 +108,18 @@ def test_noise_that_is_not_projected_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr(stepper, "on_manifold", without(flows.TEMPER))
     _, report, _ = run(tmp_path / "run.h5md")
     assert report.energy.verdict == "secular drift"
+
+
+@pytest.mark.parametrize("faulty", [False, True])
+def test_a_virial_without_the_forces_of_constraints_is_found(tmp_path, monkeypatch, faulty):
+    """All kinetic energy then counts as pressure, 5 / 3 of that of an ideal gas of pairs."""
+    if faulty:
+        monkeypatch.setattr(looking, "parted", lambda constraints: np.zeros(0))
+    barostat = {"pressure": 0.005, "pressure_tau": 5.0, "compressibility": 200.0}
+    _, report, found = run(tmp_path / "run.h5md", **barostat)
+    failed = [row.test for row in checked([found]).failed]
+    assert ("mean pressure" in failed) == faulty
+    assert report.pressure_verdict.startswith("differs" if faulty else "agrees")
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.looks.molecules import Molecules
+from kickdrift.run.report.warnings import begins_badly
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
+from kickdrift.trajectory.overview import overview
+from kickdrift.trajectory.read.info import info
 
 
 def triangles(scale: float = 1.0) -> kd.System:
@@ -191,3 +194,114 @@ def test_barostats_that_know_no_molecules_refuse():
     options = {"temperature": 1.5, "pressure": 0.5, "pressure_tau": 1.0, "tau": 0.5}
     with pytest.raises(InputError, match="barostat: mtk does not act on constraints"):
         kd.Simulation(triangles(), "nose-hoover", dt=0.005, barostat="mtk", **options)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_drift_in_numpy_is_that_of_the_compiled_flow(sign):
+    """`compare` follows paths to the next bath on the manifold; a step without forces is one drift and a projection."""
+    system, dt = triangles().with_forces([]), 0.05
+    held, masses = system.constraints, system.coherent_masses
+    sim = kd.Simulation(system, "velocity-verlet", dt=dt)
+    sim.run(1)
+    begin, end = (system.state.phase, sim.state.phase) if sign > 0 else (sim.state.phase, system.state.phase)
+    x, v = held.drifted(masses, *begin, sign * dt)
+    np.testing.assert_allclose(x, end[0], rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(held.projected(masses, x, v)[1], end[1], rtol=0.0, atol=1e-11)
+
+
+WATER = """
+units = "metal"
+[particles]
+lattice = "sc"
+count = 8
+density = 0.02
+molecule = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.3333, 0.9428, 0.0]]
+species = ["O", "H", "H"]
+mass = { O = 16.0, H = 1.0 }
+seed = 1
+[topology]
+bonds = [[0, 1], [0, 2]]
+copies = 8
+[[constraint]]
+bonds = true
+[[force]]
+type = "uniform-field"
+acceleration = [0.0, 0.0, 0.0]
+"""
+BAD = [
+    ("copies = 8", "copies = 7", "topology.copies: the lattice has 8 molecules of 3 particles, and the"),
+    ("bonds = true", "bonds = true\ndistance = 9.0", "keep 9 apart; it must be under 0.49 of the shortest box edge"),
+    ("bonds = true", "pairs = [[0, 24]]", "constraint[0]: pair [0, 24]: there is no particle 24"),
+    ("bonds = true", "bonds = true\ntolerance = 1e-20", "tolerance: expected a number from 1e-17, below which all is"),
+    ("H = 1.0", "H = 0.0", "has no mass, and a constraint moves particles by their masses"),
+    ("bonds = true", "pairs = [[0, 1], [0, 1]]", "constraint[0]: pairs[1] = [0, 1] is given twice"),
+    (
+        "bonds = true", "bonds = true\n[[constraint]]\npairs = [[0, 1]]\ndistance = 1.5",
+        "particles 0 and 1 cannot be both 1 and 1.5 apart",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD)
+def test_bad_constraints_are_one_line(old, new, message, tmp_path):
+    path = tmp_path / "water.toml"
+    path.write_text(WATER.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        kd.load(path)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_constraint_between_two_molecules_is_a_warning(tmp_path):
+    path = tmp_path / "water.toml"
+    path.write_text(WATER.replace("bonds = true", "pairs = [[0, 3]]"), encoding="utf-8")
+    found = begins_badly(kd.load(path))
+    line = (
+        "constraint: particle 0 and particle 3 are of two molecules of the topology, which the constraint joins to one"
+    )
+    assert line in found
+
+
+def test_a_short_run_has_no_verdict_on_equipartition():
+    """Many samples of a time in which the motions hardly exchange heat are few independent ones."""
+    system = triangles()
+    short = kd.Simulation(system, "velocity-verlet", dt=0.002).run(60, every=1).molecules
+    assert short.verdict == "too short to judge equipartition"
+
+
+def test_the_step_bias_is_that_of_forces_on_centres():
+    """The part that the step takes from translation is dt^2 / 6 times the mean square of the forces on centres."""
+    system = triangles()
+    sim = kd.Simulation(system, "velocity-verlet", dt=0.004)
+    bias = sim.run(10, every=5).molecules.step_bias
+    a = sim.integration.flow.accelerations(sim.state.phase, 0.0)
+    masses = system.coherent_masses
+    centres = np.array([np.add.reduceat(masses * row, np.arange(0, 81, 3)) for row in a])
+    expected = 0.004**2 / 6.0 * float((centres**2).sum() / masses[:3].sum()) / 78.0
+    assert bias["translation"] == pytest.approx(expected, rel=1e-10)
+    assert bias["rotation"] > 0
+    assert not kd.Simulation(system, "baoab", dt=0.004, temperature=1.5, friction=2.0).run(4).molecules.step_bias
+
+
+def test_an_equilibration_counts_its_steps_from_its_start():
+    sim = kd.Simulation(triangles(), "baoab", dt=0.6, temperature=1.5, friction=0.5)
+    with pytest.raises(RunError, match=r"step \d+ of the equilibration") as caught:
+        sim.equilibrate(1.5, steps=400)
+    assert "step -" not in str(caught.value)
+
+
+def test_info_and_cite_name_constraints_and_charges(tmp_path):
+    path = tmp_path / "run.h5md"
+    options = {"temperature": 1.5, "friction": 2.0, "pressure": 0.5, "pressure_tau": 1.0, "compressibility": 0.1}
+    kd.Simulation(triangles(), "baoab", dt=0.005, **options).run(4, every=2, output=path)
+    assert info(path)["constraints"] == 81
+    text = "\n".join(" ".join(line) for line in overview(path))
+    assert "constraints 81 rigid distances, largest relative error" in text
+    sources = kd.cite(path)
+    for doi in (
+        "10.1016/0021-9991(77)90098-5",
+        "10.1016/0021-9991(83)90014-1",
+        "10.1098/rspa.2016.0138",
+        "10.1063/5.0020514",
+    ):
+        assert doi in sources

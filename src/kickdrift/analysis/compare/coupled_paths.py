@@ -110,20 +110,24 @@ class CoupledPaths:
 
     def _met(self, sim: Simulation) -> float:
         """Kinetic energy that the bath meets: the mean of the energies after its last action and before its next one.
-        Drifts and kicks between are undone or taken in a copy. The mean belongs to the time of the look."""
+        Drifts and kicks between are undone or taken in a copy, on the manifold of constraints. The mean belongs to the
+        time of the look."""
         letters = list(zip(self.word.letters, self.word.weights, strict=True))
         return 0.5 * (self._beyond(sim, letters, 1.0) + self._beyond(sim, letters[::-1], -1.0))
 
     def _beyond(self, sim: Simulation, letters: list[tuple[str, float]], sign: float) -> float:
         y, dt = self._stepper(sim).y.copy(), sign * float(sim.dt or 0.0)
+        held, masses = self.system.constraints, self.system.coherent_masses
         for letter, weight in letters:
             if FLOWS[letter].bath:
                 break
             if letter == KICK:
                 y[1] += weight * dt * self._accelerations(sim, y)
+            elif letter == DRIFT and held is not None:
+                y[0], y[1] = held.drifted(masses, y[0], y[1], weight * dt)
             elif letter == DRIFT:
                 y[0] += weight * dt * y[1]
-        return kinetic_energy(self.system.coherent_masses, y[1])
+        return kinetic_energy(masses, y[1] if held is None else held.projected(masses, *y)[1])
 
     def _accelerations(self, sim: Simulation, y: Floats) -> Floats:
         flow: Any = sim.integration.flow

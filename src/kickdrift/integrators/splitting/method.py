@@ -118,6 +118,10 @@ class Splitting(Method):
         return self.word in ("BAOAB", "BAGAB")
 
     @property
+    def kinetic_bias(self) -> bool:
+        return self.letters == ("B", "A", "B")
+
+    @property
     def free_because(self) -> str:
         if "D" in self.letters:
             return "draws the velocities of single particles"

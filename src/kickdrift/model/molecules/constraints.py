@@ -108,15 +108,28 @@ class Constraints:
         columns = np.concatenate([i + n * axis for axis in range(3)] + [j + n * axis for axis in range(3)])
         return csr_array((np.concatenate([apart, -apart]).ravel(), (rows, columns)), shape=(c, 3 * n))
 
+    def drifted(self, masses: Floats, x: Floats, v: Floats, span: float) -> tuple[Floats, Floats]:
+        """Positions and velocities (3, n) after a drift on the manifold from x, which lies there, and v: the velocities
+        change along the gradients at x so that the drift ends on the manifold (RATTLE without forces)."""
+        inverse = _inverse(masses)
+        slopes = self.gradients(x)
+        for _ in range(ITERATIONS):
+            error = self.errors(x + span * v)
+            if np.abs(error).max() <= 4.0 * ROUNDING:
+                break
+            push = _solve(self.gradients(x + span * v) @ inverse @ slopes.T, -error * self.lengths**2 / span)
+            change = (inverse @ (slopes.T @ push)).reshape(3, -1)
+            v = v + change
+            if np.abs(change).max() <= ROUNDING * np.abs(v).max():
+                break
+        return x + span * v, v
+
     def projected(self, masses: Floats, x: Floats, v: Floats) -> tuple[Floats, Floats, Projected]:
         """Positions and velocities (3, n) on the manifold, near x of whole molecules and v, and how far these were.
 
         What lies on the manifold to rounding stays as it is, to the last bit. Raises InputError for positions without
         such a place nearby."""
-        from scipy.sparse import csr_array
-
-        over = np.tile(1.0 / np.where(masses > 0, masses, 1.0), 3)
-        inverse = csr_array((over, (np.arange(len(over)), np.arange(len(over)))))
+        inverse = _inverse(masses)
         moved, lost, begun = 0.0, 0.0, x
         error = self.errors(x)
         stretch = np.sqrt(1.0 + 2.0 * error)
@@ -200,6 +213,14 @@ class Constraints:
                 f"constraint: the distance of particles {i} and {j} follows from the others of their molecule, so "
                 "leave it out. A rigid molecule in a plane has at most three sites, one on a line two"
             )
+
+
+def _inverse(masses: Floats) -> Any:
+    """Sparse matrix (3 n, 3 n) of the inverse masses."""
+    from scipy.sparse import dia_array
+
+    over = np.tile(1.0 / np.where(masses > 0, masses, 1.0), 3)
+    return dia_array((over[None, :], [0]), shape=(len(over), len(over))).tocsr()
 
 
 def _solve(matrix: Any, right: Floats) -> Floats:

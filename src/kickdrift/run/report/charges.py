@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -13,6 +13,7 @@ from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, PME
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.looks.report_lines import charge_lines
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.text import measured
@@ -47,24 +48,7 @@ class ChargeReport:
 
     def lines(self, length: str) -> list[tuple[str, str]]:
         """Lines for people; ``length`` is the unit of length."""
-        said = [self.method]
-        if self.cutoff is not None:
-            said.append(f"cutoff = {measured(f'{self.cutoff:.5g}', length)}")
-        if self.alpha is not None:
-            said.append(f"alpha = {measured(f'{self.alpha:.5g}', length and f'1/{length}')}")
-        if self.waves is not None:
-            said.append(f"{self.waves:,} waves")
-        if self.mesh is not None:
-            said.append(f"mesh {' x '.join(map(str, self.mesh))}, order {self.order}")
-        if self.vacuum is not None:
-            said.append(f"slab with a vacuum of {measured(f'{self.vacuum:.5g}', length)}")
-        lines = [("charges", ", ".join(said))]
-        if self.predicted_error is not None:
-            found = f"{self.predicted_error:.1e} predicted"
-            if self.measured_error is not None:
-                found += f", {self.measured_error:.1e} measured for {self.measured_particles} particles"
-            lines.append(("force error", f"{found}, of {self.relative_to}; asked {self.accuracy:.1e}"))
-        return lines
+        return charge_lines(asdict(self), length)
 
 
 def charge_report(system: Any, sim: Any) -> ChargeReport | None:

@@ -12,6 +12,7 @@ from kickdrift.looks.doubts import digits_doubt
 from kickdrift.looks.record import Series
 from kickdrift.model.body_checks import doubtful_forces
 from kickdrift.model.freedom import NONE, apart_of
+from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.report.charges import charge_warnings, slab_warning
@@ -153,7 +154,22 @@ def begins_badly(system: Any, phase: Floats | None = None) -> list[str]:
     if phase is not None:
         x, v = phase[:, :, : len(system)]  # spins, if there are any, follow
         found = [layer_warning(system, (x, v)), *found, digits_doubt(system, x)]
+    found.append(joining_constraint(system))
     return [*filter(None, found), *doubtful_forces(system), *unused_warnings(system), *charge_warnings(system)]
+
+
+def joining_constraint(system: System) -> str:
+    """Warning of a constraint between two molecules of the topology; "" without one."""
+    held, topology = system.constraints, system.topology
+    if held is None or topology is None or not len(topology.bonds):
+        return ""
+    molecule = molecules_of(topology.bonds, len(system))
+    bonded = np.isin(held.pairs, topology.bonds).all(axis=1)
+    apart = np.flatnonzero(bonded & (molecule[held.pairs[:, 0]] != molecule[held.pairs[:, 1]]))
+    if not apart.size:
+        return ""
+    i, j = map(system.body, held.pairs[apart[0]].tolist())
+    return f"constraint: {i} and {j} are of two molecules of the topology, which the constraint joins to one"
 
 
 def ends_badly(system: Any, state: Any) -> list[str]:

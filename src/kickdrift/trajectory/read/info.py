@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any, NamedTuple
 
@@ -98,6 +99,7 @@ def info_of(run: Run) -> dict[str, Any]:
         "particles": len(run.ids) - run.system_record.get("room", 0),
         "species": counts,
         **({} if (joined := topology_of(run)) is None else {"topology": joined.counts()}),
+        **ties_of(run),
         "box": None if run.box.shape is None else np.array(run.box.shape).tolist(),
         "periodic": list(run.box.periodic_axes),
         **means_of(run),
@@ -107,6 +109,7 @@ def info_of(run: Run) -> dict[str, Any]:
             "time": run.units.time,
             "energy": run.units.energy,
             "temperature": run.units.temperature,
+            "charge": run.units.charge,
             "nominal": run.nominal_units,
         },
         "unregistered": _unregistered(run),
@@ -116,6 +119,28 @@ def info_of(run: Run) -> dict[str, Any]:
         "compressed": run.packed,
         "compress": run.options.compress,
     }
+
+
+def ties_of(run: Run) -> dict[str, Any]:
+    """Net charge, and numbers of rigid distances and of virtual sites, of a run that has them."""
+    found: dict[str, Any] = {} if run.charges is None else {"net_charge": math.fsum(run.charges)}
+    for key, items in (("constraints", "pairs"), ("virtual_sites", "particles")):
+        tables = run.system_record.get(key)
+        given = [each.get(items) for each in tables if isinstance(each, dict)] if isinstance(tables, list) else []
+        if count := sum(len(each) for each in given if isinstance(each, list)):
+            found[key] = count
+    return found
+
+
+def tie_lines(found: dict[str, Any], charge: str) -> list[tuple[str, str]]:
+    """Rows of key and text from the result of `ties_of`, with the unit of charge."""
+    rows = []
+    if "net_charge" in found:
+        rows.append(("net charge", measured(f"{found['net_charge']:.6g}", charge)))
+    for key, name in (("constraints", "rigid distance"), ("virtual_sites", "site")):
+        if key in found:
+            rows.append((key.replace("_", " "), counted(found[key], name, ",")))
+    return rows
 
 
 def shared_content(run: Recorded) -> dict[str, Any]:
@@ -202,6 +227,7 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("system", found["system"]),
         ("particles", f"{found['particles']:,} ({species})"),
         *([("topology", counts_text(found["topology"]))] if "topology" in found else []),
+        *tie_lines(found, symbol_of(units["charge"])),
         ("box", _box(found["box"], found["periodic"], length) + " at the start" * ("volume" in found)),
         *room_lines(found, length),
         ("units", f"{units['name']}: {', '.join(named) or 'plain numbers'}"),

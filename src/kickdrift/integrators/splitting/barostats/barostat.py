@@ -96,7 +96,10 @@ def check_options(kind: str, options: Options, method: Lettered, held: bool = Fa
             f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
         )
     if held and kind == MTK:
-        raise InputError("barostat: mtk does not act on constraints; c-rescale and monte-carlo do")
+        raise InputError(
+            "barostat: mtk does not act on constraints, because it scales the places of single particles in each step; "
+            "c-rescale and monte-carlo move whole molecules between steps"
+        )
     needed, taken = BAROSTATS[kind]
     for name in needed:
         if options.get(name) is None:
@@ -133,7 +136,15 @@ def check_pressed(system: Any, options: Options) -> None:
             raise InputError(f"pressure: force {force.name!r} does not scale with the box: {reason}")
     coupling = coupling_of(options)
     if system.constraints is not None and coupling == FULL:
-        raise InputError(f"coupling: {FULL} does not act on constraints; take isotropic, semi-isotropic or per-axis")
+        raise InputError(
+            f"coupling: {FULL} does not act on constraints, because its virial is that of particles, not of whole "
+            "molecules; take isotropic, semi-isotropic or per-axis"
+        )
+    if coupling in APART and system.virtual_sites is not None and system.virtual_sites.normal.any():
+        raise InputError(
+            f"coupling: {coupling} needs the virial along each axis, and virtual sites beside the plane of their "
+            "particles do not give it; take isotropic"
+        )
     if system.dimensions == 2 and coupling == "semi-isotropic":
         raise InputError("coupling: semi-isotropic needs three dimensions; take isotropic or per-axis")
     if coupling in APART and coupling != FULL and system.box.tilts:
