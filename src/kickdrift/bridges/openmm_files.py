@@ -73,8 +73,7 @@ def told(what: str = "") -> Iterator[None]:
 
 def _frame(path: Path, asked: Asked) -> Any:
     """OpenMM's reader of the coordinates, with `positions`."""
-    if asked.coordinates is None:
-        raise InputError("holds no coordinates; give a file of them: coordinates (--coordinates)")
+    assert asked.coordinates is not None
     where = Path(asked.coordinates)
     if where.suffix.lower() not in FRAMES:
         raise InputError(f"{where}: coordinates come from files that end in {choices(FRAMES)}")

@@ -302,7 +302,7 @@ def test_bad_files_end_in_one_line(files):
     (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
-        ("acid.top: holds no coordinates; give a file of them", top, {}),
+        (r"acid.top: is a topology of GROMACS \(top\); kickdrift reads all of it with coordinates", top, {}),
         ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
         (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
         ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),
