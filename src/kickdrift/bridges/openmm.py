@@ -11,6 +11,7 @@ from openmm import unit
 
 from kickdrift.bridges.openmm_files import Asked, read
 from kickdrift.bridges.openmm_nonbonded import nonbonded
+from kickdrift.bridges.openmm_out import parts_of as parts_of  # System.to_openmm
 from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box

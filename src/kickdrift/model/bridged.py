@@ -107,6 +107,20 @@ class Bridged:
         bridged = bridge("openmm", "System.from_openmm")
         return bridged.system_of(system, topology, positions, velocities, integrator)
 
+    def to_openmm(self) -> Any:
+        """OpenMM's objects: a tuple of ``system``, ``topology``, ``positions`` and ``velocities``.
+
+        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies. The system
+        has OpenMM's standard forces and constraints. Defaults of a run stay behind.
+
+        Raises
+        ------
+        InputError
+            For units other than gromacs, forces without a counterpart, truncations other than "cut", and cutoffs that
+            differ.
+        """
+        return bridge("openmm", "System.to_openmm").parts_of(self)
+
     @classmethod
     def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> Any:
         """System of a ``rebound.Simulation`` at its time: bodies, masses, radii, names, G, softening, to the bit.

@@ -173,6 +173,37 @@ def test_barostats_and_integrators_become_defaults(water):
     assert kd.System.from_openmm(theirs, topology, x).run.options["temperature"] == 300.0
 
 
+@pytest.mark.parametrize("which", ["alanine", "water"])
+def test_a_system_goes_to_openmm_and_comes_back(which, request):
+    topology, x = request.getfixturevalue(which)
+    more = {"nonbondedMethod": app.CutoffPeriodic, "nonbondedCutoff": 0.6, "rigidWater": False}
+    first = kd.System.from_openmm(
+        built(topology, "amber14-all.xml") if which == "alanine" else built(topology, "tip3p.xml", **more), topology, x
+    )
+    again = kd.System.from_openmm(*first.to_openmm())
+    assert again.species == first.species
+    kept, back = (system.topology.tables() for system in (first, again))
+    assert sorted(map(sorted, back.pop("exclusions"))) == sorted(map(sorted, kept.pop("exclusions")))
+    assert back == kept
+    assert [force.name for force in again.forces] == [force.name for force in first.forces]
+    energies = [BoundForces(system).measure(0.0, system.state.phase).potential for system in (first, again)]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-13)
+
+
+def test_what_openmm_lacks_is_named(alanine):
+    topology, x = alanine
+    ours = kd.System.from_openmm(built(topology, "amber14-all.xml"), topology, x)
+    for system, match in (
+        (kd.load("lj-1000"), "to_openmm: units 'lj'"),
+        (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
+        (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
+        (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),
+        (ours.with_forces(kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
+    ):
+        with pytest.raises(kd.InputError, match=match):
+            system.to_openmm()
+
+
 def refused(theirs, topology, x, match, **more):
     with pytest.raises(kd.InputError, match=match):
         kd.System.from_openmm(theirs, topology, x, **more)
