@@ -24,6 +24,7 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System
 
@@ -84,7 +85,7 @@ def _refuse(system: System) -> None:
         if type(force) not in (*BONDED, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
     for force in system.forces:
-        if isinstance(force, LennardJones) and (force.truncation != "cut" or force.pairs):
+        if isinstance(force, PairForce) and (force.truncation != "cut" or force.pairs):
             raise InputError(
                 'to_openmm: lennard-jones: OpenMM has truncation "cut", and mixes by Lorentz and Berthelot alone'
             )
@@ -110,20 +111,20 @@ def _nonbonded(system: System) -> Any:
         kinds = system.species_index
         for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
             (first, one), (second, other) = laws[kinds[i]], laws[kinds[j]]
-            well = factor * float(np.sqrt(one * other))
-            terms[i, j] = factor * float(charges[i] * charges[j]), 0.5 * (first + second), well
+            depth = factor * float(np.sqrt(one * other))
+            terms[i, j] = factor * float(charges[i] * charges[j]), 0.5 * (first + second), depth
     for force in system.forces:
         if isinstance(force, ListedPairs):
             values = (np.broadcast_to(given, len(force.pairs)).tolist() for given in
                       (force.charges, force.sigma, force.epsilon))  # fmt: skip
-            for (i, j), *term in zip(force.pairs, *values, strict=True):
+            for (i, j), charge, sigma, well in zip(force.pairs, *values, strict=True):
                 key = min(i, j), max(i, j)
                 if key not in terms or terms[key][0] or terms[key][2]:
                     raise InputError(
                         f"to_openmm: listed-pairs: pair {[i, j]} is not left out of the other pair forces, and OpenMM "
                         "has one term for each pair"
                     )
-                terms[key] = tuple(term)  # type: ignore[assignment]
+                terms[key] = charge, sigma, well
     for (i, j), term in terms.items():
         made.addException(i, j, *term)
     return made
