@@ -26,7 +26,7 @@ from kickdrift.text import shown
 
 UNITS = UNIT_SYSTEMS["gromacs"]
 PAIRS, BAROSTAT = "NonbondedForce", "MonteCarloBarostat"
-NEEDLESS = "CMMotionRemover"  # kickdrift's methods keep the total momentum, and heat baths count it
+NEEDLESS = "CMMotionRemover"  # methods keep the total momentum; Langevin baths move it, and temperatures count that
 UNKNOWN = "X"  # symbol of a site without an element
 MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stated; OpenMM's examples have this value
 
@@ -141,7 +141,7 @@ def _first_term(force: Any) -> str:
 
 
 METHODS = {
-    "VerletIntegrator": "velocity-verlet", "LangevinMiddleIntegrator": "baoa", "LangevinIntegrator": "baoab",
+    "VerletIntegrator": "velocity-verlet", "LangevinMiddleIntegrator": "baoa", "LangevinIntegrator": "baoa",
 }  # fmt: skip
 
 

@@ -103,7 +103,8 @@ def _amber(path: Path, asked: Asked) -> Parts:
     edges = _edges(frame)
     found = app.AmberPrmtopFile(str(path), periodicBoxVectors=edges)
     periodic = found.topology.getPeriodicBoxVectors() is not None
-    return Parts(found.createSystem(**_settings(asked, periodic)), found.topology, frame.positions, _velocities(frame))
+    made = found.createSystem(**_settings(asked, periodic))
+    return Parts(made, found.topology, frame.positions, getattr(frame, "velocities", None))
 
 
 def _gromacs(path: Path, asked: Asked) -> Parts:
@@ -132,10 +133,6 @@ def _structure(path: Path, asked: Asked) -> Parts:
     periodic = found.topology.getPeriodicBoxVectors() is not None
     made = app.ForceField(*asked.force_field).createSystem(found.topology, **_settings(asked, periodic))
     return Parts(made, found.topology, found.positions, None)
-
-
-def _velocities(frame: Any) -> Any:
-    return getattr(frame, "velocities", None)
 
 
 def _refuse_scripts(file: Path) -> None:

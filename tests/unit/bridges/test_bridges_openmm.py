@@ -161,6 +161,43 @@ def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     assert_same_steps(theirs, without)
 
 
+def four(formula, rest):
+    """OpenMM's System of four particles with one CustomTorsionForce, and their places."""
+    made, force = openmm.System(), openmm.CustomTorsionForce(formula)
+    for key in ("k", "theta0"):
+        force.addPerTorsionParameter(key)
+    for _ in range(4):
+        made.addParticle(12.0)
+    force.addTorsion(0, 1, 2, 3, [150.0, rest])
+    made.addForce(force)
+    return made, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.15, 0.1, 0.0], [0.2, 0.1, 0.03]])
+
+
+FORMULAS = (  # of OpenMM's readers of psf and of top
+    "k*min(dtheta, 2*pi-dtheta)^2; dtheta = abs(theta-theta0);pi = 3.141593;",
+    "0.5*k*(thetap-theta0)^2; thetap = step(-(theta-theta0+pi))*2*pi+theta+step(theta-theta0-pi)*(-2*pi); "
+    "pi = 3.14159265358979",
+)
+
+
+@pytest.mark.parametrize("rest", [0.0, np.pi])
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_harmonic_impropers_are_those_of_openmm(formula, rest):
+    theirs, x = four(formula, rest)
+    ours = kd.System.from_openmm(theirs, None, x)
+    (expected,) = energies_of(context_of(theirs, x), theirs).values()
+    assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-6)
+
+
+def test_other_torsions_are_named():
+    for formula, rest, match in (
+        (FORMULAS[1], 0.5, "particles 0, 1, 2, 3 rests at 28.6479 degrees"),
+        ("k*(theta-theta0)^4", 0.0, "CustomTorsionForce: kickdrift has no counterpart"),
+    ):
+        theirs, x = four(formula, rest)
+        refused(theirs, None, x, match)
+
+
 def test_barostats_and_integrators_become_defaults(water):
     topology, x = water
     theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6)
