@@ -93,7 +93,8 @@ class Bridged:
         system : openmm.System
             With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, the
             CustomTorsionForce of harmonic impropers, constraints, CMMotionRemover (which needs no counterpart), and
-            MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction of 1/ps.
+            MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction
+            of 1/ps
         topology : openmm.app.Topology, for elements and bonds; None if there is none
         positions : (n, 3) in any unit of OpenMM, or as numbers in nm
         velocities : (n, 3) likewise, or as numbers in nm/ps; default zero
