@@ -129,7 +129,7 @@ def test_alanine_dipeptide_in_open_space_is_that_of_openmm(alanine):
     ours = kd.System.from_openmm(theirs, topology, x)
     assert [force.name for force in ours.forces].count("periodic-dihedral") == 3
     assert len(ours.topology.impropers) == 4
-    assert "force             HarmonicAngle(types={11 types}, stiffness=292.88" in str(ours)
+    assert "force             HarmonicAngle(types={11 types}, " in str(ours)
     assert_alike(theirs, ours, 1e-8, 1e-8)
     assert_same_steps(theirs, ours)
 
