@@ -66,6 +66,8 @@ SCRIPTS = (
            "heat baths: velocities, averages at two states, heat capacity, no drift in 10^6 steps", 50),
     Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
     Script("charge_errors.py", "charges: the error of the forces that the user asks, by Ewald's sum and by a mesh", 60),
+    Script("openmm_systems.py", "systems of force fields from OpenMM: energies by term, forces and steps beside OpenMM",
+           90, peers=("openmm",)),
     Script("rigid_water.py", "rigid water: constraints at rounding, and equipartition against the step", 240),
     Script("walls.py", "walls, position restraints and traps beside harmonic solutions and straight lines", 30),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),
