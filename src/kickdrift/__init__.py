@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from kickdrift.model.box.box import Box
     from kickdrift.model.events.collision import Collision, Sphere
     from kickdrift.model.events.events import CloseApproach, Crossing, Escape
+    from kickdrift.model.molecules.constraint import Constraint
     from kickdrift.model.molecules.topology import Topology
+    from kickdrift.model.molecules.virtual_sites import VirtualSite
     from kickdrift.model.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
@@ -108,6 +110,7 @@ _HOMES = {
     "Topology": "model.molecules.topology",
     "TransitionMatrix": "analysis.derivatives.transition",
     "Transits": "analysis.derivatives.transits",
+    "VirtualSite": "model.molecules.virtual_sites",
     "body_law": "forces.laws.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.compare.comparing",
@@ -176,6 +179,7 @@ __all__ = [
     "InputError",
     "Installation",
     "KickdriftError",
+    "LammpsForce",
     "LennardJones",
     "LennardJonesWall",
     "LenseThirring",
@@ -219,6 +223,7 @@ __all__ = [
     "TransitionMatrix",
     "Transits",
     "UniformField",
+    "VirtualSite",
     "accelerations",
     "analysis",
     "angle_law",

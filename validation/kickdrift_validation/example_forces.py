@@ -62,6 +62,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "reflecting-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0)},
     "python": {"function": pull},
     "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
+    "lammps": {
+        "pair_style": "lj/cut 1.5",
+        "pair_coeff": "* * 1.0 0.9",
+        "commands": (),
+        "atom_style": "atomic",
+        "renewal": 0.1,
+    },
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
 
@@ -92,7 +99,7 @@ def crystal(force: Any, few: bool = False, shaken: float = 0.05, seed: int = 5) 
     count = sites * (2 if few else 4) ** 3
     x, edges = lattice(kind, count, sites / edge**3)
     x = x + np.random.default_rng(seed).uniform(-shaken, shaken, x.shape)
-    box, species = None if few else edges, [force.elements[0]] * count
+    box, species = None if few else edges, [force.known[0]] * count
     system = kd.System(x, masses=mass, box=box, forces=[force], units="metal", species=species)
     v = maxwell_boltzmann(system.coherent_masses, 600.0, system.units.boltzmann, seed)
     return kd.System(x, v, mass, box, [force], "metal", species=species)

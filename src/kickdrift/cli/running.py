@@ -1,7 +1,5 @@
 """The commands ``run``, ``resume`` and ``relax``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

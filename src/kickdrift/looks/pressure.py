@@ -1,7 +1,5 @@
 """Instantaneous pressure tensor, from the forces between pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A System to and from other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from typing import Any

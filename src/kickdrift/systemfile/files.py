@@ -1,7 +1,5 @@
 """System files on disk: find, list and parse them; and Python values that stand in for their tables."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

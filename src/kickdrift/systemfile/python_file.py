@@ -3,8 +3,6 @@
 Such a file is a program: it runs with all the user's rights. So only a command whose argument names the file runs it.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 from collections.abc import Callable, Mapping

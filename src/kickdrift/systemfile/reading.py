@@ -38,9 +38,9 @@ from kickdrift.systemfile.particles import (
     cluster,
     constraint_of,
     edges_given,
+    molecules_of,
     on_lattice,
     on_orbits,
-    topology_of,
 )
 from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
@@ -229,7 +229,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
-    topology = topology_of(table.topology, path.parent) if table.topology else None
+    topology, virtual_sites = molecules_of(table, path.parent)
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
@@ -259,6 +259,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             topology=topology,
             charges=start.charges,
             constraints=constraints,
+            virtual_sites=virtual_sites,
         )
 
     made = system(velocities)
