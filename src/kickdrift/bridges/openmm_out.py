@@ -81,6 +81,8 @@ def _refuse(system: System) -> None:
         raise InputError(f"to_openmm: units {system.units.name!r}: OpenMM's are those of gromacs, nm, ps, u and kJ/mol")
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
+    if system.virtual_sites is not None:
+        raise InputError("to_openmm: virtual sites stay behind; take them out, or build the system in OpenMM")
     for force in system.forces:
         if type(force) not in (*BONDED, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")

@@ -48,6 +48,13 @@ def alanine(tmp_path_factory):
     return pdb.topology, x + np.random.default_rng(3).uniform(-0.004, 0.004, x.shape)
 
 
+def with_sites(topology, x, sites):
+    """OpenMM's topology and positions of water with one more place for each molecule."""
+    made = app.Modeller(topology, x * unit.nanometer)
+    made.addExtraParticles(app.ForceField(sites))
+    return made.topology, np.array(made.positions.value_in_unit(unit.nanometer))
+
+
 @pytest.fixture(scope="module")
 def water():
     """Topology and positions (nm) of 64 molecules of TIP3P on a lattice, turned at random, in a box of 1.25 nm."""
@@ -160,6 +167,18 @@ def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     without = kd.System.from_openmm(theirs, topology, x)
     assert_alike(theirs, without, 1e-8, 1e-8)
     assert_same_steps(theirs, without)
+
+
+@pytest.mark.parametrize("file", ["tip4pew.xml", "tip5p.xml"])
+def test_virtual_sites_are_those_of_openmm(water, file):
+    topology, x = with_sites(*water, file)
+    theirs = built(topology, file, nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=True)
+    ours = kd.System.from_openmm(theirs, topology, x)
+    assert len(ours.virtual_sites) == len(ours) - 192
+    context = context_of(theirs, ours.state.positions)
+    context.computeVirtualSites()
+    there = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    assert np.abs(there - ours.state.positions).max() < 1e-12
 
 
 def four(formula, rest):
@@ -283,8 +302,9 @@ def test_particles_without_a_counterpart_are_named():
         theirs.addParticle(0.0 if k == 2 else 1.0)
     x = np.eye(3)
     refused(theirs, topology, x, "particle 2 has no mass, so OpenMM holds it fixed")
-    theirs.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    refused(theirs, topology, x, "particle 2 is a TwoParticleAverageSite, which has no counterpart")
+    axes = openmm.Vec3(1, 0, 0), openmm.Vec3(-1, 1, 0), openmm.Vec3(0, -1, 1)
+    theirs.setVirtualSite(2, openmm.LocalCoordinatesSite(0, 1, 1, *axes, openmm.Vec3(0.1, 0, 0)))
+    refused(theirs, topology, x, "particle 2 is a LocalCoordinatesSite, which has no counterpart")
 
 
 # --- files ---
