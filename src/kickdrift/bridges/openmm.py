@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,13 @@ from openmm import unit
 
 from kickdrift.bridges.openmm_files import Asked, read
 from kickdrift.bridges.openmm_nonbonded import nonbonded
+from kickdrift.bridges.openmm_out import parts_of as parts_of  # System.to_openmm
 from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
+from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -25,7 +28,7 @@ from kickdrift.text import shown
 
 UNITS = UNIT_SYSTEMS["gromacs"]
 PAIRS, BAROSTAT = "NonbondedForce", "MonteCarloBarostat"
-NEEDLESS = "CMMotionRemover"  # kickdrift's methods keep the total momentum, and heat baths count it
+NEEDLESS = "CMMotionRemover"  # methods keep the total momentum; Langevin baths move it, and temperatures count that
 UNKNOWN = "X"  # symbol of a site without an element
 MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stated; OpenMM's examples have this value
 
@@ -73,6 +76,7 @@ def system_of(
         topology=Topology(**lists, exclusions=found.exclusions if found else ()) if lists or found else None,
         charges=found.charges if found else None,
         constraints=[Constraint(pairs=pairs, distance=[number(length) for *_, length in kept])] if kept else None,
+        virtual_sites=_sites(given),
     )
 
 
@@ -114,13 +118,34 @@ def _vectors(key: str, values: Any, of: Any, n: int) -> Floats:
     return found
 
 
+SITES: dict[str, Callable[[Any], tuple[tuple[float, ...], float]]] = {  # weights, and the factor of the cross product
+    "TwoParticleAverageSite": lambda site: ((site.getWeight(0), site.getWeight(1)), 0.0),
+    "ThreeParticleAverageSite": lambda site: ((site.getWeight(0), site.getWeight(1), site.getWeight(2)), 0.0),
+    "OutOfPlaneSite": lambda site: (
+        (1.0 - site.getWeight12() - site.getWeight13(), site.getWeight12(), site.getWeight13()), site.getWeightCross()
+    ),
+}  # fmt: skip
+
+
+def _sites(given: Any) -> list[VirtualSite] | None:
+    """The virtual sites; those of equal form are one `VirtualSite`."""
+    found: dict[Any, tuple[list[int], list[list[int]]]] = {}
+    for i in filter(given.isVirtualSite, range(given.getNumParticles())):
+        site = given.getVirtualSite(i)
+        form = SITES[type(site).__name__](site)
+        particles, of = found.setdefault(form, ([], []))
+        particles.append(i)
+        of.append([site.getParticle(k) for k in range(site.getNumParticles())])
+    return [VirtualSite(*lists, weights, normal) for (weights, normal), lists in found.items()] or None
+
+
 def _refuse(given: Any) -> None:
-    """Refuse what has no counterpart: virtual sites, particles without mass, and other forces."""
+    """Refuse what has no counterpart: other virtual sites, particles without mass, and other forces."""
     for i in range(given.getNumParticles()):
         if given.isVirtualSite(i):
-            kind = type(given.getVirtualSite(i)).__name__
-            raise InputError(f"system: particle {i} is a {kind}, which has no counterpart in kickdrift")
-        if not number(given.getParticleMass(i)):
+            if (kind := type(given.getVirtualSite(i)).__name__) not in SITES:
+                raise InputError(f"system: particle {i} is a {kind}, which has no counterpart in kickdrift")
+        elif not number(given.getParticleMass(i)):
             raise InputError(f"system: particle {i} has no mass, so OpenMM holds it fixed; kickdrift holds none fixed")
     for k, force in enumerate(given.getForces()):
         kind = type(force).__name__
@@ -140,7 +165,7 @@ def _first_term(force: Any) -> str:
 
 
 METHODS = {
-    "VerletIntegrator": "velocity-verlet", "LangevinMiddleIntegrator": "baoa", "LangevinIntegrator": "baoab",
+    "VerletIntegrator": "velocity-verlet", "LangevinMiddleIntegrator": "baoa", "LangevinIntegrator": "baoa",
 }  # fmt: skip
 
 

@@ -73,8 +73,7 @@ def told(what: str = "") -> Iterator[None]:
 
 def _frame(path: Path, asked: Asked) -> Any:
     """OpenMM's reader of the coordinates, with `positions`."""
-    if asked.coordinates is None:
-        raise InputError("holds no coordinates; give a file of them: coordinates (--coordinates)")
+    assert asked.coordinates is not None
     where = Path(asked.coordinates)
     if where.suffix.lower() not in FRAMES:
         raise InputError(f"{where}: coordinates come from files that end in {choices(FRAMES)}")
@@ -104,7 +103,8 @@ def _amber(path: Path, asked: Asked) -> Parts:
     edges = _edges(frame)
     found = app.AmberPrmtopFile(str(path), periodicBoxVectors=edges)
     periodic = found.topology.getPeriodicBoxVectors() is not None
-    return Parts(found.createSystem(**_settings(asked, periodic)), found.topology, frame.positions, _velocities(frame))
+    made = found.createSystem(**_settings(asked, periodic))
+    return Parts(made, found.topology, frame.positions, getattr(frame, "velocities", None))
 
 
 def _gromacs(path: Path, asked: Asked) -> Parts:
@@ -133,10 +133,6 @@ def _structure(path: Path, asked: Asked) -> Parts:
     periodic = found.topology.getPeriodicBoxVectors() is not None
     made = app.ForceField(*asked.force_field).createSystem(found.topology, **_settings(asked, periodic))
     return Parts(made, found.topology, found.positions, None)
-
-
-def _velocities(frame: Any) -> Any:
-    return getattr(frame, "velocities", None)
 
 
 def _refuse_scripts(file: Path) -> None:

@@ -7,16 +7,33 @@ one class, such as a dihedral with a series of periods, has a force for each pla
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
-from kickdrift.forces import HarmonicAngle, HarmonicBond, PeriodicDihedral, PeriodicImproper, RyckaertBellemans
+from kickdrift.errors import InputError
+from kickdrift.forces import (
+    HarmonicAngle,
+    HarmonicBond,
+    HarmonicImproper,
+    PeriodicDihedral,
+    PeriodicImproper,
+    RyckaertBellemans,
+)
+from kickdrift.text import shown
 
 Item = tuple[int, ...]
 Term = tuple[Any, tuple[float, ...]]
 NO_TERM = "none"  # type of an item on which no force acts, such as a rigid bond
+PI = r"(?:pi|3\.14\d*)"
+HARMONIC = (  # formulas of harmonic impropers that OpenMM's readers write, without spaces, and their stiffness over k
+    (re.compile(rf"k\*min\(dtheta,2\*{PI}-dtheta\)\^2;dtheta=abs\(theta-theta0\);?(pi={PI};?)?"), 2.0),
+    (re.compile(r"0\.5\*k\*\(thetap-theta0\)\^2;thetap=step\(-\(theta-theta0\+pi\)\)\*2\*pi\+theta\+"
+                rf"step\(theta-theta0-pi\)\*\(-2\*pi\);pi={PI}"), 1.0),
+)  # fmt: skip
+SAME = 1e-6  # radians between equal angles of rest; readers write pi with seven digits
 
 
 def number(quantity: Any) -> Any:
@@ -124,10 +141,31 @@ class Molecules:
             if any(series):
                 self.dihedrals.add((i, j, m, n), RyckaertBellemans, *series)
 
+    def harmonic_impropers(self, force: Any) -> None:
+        """Take the terms of a CustomTorsionForce, if it is that of harmonic impropers."""
+        formula = force.getEnergyFunction().replace(" ", "")
+        factor = next((factor for pattern, factor in HARMONIC if pattern.fullmatch(formula)), None)
+        keys = [force.getPerTorsionParameterName(k) for k in range(force.getNumPerTorsionParameters())]
+        if factor is None or sorted(keys) != ["k", "theta0"]:
+            raise InputError(f"system: CustomTorsionForce: kickdrift has no counterpart of {shown(formula)}")
+        for t in range(force.getNumTorsions()):
+            *item, values = force.getTorsionParameters(t)
+            given = dict(zip(keys, values, strict=True))
+            rest = abs(given["theta0"])
+            if min(rest, abs(rest - math.pi)) > SAME:
+                raise InputError(
+                    f"system: CustomTorsionForce: the torsion of particles {', '.join(map(str, item))} rests at "
+                    f"{math.degrees(given['theta0']):g} degrees; harmonic-improper takes 0 and 180, since the sign of "
+                    "its angle does not count"
+                )
+            if given["k"]:
+                self.impropers.add(tuple(item), HarmonicImproper, factor * given["k"], 180.0 if rest > 1.0 else 0.0)
+
 
 TAKEN: dict[str, Callable[[Molecules, Any], None]] = {  # OpenMM's forces of bonded terms
     "HarmonicBondForce": Molecules.harmonic_bonds,
     "HarmonicAngleForce": Molecules.harmonic_angles,
     "PeriodicTorsionForce": Molecules.periodic_torsions,
     "RBTorsionForce": Molecules.ryckaert_bellemans,
+    "CustomTorsionForce": Molecules.harmonic_impropers,
 }

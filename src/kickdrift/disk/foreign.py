@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 HEAD = 16 * 1024  # bytes that are examined
 LAMMPS_DATA = (".data", ".lmp", ".lammps-data")
 _BESIDE = 'a system file reads it with particles = {{file = "{name}"}}'
-_BONDS = 'a system file takes its bonds with topology = {{file = "{name}"}}, and places from a structure file'
+_BONDS = 'a system file takes its bonds with topology = {{file = "{name}"}}; '
 _FRAMES = "it holds frames alone; MDAnalysis or ASE write one of them as .extxyz or .pdb, which kickdrift reads"
 _CONVERT = "ase convert writes it as .extxyz, which kickdrift reads"
 _FLOATS = rb"(?:[ \t]*-?\d+\.\d+){3}"
@@ -41,6 +41,10 @@ def _renamed(suffix: str) -> str:
     return f"kickdrift reads it if its name ends in {suffix}"
 
 
+def _with_coordinates(suffix: str) -> str:
+    return f"kickdrift reads all of it with coordinates (--coordinates), if its name ends in {suffix}"
+
+
 def _packed(tool: str) -> str:
     return f"unpack it first: {tool} {{name}}"
 
@@ -58,10 +62,10 @@ FOREIGN = (
     Foreign("a trajectory of AMBER or another netCDF file", _begins(b"CDF\1", b"CDF\2", b"CDF\5"), _FRAMES),
     Foreign("a run input of GROMACS (tpr)", lambda head, name: b"VERSION " in head[:64] and b"\0" in head[:64],
             "gmx editconf -f {name} -o start.gro writes its places, which kickdrift reads"),
-    Foreign("a topology of AMBER (prmtop)", _has(rb"\A%(VERSION|FLAG)"), _BONDS),
-    Foreign("a topology of CHARMM (psf)", _has(rb"\APSF( |\r?$)"), _BONDS),
-    Foreign("a topology of GROMACS (top)", _has(_TOP),
-            "kickdrift reads no force field; a system file lists the forces and, in [topology], the bonds"),
+    Foreign("a topology of AMBER (prmtop)", _has(rb"\A%(VERSION|FLAG)"),
+            _BONDS + _with_coordinates(".prmtop")),
+    Foreign("a topology of CHARMM (psf)", _has(rb"\APSF( |\r?$)"), _BONDS + _with_coordinates(".psf")),
+    Foreign("a topology of GROMACS (top)", _has(_TOP), _with_coordinates(".top")),
     Foreign("a file of parameters of GROMACS (mdp)", _has(_MDP),
             "kickdrift takes these in the table [run] of a system file"),
     Foreign("a data file of LAMMPS", _has(rb"^[ \t]*\d+[ \t]+atoms[ \t]*(#.*)?\r?$"), _BESIDE),

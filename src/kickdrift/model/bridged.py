@@ -89,9 +89,10 @@ class Bridged:
         Parameters
         ----------
         system : openmm.System
-            With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce,
-            constraints, CMMotionRemover (which needs no counterpart), and MonteCarloBarostat, which becomes the run's
-            default beside ``integrator``, or beside "baoa" with a friction of 1/ps.
+            With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, the
+            CustomTorsionForce of harmonic impropers, constraints, CMMotionRemover (which needs no counterpart), and
+            MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction
+            of 1/ps
         topology : openmm.app.Topology, for elements and bonds; None if there is none
         positions : (n, 3) in any unit of OpenMM, or as numbers in nm
         velocities : (n, 3) likewise, or as numbers in nm/ps; default zero
@@ -104,6 +105,20 @@ class Bridged:
         """
         bridged = bridge("openmm", "System.from_openmm")
         return bridged.system_of(system, topology, positions, velocities, integrator)
+
+    def to_openmm(self) -> Any:
+        """OpenMM's objects: a tuple of ``system``, ``topology``, ``positions`` and ``velocities``.
+
+        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies. The system
+        has OpenMM's standard forces and constraints. Defaults of a run stay behind.
+
+        Raises
+        ------
+        InputError
+            For units other than gromacs, forces without a counterpart, truncations other than "cut", and cutoffs that
+            differ.
+        """
+        return bridge("openmm", "System.to_openmm").parts_of(self)
 
     @classmethod
     def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> Any:

@@ -11,6 +11,7 @@ from warnings import warn
 
 import numpy as np
 
+from kickdrift.disk.foreign import foreign
 from kickdrift.disk.kinds import is_archive
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
@@ -120,6 +121,8 @@ def _force_field_system(
     rigid: str | None,
 ) -> System:
     """Return the System of files of a force field, in gromacs units."""
+    if coordinates is None and path.suffix.lower() in PARAMETERS:
+        raise InputError(f"{path}: {foreign(path) or 'give a file of coordinates: coordinates (--coordinates)'}")
     files = [force_field] if isinstance(force_field, str) else list(force_field or ())
     reach = quantity(cutoff, "length", unit_system("gromacs"), "cutoff") if isinstance(cutoff, str) else cutoff
     if reach is not None and not (is_number(reach) and 0 < reach < np.inf):

@@ -48,6 +48,13 @@ def alanine(tmp_path_factory):
     return pdb.topology, x + np.random.default_rng(3).uniform(-0.004, 0.004, x.shape)
 
 
+def with_sites(topology, x, sites):
+    """OpenMM's topology and positions of water with one more place for each molecule."""
+    made = app.Modeller(topology, x * unit.nanometer)
+    made.addExtraParticles(app.ForceField(sites))
+    return made.topology, np.array(made.positions.value_in_unit(unit.nanometer))
+
+
 @pytest.fixture(scope="module")
 def water():
     """Topology and positions (nm) of 64 molecules of TIP3P on a lattice, turned at random, in a box of 1.25 nm."""
@@ -129,6 +136,7 @@ def test_alanine_dipeptide_in_open_space_is_that_of_openmm(alanine):
     ours = kd.System.from_openmm(theirs, topology, x)
     assert [force.name for force in ours.forces].count("periodic-dihedral") == 3
     assert len(ours.topology.impropers) == 4
+    assert "force             HarmonicAngle(types={11 types}, " in str(ours)
     assert_alike(theirs, ours, 1e-8, 1e-8)
     assert_same_steps(theirs, ours)
 
@@ -161,6 +169,55 @@ def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     assert_same_steps(theirs, without)
 
 
+@pytest.mark.parametrize("file", ["tip4pew.xml", "tip5p.xml"])
+def test_virtual_sites_are_those_of_openmm(water, file):
+    topology, x = with_sites(*water, file)
+    theirs = built(topology, file, nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=True)
+    ours = kd.System.from_openmm(theirs, topology, x)
+    assert len(ours.virtual_sites) == len(ours) - 192
+    context = context_of(theirs, ours.state.positions)
+    context.computeVirtualSites()
+    there = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    assert np.abs(there - ours.state.positions).max() < 1e-12
+
+
+def four(formula, rest):
+    """OpenMM's System of four particles with one CustomTorsionForce, and their places."""
+    made, force = openmm.System(), openmm.CustomTorsionForce(formula)
+    for key in ("k", "theta0"):
+        force.addPerTorsionParameter(key)
+    for _ in range(4):
+        made.addParticle(12.0)
+    force.addTorsion(0, 1, 2, 3, [150.0, rest])
+    made.addForce(force)
+    return made, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.15, 0.1, 0.0], [0.2, 0.1, 0.03]])
+
+
+FORMULAS = (  # of OpenMM's readers of psf and of top
+    "k*min(dtheta, 2*pi-dtheta)^2; dtheta = abs(theta-theta0);pi = 3.141593;",
+    "0.5*k*(thetap-theta0)^2; thetap = step(-(theta-theta0+pi))*2*pi+theta+step(theta-theta0-pi)*(-2*pi); "
+    "pi = 3.14159265358979",
+)
+
+
+@pytest.mark.parametrize("rest", [0.0, np.pi])
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_harmonic_impropers_are_those_of_openmm(formula, rest):
+    theirs, x = four(formula, rest)
+    ours = kd.System.from_openmm(theirs, None, x)
+    (expected,) = energies_of(context_of(theirs, x), theirs).values()
+    assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-6)
+
+
+def test_other_torsions_are_named():
+    for formula, rest, match in (
+        (FORMULAS[1], 0.5, "particles 0, 1, 2, 3 rests at 28.6479 degrees"),
+        ("k*(theta-theta0)^4", 0.0, "CustomTorsionForce: kickdrift has no counterpart"),
+    ):
+        theirs, x = four(formula, rest)
+        refused(theirs, None, x, match)
+
+
 def test_barostats_and_integrators_become_defaults(water):
     topology, x = water
     theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6)
@@ -171,6 +228,37 @@ def test_barostats_and_integrators_become_defaults(water):
     assert ours.run.options["friction"] == 2.0
     assert ours.run.options["pressure"] == pytest.approx(0.0602214, rel=1e-6)  # 1 bar in kJ/mol/nm^3
     assert kd.System.from_openmm(theirs, topology, x).run.options["temperature"] == 300.0
+
+
+@pytest.mark.parametrize("which", ["alanine", "water"])
+def test_a_system_goes_to_openmm_and_comes_back(which, request):
+    topology, x = request.getfixturevalue(which)
+    more = {"nonbondedMethod": app.CutoffPeriodic, "nonbondedCutoff": 0.6, "rigidWater": False}
+    first = kd.System.from_openmm(
+        built(topology, "amber14-all.xml") if which == "alanine" else built(topology, "tip3p.xml", **more), topology, x
+    )
+    again = kd.System.from_openmm(*first.to_openmm())
+    assert again.species == first.species
+    kept, back = (system.topology.tables() for system in (first, again))
+    assert sorted(map(sorted, back.pop("exclusions"))) == sorted(map(sorted, kept.pop("exclusions")))
+    assert back == kept
+    assert [force.name for force in again.forces] == [force.name for force in first.forces]
+    energies = [BoundForces(system).measure(0.0, system.state.phase).potential for system in (first, again)]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-13)
+
+
+def test_what_openmm_lacks_is_named(alanine):
+    topology, x = alanine
+    ours = kd.System.from_openmm(built(topology, "amber14-all.xml"), topology, x)
+    for system, match in (
+        (kd.load("lj-1000"), "to_openmm: units 'lj'"),
+        (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
+        (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
+        (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),
+        (ours.with_forces(kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
+    ):
+        with pytest.raises(kd.InputError, match=match):
+            system.to_openmm()
 
 
 def refused(theirs, topology, x, match, **more):
@@ -214,8 +302,9 @@ def test_particles_without_a_counterpart_are_named():
         theirs.addParticle(0.0 if k == 2 else 1.0)
     x = np.eye(3)
     refused(theirs, topology, x, "particle 2 has no mass, so OpenMM holds it fixed")
-    theirs.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    refused(theirs, topology, x, "particle 2 is a TwoParticleAverageSite, which has no counterpart")
+    axes = openmm.Vec3(1, 0, 0), openmm.Vec3(-1, 1, 0), openmm.Vec3(0, -1, 1)
+    theirs.setVirtualSite(2, openmm.LocalCoordinatesSite(0, 1, 1, *axes, openmm.Vec3(0.1, 0, 0)))
+    refused(theirs, topology, x, "particle 2 is a LocalCoordinatesSite, which has no counterpart")
 
 
 # --- files ---
@@ -302,7 +391,7 @@ def test_bad_files_end_in_one_line(files):
     (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
-        ("acid.top: holds no coordinates; give a file of them", top, {}),
+        (r"acid.top: is a topology of GROMACS \(top\); kickdrift reads all of it with coordinates", top, {}),
         ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
         (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
         ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),

@@ -15,7 +15,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, force_of_law, is_result, raised_at
 from kickdrift.forces.seam.arguments import check_massive, number
-from kickdrift.forces.seam.group import Grouped
+from kickdrift.forces.seam.group import Grouped, brief
 from kickdrift.model.molecules.relatives import LONGEST, MEASURED, measured
 from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
@@ -138,6 +138,9 @@ class BondedForce(Grouped):
         if self.dimensions.get(key) == "length" and found < 0:
             raise InputError(f"{self.name}: {key}{where} must be a length, zero or more, got {shown(value)}")
         return found
+
+    def __str__(self) -> str:
+        return brief(self, "types")
 
     @property
     def stands_for(self) -> str:  # type: ignore[override]

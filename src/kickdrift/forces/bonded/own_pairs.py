@@ -33,6 +33,7 @@ class OwnPairs(Grouped):
     external: ClassVar[bool] = False
     may_overlap: ClassVar[bool] = True
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
+    on_sites: ClassVar[bool] = True
     takes: ClassVar[Mapping[str, str]]  # what the values of each parameter may be
     Parameters: ClassVar[Any]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
-from kickdrift.forces.seam.group import Grouped, ListedForce, refuse_massless
+from kickdrift.forces.seam.group import Grouped, ListedForce, brief, refuse_massless
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
 
@@ -110,6 +110,9 @@ class PairForce(ListedForce, Grouped):
         for where, law in self._laws_given():
             check_law(f"{self.name}{where}", law, self.cutoff)
             check_slope(f"{self.name}{where}", law, self.cutoff)
+
+    def __str__(self) -> str:
+        return brief(self, "species")
 
     @property
     def stands_for(self) -> str:  # type: ignore[override]

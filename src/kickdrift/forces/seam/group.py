@@ -125,6 +125,15 @@ def _in_units(value: Any, dimensions: Mapping[str, str], key: str, units: UnitSy
     return 0.0 if units is None else quantity(value, dimensions[key], units, f"{where}: {key}")
 
 
+MANY = 4  # rows of a table that a line shows
+
+
+def brief(force: Any, key: str) -> str:
+    """A force as text, in which a table ``key`` of many rows is only their number."""
+    table, text = getattr(force, key), repr(force)
+    return text if not table or len(table) <= MANY else text.replace(repr(table), f"{{{len(table)} {key}}}")
+
+
 class ListedForce:
     """A force with a cutoff, whose particles find each other through a list of neighbours.
 

@@ -1,0 +1,184 @@
+"""OpenMM's objects of a System in units ``gromacs``: the way out, whose inverse is `kickdrift.bridges.openmm`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import openmm
+import openmm.app as app
+from openmm import unit
+
+from kickdrift.bridges.openmm_files import Parts
+from kickdrift.bridges.openmm_nonbonded import FAR, METHODS
+from kickdrift.errors import InputError
+from kickdrift.forces import (
+    Coulomb,
+    HarmonicAngle,
+    HarmonicBond,
+    LennardJones,
+    ListedPairs,
+    PeriodicDihedral,
+    PeriodicImproper,
+    RyckaertBellemans,
+)
+from kickdrift.forces.pairs.law import PairForce
+from kickdrift.model.molecules.relatives import molecules_of
+from kickdrift.model.system import System
+
+CONDUCTOR = 1e15  # relative permittivity that stands for a conductor
+SYMBOL = re.compile(r"[A-Z][a-z]?(?![a-z])")
+
+Adder = Callable[[Any, list[int], Any], object]
+BONDED: dict[type, tuple[str, Adder]] = {  # OpenMM's force of a law, and how a term is added to it
+    HarmonicBond: ("HarmonicBondForce", lambda made, item, p: made.addBond(*item, p.length, p.stiffness)),
+    HarmonicAngle: ("HarmonicAngleForce", lambda made, item, p: made.addAngle(*item, np.radians(p.rest), p.stiffness)),
+    RyckaertBellemans: ("RBTorsionForce", lambda made, item, p: made.addTorsion(*item, *p)),
+}
+BONDED |= dict.fromkeys(
+    (PeriodicDihedral, PeriodicImproper),
+    (
+        "PeriodicTorsionForce",
+        lambda made, item, p: made.addTorsion(*item, int(p.multiplicity), np.radians(p.phase), p.barrier),
+    ),
+)
+
+
+def parts_of(system: System) -> Parts:
+    """Return OpenMM's objects; see `System.to_openmm`."""
+    _refuse(system)
+    made = openmm.System()
+    for mass in system.state.masses.tolist():
+        made.addParticle(mass)
+    topology = _topology(system)
+    if system.box.periodic:
+        rows = [openmm.Vec3(*row) for row in system.box.matrix.tolist()]
+        made.setDefaultPeriodicBoxVectors(*rows)
+        topology.setPeriodicBoxVectors([row * unit.nanometer for row in rows])
+    if any(isinstance(force, LennardJones | Coulomb | ListedPairs) for force in system.forces):
+        made.addForce(_nonbonded(system))
+    bonded: dict[str, Any] = {}
+    for force in system.forces:
+        if type(force) in BONDED:
+            name, add = BONDED[type(force)]
+            items, laws, which = force.items(system)
+            target = bonded.setdefault(name, getattr(openmm, name)())
+            for item, law in zip(items.tolist(), which.tolist(), strict=True):
+                add(target, item, laws[law])
+    for force in bonded.values():
+        made.addForce(force)
+    if system.constraints is not None:
+        for (i, j), length in zip(system.constraints.pairs.tolist(), system.constraints.lengths.tolist(), strict=True):
+            made.addConstraint(i, j, length)
+    return Parts(made, topology, system.state.positions, system.state.velocities)
+
+
+def _refuse(system: System) -> None:
+    """Refuse what these forces of OpenMM do not have."""
+    if system.units.name != "gromacs":
+        raise InputError(f"to_openmm: units {system.units.name!r}: OpenMM's are those of gromacs, nm, ps, u and kJ/mol")
+    if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
+        raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
+    if system.virtual_sites is not None:
+        raise InputError("to_openmm: virtual sites stay behind; take them out, or build the system in OpenMM")
+    for force in system.forces:
+        if type(force) not in (*BONDED, LennardJones, Coulomb, ListedPairs):
+            raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
+    for force in system.forces:
+        if isinstance(force, PairForce) and (force.truncation != "cut" or force.pairs):
+            raise InputError(
+                'to_openmm: lennard-jones: OpenMM has truncation "cut", and mixes by Lorentz and Berthelot alone'
+            )
+        if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
+            raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
+
+
+def _nonbonded(system: System) -> Any:
+    """The NonbondedForce of the Lennard-Jones force, the charges and the listed pairs."""
+    pair: Any = next((force for force in system.forces if isinstance(force, LennardJones)), None)
+    coulomb: Any = next((force for force in system.forces if isinstance(force, Coulomb)), None)
+    made = openmm.NonbondedForce()
+    charges = np.zeros(len(system)) if coulomb is None or system.charges is None else system.charges
+    laws = [(1.0, 0.0)] * len(system.species)
+    if pair is not None:
+        laws = [(law.sigma, law.epsilon) for law in (pair.pair_law(name, name) for name in system.species)]
+    for charge, kind in zip(charges.tolist(), system.species_index.tolist(), strict=True):
+        made.addParticle(charge, *laws[kind])
+    _set_method(made, system, pair, coulomb)
+    made.setUseDispersionCorrection(bool(pair is not None and pair.tail))
+    terms: dict[tuple[int, int], tuple[float, float, float]] = {}
+    if system.topology is not None:
+        kinds = system.species_index
+        for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
+            (first, one), (second, other) = laws[kinds[i]], laws[kinds[j]]
+            depth = factor * float(np.sqrt(one * other))
+            terms[i, j] = factor * float(charges[i] * charges[j]), 0.5 * (first + second), depth
+    for force in system.forces:
+        if isinstance(force, ListedPairs):
+            values = (np.broadcast_to(given, len(force.pairs)).tolist() for given in
+                      (force.charges, force.sigma, force.epsilon))  # fmt: skip
+            for (i, j), charge, sigma, well in zip(force.pairs, *values, strict=True):
+                key = min(i, j), max(i, j)
+                if key not in terms or terms[key][0] or terms[key][2]:
+                    raise InputError(
+                        f"to_openmm: listed-pairs: pair {[i, j]} is not left out of the other pair forces, and OpenMM "
+                        "has one term for each pair"
+                    )
+                terms[key] = charge, sigma, well
+    for (i, j), term in terms.items():
+        made.addException(i, j, *term)
+    return made
+
+
+def _set_method(made: Any, system: System, pair: Any, coulomb: Any) -> None:
+    """Choose the method of a NonbondedForce, with its cutoff and accuracy."""
+    ends = set() if pair is None else {float(pair.cutoff)}
+    method = "NoCutoff"
+    if coulomb is None and pair is not None:
+        method = "CutoffPeriodic" if system.box.periodic else "CutoffNonPeriodic" if pair.cutoff < FAR else "NoCutoff"
+    elif coulomb is not None and coulomb.method != "direct":
+        split = coulomb.split(system)
+        ends.add(float(split.cutoff))
+        if coulomb.method == "reaction-field":
+            method = "CutoffPeriodic" if system.box.periodic else "CutoffNonPeriodic"
+            made.setReactionFieldDielectric(coulomb.surroundings or CONDUCTOR)
+        else:
+            method = "PME" if split.mesh else "Ewald"
+            made.setEwaldErrorTolerance(coulomb.accuracy)
+            if coulomb.alpha and coulomb.mesh:
+                made.setPMEParameters(coulomb.alpha, *coulomb.mesh)
+    if method != "NoCutoff" and len(ends) > 1:
+        raise InputError(f"to_openmm: cutoffs {' and '.join(f'{end:g}' for end in sorted(ends))}: OpenMM has one")
+    if method == "NoCutoff" and pair is not None and pair.cutoff < FAR:
+        raise InputError("to_openmm: lennard-jones has a cutoff and coulomb none; OpenMM has one cutoff for both")
+    made.setNonbondedMethod(METHODS.index(method))
+    if method != "NoCutoff":
+        made.setCutoffDistance(ends.pop())
+
+
+def _topology(system: System) -> Any:
+    """OpenMM's Topology: a residue for each molecule, elements by the species, and the bonds."""
+    made = app.Topology()
+    chain = made.addChain()
+    bonds = np.zeros((0, 2), np.int64) if system.topology is None else system.topology.bonds
+    residues: dict[int, Any] = {}
+    atoms = []
+    for molecule, kind in zip(molecules_of(bonds, len(system)).tolist(), system.species_index.tolist(), strict=True):
+        if molecule not in residues:
+            residues[molecule] = made.addResidue("MOL", chain)
+        name = system.species[kind]
+        atoms.append(made.addAtom(name, _element(name), residues[molecule]))
+    for i, j in bonds.tolist():
+        made.addBond(atoms[i], atoms[j])
+    return made
+
+
+def _element(species: str) -> Any:
+    """The element whose symbol begins a species such as "C1"; None if there is none."""
+    found = SYMBOL.match(species)
+    try:
+        return app.Element.getBySymbol(found[0]) if found else None
+    except KeyError:
+        return None

@@ -1,0 +1,149 @@
+"""Systems of force fields, built by OpenMM and taken by `kd.System.from_openmm`, beside OpenMM's Reference platform.
+
+Each term's energy, the forces, and the positions after 20 steps of velocity Verlet, with constraints kept by both. The
+sum over the mesh has the same splitting parameter in both, and meshes so fine that their errors do not count. OpenMM's
+dispersion correction averages over N (N + 1) / 2 pairs and kickdrift's over N^2 / 2, so it has a claim of its own. The
+structures are those in OpenMM's package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import kickdrift as kd
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift_validation.claim import Claim, at_most, main
+
+CUTOFF, ALPHA, FINE = 0.9, 2.5, 0.048  # nm, 1/nm, nm: widest mesh
+STEPS = 20
+TERMS = {
+    "HarmonicBondForce": ("harmonic-bond",), "HarmonicAngleForce": ("harmonic-angle",),
+    "PeriodicTorsionForce": ("periodic-dihedral", "periodic-improper"),
+    "NonbondedForce": ("lennard-jones", "coulomb", "listed-pairs"),
+}  # fmt: skip
+PEER = "OpenMM, Reference platform"
+
+
+def structure(name: str) -> Any:
+    """A structure in OpenMM's package."""
+    import openmm.app as app
+
+    return app.PDBFile(str(Path(app.__file__).parent / "data" / name))
+
+
+def peptide(pdb: Any) -> Any:
+    """The residues that are neither water nor ions, in open space."""
+    import openmm.app as app
+
+    made = app.Modeller(pdb.topology, pdb.positions)
+    made.delete([each for each in pdb.topology.residues() if each.name in ("HOH", "CL", "NA", "Cl", "Na")])
+    made.topology.setPeriodicBoxVectors(None)
+    return made
+
+
+def built(pdb: Any, files: tuple[str, ...], rigid: bool) -> Any:
+    """OpenMM's System: PME with a fine mesh in a periodic box, all pairs in open space."""
+    import openmm
+    import openmm.app as app
+
+    edges = pdb.topology.getPeriodicBoxVectors()
+    pairs = {"nonbondedMethod": app.NoCutoff} if edges is None else {
+        "nonbondedMethod": app.PME, "nonbondedCutoff": CUTOFF
+    }  # fmt: skip
+    made = app.ForceField(*files).createSystem(
+        pdb.topology, constraints=app.HBonds if rigid else None, rigidWater=rigid, removeCMMotion=False, **pairs
+    )
+    for k, force in enumerate(made.getForces()):
+        force.setForceGroup(k)
+        if edges is not None and isinstance(force, openmm.NonbondedForce):
+            lengths = [edges[axis][axis]._value for axis in range(3)]
+            force.setPMEParameters(ALPHA, *(_mesh(length) for length in lengths))
+    return made
+
+
+def _mesh(length: float) -> int:
+    """The next number of points without prime factors above 5, and even, on an edge."""
+    return next(n for n in range(2 * int(length / FINE / 2.0) + 2, 1000, 2) if _smooth(n))
+
+
+def _smooth(n: int) -> bool:
+    for factor in (2, 3, 5):
+        while n % factor == 0:
+            n //= factor
+    return n == 1
+
+
+def verlet(dt: float) -> Any:
+    """Velocity Verlet with constraints on positions and velocities, as in OpenMM's manual of CustomIntegrator."""
+    import openmm
+
+    made = openmm.CustomIntegrator(dt)
+    made.setConstraintTolerance(1e-13)
+    made.addPerDofVariable("before", 0.0)
+    made.addComputePerDof("v", "v + 0.5*dt*f/m")
+    made.addComputePerDof("before", "x")
+    made.addComputePerDof("x", "x + dt*v")
+    made.addConstrainPositions()
+    made.addComputePerDof("v", "(x - before)/dt")
+    made.addComputePerDof("v", "v + 0.5*dt*f/m")
+    made.addConstrainVelocities()
+    return made
+
+
+def compare(what: str, pdb: Any, files: tuple[str, ...], rigid: bool) -> Iterator[Claim]:
+    """Claims of one system."""
+    import openmm
+
+    theirs = built(pdb, files, rigid)
+    ours = kd.System.from_openmm(theirs, pdb.topology, pdb.positions)
+    dt = 0.002 if rigid else 0.0005
+    pairs = next(force for force in theirs.getForces() if isinstance(force, openmm.NonbondedForce))
+    tails = [force.tail_corrections(ours)[0] for force in ours.forces if force.name == "lennard-jones"]
+    context = openmm.Context(theirs, verlet(dt), openmm.Platform.getPlatformByName("Reference"))
+    context.setPositions(ours.state.positions)
+
+    def energy(group: int) -> float:
+        return float(context.getState(energy=True, groups={group}).getPotentialEnergy()._value)
+
+    place = pairs.getForceGroup()
+    with_tail = energy(place)
+    pairs.setUseDispersionCorrection(False)
+    context.reinitialize(preserveState=True)
+    if tails[0]:
+        n, tail = len(ours), with_tail - energy(place)
+        text = f"{what}: dispersion correction, relative difference times the number of particles"
+        yield at_most(text, abs(tails[0] / tail - 1.0) * n, 20.0, PEER)
+    for k, force in enumerate(theirs.getForces()):
+        name = type(force).__name__
+        terms = [each for each in ours.forces if each.name in TERMS[name]]
+        found = BoundForces(ours.under(terms)).measure(0.0, ours.state.phase).potential
+        found -= tails[0] if name == "NonbondedForce" else 0.0
+        if expected := energy(k):  # rigid water has no bonds that act
+            yield at_most(f"{what}: energy of {name}, relative difference", abs(found / expected - 1.0), 1e-6, PEER)
+    sim = kd.Simulation(ours, "velocity-verlet", dt=dt)
+    pulls = np.array(context.getState(forces=True).getForces(asNumpy=True)._value)
+    off = float(np.sqrt(((sim.forces() - pulls) ** 2).sum() / (pulls**2).sum()))
+    yield at_most(f"{what}: forces, relative RMS difference", off, 1e-5, PEER)
+    sim.run(steps=STEPS)
+    context.getIntegrator().step(STEPS)
+    moved = np.array(context.getState(positions=True).getPositions(asNumpy=True)._value)
+    apart = 10.0 * float(np.abs(sim.state.positions - moved).max())
+    yield at_most(f"{what}: positions after {STEPS} steps of {1000 * dt:g} fs, angstrom", apart, 1e-5, PEER)
+
+
+def claims(long: bool = False) -> Iterator[Claim]:
+    """A protein in open space, a box of water, and with ``long`` the protein in water."""
+    protein = structure("test.pdb")
+    amber = ("amber14-all.xml", "amber14/tip3p.xml")
+    yield from compare("protein in open space, amber14", peptide(protein), amber, False)
+    yield from compare("895 TIP3P molecules, rigid", structure("tip3p.pdb"), amber, True)
+    if long:
+        yield from compare("the protein in water, amber99sb, rigid", protein, ("amber99sb.xml", "tip3p.xml"), True)
+
+
+if __name__ == "__main__":
+    main(claims, __doc__)
