@@ -31,7 +31,7 @@ def lanes_for(n: int) -> int:
     """Threads of one particle: few particles need many threads to keep the device busy."""
     if config.ENABLE_CUDASIM:
         return 1
-    return 16 if n < 50_000 else 4 if n < 300_000 else 1
+    return 16 if n < 50_000 else 4 if n < 300_000 else 2
 
 
 class DeviceForces(Protocol):
