@@ -52,13 +52,9 @@ def uniforms(number, stage, step, seed):
 def normals(first, second, third, fourth):
     """Three standard normal numbers, see ``jit.lanes.random.normals``."""
     radius, half = math.sqrt(-2.0 * math.log(first)), (second - 0.5) * math.pi
+    radius3, other = math.sqrt(-2.0 * math.log(third)), math.sin((fourth - 0.5) * math.pi)
     s, c = math.sin(half), math.cos(half)
-    other = math.sin((fourth - 0.5) * math.pi)
-    return (
-        radius * (1.0 - 2.0 * s * s),
-        radius * 2.0 * s * c,
-        math.sqrt(-2.0 * math.log(third)) * (1.0 - 2.0 * other**2),
-    )
+    return radius * (1.0 - 2.0 * s * s), radius * 2.0 * s * c, radius3 * (1.0 - 2.0 * other * other)
 
 
 @cuda.jit
@@ -121,9 +117,11 @@ class Bath:
         self._launches.over(p.n, shake, p.v, p.ids, *own, stage, *self._parts[stage])
 
     def step_on(self) -> None:
+        """Go to the numbers of the next step."""
         self._launches.over(1, count_step, self._steps)
 
     def go_to(self, step: int) -> None:
+        """Go to the numbers of a step of the run."""
         self._launches.over(1, set_step, self._steps, step)
 
     def keep(self) -> None:
