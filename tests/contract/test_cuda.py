@@ -159,6 +159,30 @@ def test_bits_do_not_depend_on_cuts_looks_lists_or_restarts(precision, tmp_path)
 
 
 @WITHOUT_DEVICE
+@pytest.mark.parametrize("name", ["baoab", "andersen"])
+def test_a_bath_on_cuda_has_the_processors_noise(name, tmp_path):
+    path = tmp_path / "run.h5md"
+    options = {"temperature": 1.2, "seed": 5, "collision_rate" if name == "andersen" else "friction": 20.0}
+    ours, theirs, cut, hasty = (
+        kd.Simulation(liquid(), name, 0.002, engine=engine, **options) for engine in ("native", *3 * ("cuda",))
+    )
+    report, other = (sim.run(6, every=6) for sim in (ours, theirs))
+    assert np.abs(theirs.state.phase - ours.state.phase).max() < 1e-13
+    assert other.heat == pytest.approx(report.heat, rel=1e-12)
+    assert abs(report.heat) > 1.0
+    cut.run(2, output=path)
+    cut = kd.resume(path)
+    cut.run(4)
+    assert cut.state.phase.tobytes() == theirs.state.phase.tobytes()
+    session = session_of(hasty)
+    session.forces.half_skin = 0.012  # the first block then is taken back
+    session.advance(6, math.inf)
+    assert session.returns > 0
+    assert session.phase().tobytes() == theirs.state.phase.tobytes()
+    assert session.heat == other.heat
+
+
+@WITHOUT_DEVICE
 def test_the_script_for_a_device_writes_its_sections_and_their_errors(monkeypatch, tmp_path):
     from kickdrift_validation.performance import device
 

@@ -489,7 +489,8 @@ REFUSED = [
     ("cuda", leaning, {}, "box: it leans, .*; native, ase and lammps can"),
     ("cuda", silicon, {}, "force 'stillinger-weber': the device takes one .*; native and lammps can"),
     ("cuda", tube, {"precision": "mixed"}, f"precision: on the device, mixed needs .*{ALONE}"),
-    ("cuda", liquid, {"integrator": "baoab", "temperature": 1.0, "friction": 1.0}, "'baoab': cuda has .* can"),
+    ("cuda", liquid, {"integrator": "csvr", "temperature": 1.0, "tau": 1.0}, "'csvr': cuda has .*, ase and lammps can"),
+    ("cuda", liquid, {"integrator": "baoab", "temperature": 1.0, "friction": 1.0, "noise": "refine"}, "noise: .* can"),
 ]  # fmt: skip
 
 

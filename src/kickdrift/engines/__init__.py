@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from kickdrift.engines.job import ASE_BATHS, LAMMPS_BATHS, OPENMM_BATHS, EngineBath
+from kickdrift.engines.job import ASE_BATHS, CUDA_BATHS, LAMMPS_BATHS, OPENMM_BATHS, EngineBath
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.options import MIXED, PRESSURE
@@ -184,8 +184,8 @@ ENGINES: dict[str, Engine] = {
             source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
         ),
         Engine(
-            "cuda", "one pair law, or gravity, on a graphics processor (ran on an NVIDIA H200 in November 2026)",
-            ("numba-cuda",), ("0",), {row.name: row.name for row in ROWS}, mixed=True,
+            "cuda", "one pair law, or gravity, on a graphics processor (its present lists never ran on a device)",
+            ("numba-cuda",), ("0",), {row.name: row.name for row in ROWS}, CUDA_BATHS, mixed=True,
             source="Lam, Pitrou & Seibert 2015, LLVM '15, 7, doi:10.1145/2833157.2833162 (numba)",
         ),
     )

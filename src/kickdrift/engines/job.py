@@ -70,3 +70,4 @@ OPENMM_BATHS = {
     ),
     "andersen": EngineBath("AndersenThermostat"),
 }
+CUDA_BATHS = {name: EngineBath(name) for name in ("baoab", "obabo", "aboba", "oabao", "baoa", "gjf", "andersen")}

@@ -48,6 +48,7 @@ class Session:
     last_step: float = 0.0
     hint: float = 0.0  # length of the next step; 0 leaves it to the program
     seed: int = 1  # of the noise of a heat bath, 1 to SEEDS; set before ``reset``
+    steps_before: int = 0  # steps of the run before ``reset``; set before it
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -228,7 +229,7 @@ class EngineStepper:
             phase = self.y.copy()
             phase[0, 2] -= self._z
             if self._bath:
-                self._session.seed = self._seed()
+                self._session.seed, self._session.steps_before = self._seed(), self.steps_done
                 self._drift, self._shifted = self._drift_of(phase), self.time
                 phase[1] -= 0.0 if self._drift is None else self._drift
             with self._one_line():

@@ -37,7 +37,7 @@ from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 DENSITY, TEMPERATURE, CUTOFF, DT = 0.8442, 1.44, 2.5, 0.005
 PARTICLES = (10_648, 97_336, 1_000_000, 10_077_696)
 BODIES = (10_000, 100_000, 1_000_000)
-TUNED = ((0.2, 4), (0.24, 4), (0.3, 4), (0.3, 8), (0.3, 16), (0.36, 4))
+TUNED = ((0.16, 0), (0.2, 0), (0.3, 0), (0.24, 1), (0.24, 2), (0.24, 4), (0.24, 8), (0.24, 16))  # skin; threads, 0: own
 MELTING = 200  # steps before a timing
 SECONDS = 1.5  # of a timing, about
 SOFTENING = 0.01
@@ -244,6 +244,28 @@ def gravity_forces() -> dict[str, Any]:
     return found
 
 
+def beside_the_processor() -> dict[str, Any]:
+    """Largest differences from the native engine after 50 steps: mixtures and baths."""
+    found = {}
+    laws = {"species": {"A": {}, "B": {"sigma": 0.88, "epsilon": 0.5}}, "pairs": {("A", "B"): {"epsilon": 1.5}}}
+    mixture = liquid(10_648, kd.LennardJones(cutoff=CUTOFF, **laws)).remade(species=["A", "A", "B", "A"] * 2_662)
+    bath = {"temperature": 1.2, "seed": 3}
+    for name, system, method, options in (
+        ("mixture", mixture, "velocity-verlet", {}),
+        ("mixture, mixed", mixture, "velocity-verlet", {"precision": "mixed"}),
+        ("baoab", liquid(10_648), "baoab", bath | {"friction": 2.0}),
+        ("andersen", liquid(10_648), "andersen", bath | {"collision_rate": 2.0}),
+    ):
+        ours, theirs = (kd.Simulation(system, method, DT / 5, engine=each, **options) for each in ("native", "cuda"))
+        forces, native = theirs.forces(), ours.forces()
+        own = error(forces.T, native.T)
+        heats = [sim.run(50, every=50).heat or 0.0 for sim in (ours, theirs)]
+        apart = theirs.state.phase - ours.state.phase
+        own |= {"positions": float(np.abs(apart[0]).max()), "velocities": float(np.abs(apart[1]).max())}
+        found[name] = own | {"heat": heats[0], "difference_of_heat": heats[1] - heats[0]}
+    return found
+
+
 def same_bits() -> dict[str, Any]:
     found = {}
     for precision in ("mixed", "double"):
@@ -338,7 +360,8 @@ def user() -> dict[str, Any]:
 
 
 SECTIONS: tuple[Callable[[], dict[str, Any]], ...] = (
-    environment, pair_forces, gravity_forces, same_bits, pair_times, gravity_times, conservation, user, tuning, largest,
+    environment, pair_forces, gravity_forces, beside_the_processor, same_bits, pair_times, gravity_times, conservation,
+    user, tuning, largest,
 )  # fmt: skip
 
 

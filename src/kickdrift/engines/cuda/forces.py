@@ -23,7 +23,7 @@ from kickdrift.model.system import System
 
 SKIN = 0.24  # of the cutoff
 LEAST_ROOM = 32  # neighbours
-STATE_BYTES = 260  # of a particle, without neighbours
+STATE_BYTES = 330  # of a particle, with a bath and without neighbours
 MOST = 2**31 - 1  # particles: their numbers have 32 bits
 
 
@@ -31,7 +31,7 @@ def lanes_for(n: int) -> int:
     """Threads of one particle: few particles need many threads to keep the device busy."""
     if config.ENABLE_CUDASIM:
         return 1
-    return 16 if n < 50_000 else 4 if n < 300_000 else 1
+    return 16 if n < 50_000 else 4 if n < 300_000 else 2
 
 
 class DeviceForces(Protocol):
@@ -121,6 +121,7 @@ class PairForces:
         self.search(p)
 
     def _name_species(self, particles: Particles, placed: Any) -> None:
+        """Write the numbers of the species of a mixture to places."""
         if self._kinds is not None:
             self._launches.over(particles.n, cells.write_kinds, particles.ids, self._kinds, placed)
 

@@ -98,17 +98,14 @@ def _terms(classes: tuple[Any, Any], *values: Any) -> Code:
 @lru_cache(maxsize=16)
 def _terms_of_pairs(classes: tuple[Any, Any], by: Any, single: bool) -> Code:
     """The device function for classes of laws and truncations, with the law's numbers in a table."""
-    law, apply, by = (
-        in_precision(classes[0].law, single),
-        in_precision(classes[1].apply, single),
-        numbers_of(by, single),
-    )
+    law, apply = in_precision(classes[0].law, single), in_precision(classes[1].apply, single)
+    numbers = numbers_of(by, single)
     columns = len(classes[0]._fields) + len(AtCutoff._fields)
     parameters, at_end = numbers_in(classes[0], 0, columns), numbers_in(AtCutoff, columns - 2, columns)
 
     def terms(r2, table, row):
         energy, force_over_r = law(parameters(table, row), r2)
-        return apply(by, at_end(table, row), r2, energy, force_over_r)
+        return apply(numbers, at_end(table, row), r2, energy, force_over_r)
 
     return on_device(terms)
 

@@ -1,8 +1,8 @@
 """Sums of a pair law over lists of neighbours: each pair twice, and no two threads write to one place.
 
 One or more threads share a particle. A thread loads four neighbours at once, and the numbers of the next four before it
-computes these. Forces, energies and virials are sums of whole numbers of 64 bits. So their bits do
-not depend on the order of neighbours, and the sum of all forces is zero.
+computes these. Forces, energies and virials are sums of whole numbers of 64 bits. So their bits do not depend on the
+order of neighbours, and the sum of all forces is zero.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from kickdrift.engines.cuda.baths import Bath
 from kickdrift.engines.cuda.device import GO_ON, check_device
 from kickdrift.engines.cuda.forces import DeviceForces, GravityForces, PairForces
 from kickdrift.engines.cuda.launches import Launches
@@ -49,15 +50,19 @@ class CudaSession(Session):
         dt = job.options.dt or 0.0
         self._stages = [(kick * dt, drift * dt) for kick, drift in job.method.stages[:2].T.tolist()]
         self._fresh = job.method.ends_fresh
+        self._shaken = (job.method.further_stages[0] != 0.0).tolist()  # stages at whose end the bath acts
         last_kick, last_drift = self._stages[-1]
-        self._ending = 0.0 if last_drift else last_kick  # the kick that ends a step, and joins the next step's first
+        # the kick that ends a step, and joins the next step's first
+        self._ending = 0.0 if last_drift or self._shaken[-1] else last_kick
 
     def reset(self, phase: Floats, time: float) -> None:
         self.launches.forget()
         self.particles = self.forces.upload(phase)
         self._life, self._age, self.lists, self.returns = float(FIRST_BLOCK), 0, 1, 0
+        self._taken = self.steps_before
+        self._bath = Bath(self.job, self.launches) if self.job.method.bath else None
         self._compile()
-        self.particles.keep()
+        self._keep()
 
     def _compile(self) -> None:
         """Evaluate the forces. Raises InputError for a law that numba cannot compile for the device."""
@@ -75,7 +80,7 @@ class CudaSession(Session):
         while done < steps:
             count = min(steps - done, self._lasting())
             if self._age:
-                self.launches.repeat("keep", self.particles.keep)
+                self._keep()
             self._take(count)
             if self._checked(count):
                 done += count
@@ -87,12 +92,22 @@ class CudaSession(Session):
             self._anew()
         return min(max(1, int(SURE * self._life)) - self._age, LONGEST_BLOCK)
 
+    def _keep(self) -> None:
+        """Keep the state, to which a block that fails goes back."""
+        self.launches.repeat("keep", self.particles.keep)
+        if self._bath:
+            self._bath.keep()
+
     def _anew(self) -> None:
         self.forces.prepare(self.particles)
+        if self._bath:
+            self._bath.keep()
         self._age, self.lists = 0, self.lists + 1
 
     def _take(self, count: int) -> None:
         repeat, left = self.launches.repeat, count - 1
+        if self._bath:
+            self._bath.go_to(self._taken)
         repeat("first", partial(self._walk, 1, 0.0))
         for size in GRAPHS:
             for _ in range(left // size):
@@ -105,15 +120,19 @@ class CudaSession(Session):
         """Take steps, after the kick that ends the step before; leave out the last kick of the last one."""
         for _ in range(count):
             fresh = self._fresh
-            for kick, drift in self._stages:
+            for stage, (kick, drift) in enumerate(self._stages):
                 if kick and not fresh:
                     self.forces.evaluate(self.particles)
                     fresh = True
-                if drift:
+                if drift or (self._shaken[stage] and (kick or ending)):
                     self.moved(ending, kick, drift)
-                    ending, fresh = 0.0, False
+                    ending, fresh = 0.0, fresh and not drift
                 else:
-                    ending = kick
+                    ending = kick or ending
+                if self._bath and self._shaken[stage]:
+                    self._bath.act(self.particles, stage)
+            if self._bath:
+                self._bath.step_on()
 
     def moved(self, ending: float, kick: float, drift: float) -> None:
         """Move the particles, see `move_of`."""
@@ -126,6 +145,8 @@ class CudaSession(Session):
         way = float(np.sqrt(marks[FAR])) / self.forces.half_skin
         if way > 1.0:
             self.particles.settle()
+            if self._bath:
+                self._bath.settle()
             if self._age == 0 and count == 1:
                 raise Trouble("a particle moves further than the skin of its list in one step")
             self._life = max(1.0, 0.8 * (self._age + count))
@@ -136,12 +157,16 @@ class CudaSession(Session):
             raise Trouble("the forces are too large for their sums; particles are too near to each other")
         if marks[NOT_FINITE]:
             raise Trouble("positions or velocities are no longer finite")
-        self._age += count
+        self._age, self._taken = self._age + count, self._taken + count
         self._life = min(self._age / max(way, 1e-3), 2.0 * self._age + FIRST_BLOCK)
         return True
 
     def phase(self) -> Floats:
         return self.particles.phase()
+
+    @property
+    def heat(self) -> float:
+        return self._bath.heat if self._bath else 0.0
 
     def finite(self) -> bool:
         return True  # `advance` raises Trouble
