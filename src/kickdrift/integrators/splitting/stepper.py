@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.sites import site_groups
 from kickdrift.forces.pairs.sorted_steps import plan_of
 from kickdrift.integrators.options import PRESSURE
 from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
@@ -268,4 +269,5 @@ def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
             raise InputError(
                 f"{method.name}: kicks by groups 0 to {method.groups - 1}, and force {force.name} has group = {group}"
             )
-    return np.array(groups, np.int64)
+    beside = site_groups(flow.subject)
+    return np.array([*beside, *groups, *beside], np.int64)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from numba import types
 
 from kickdrift.forces.bound.table import EVALUATIONS, fill_accelerations, fill_by, fill_derivative
-from kickdrift.forces.pairs.sorted_steps import DT, EVALUATED, FEWEST_STEPS, HOLDS, NEXT, STEPS, TAKEN
+from kickdrift.forces.pairs.sorted_steps import CODE, DT, EVALUATED, FEWEST_STEPS, HOLDS, NEXT, STEPS, TAKEN
 from kickdrift.forces.seam.kernel import OK, TAKE_STEPS, call_force
 from kickdrift.integrators.stepping.subflow_code import FRESH as FRESH
 from kickdrift.integrators.stepping.subflow_code import REJECTED as REJECTED
@@ -168,7 +168,7 @@ def take_sorted_steps(bound, plan, dt, steps, x, v, work, cursor):
     if left < FEWEST_STEPS:
         return
     plan[TAKEN], plan[EVALUATED], plan[NEXT] = 0.0, 0.0, 0.0
-    plan[STEPS], plan[DT], plan[HOLDS] = left, dt, cursor[FRESH]
+    plan[STEPS], plan[DT], plan[HOLDS], plan[CODE] = left, dt, cursor[FRESH], bound.table[0, 0]
     call_force(bound.table[0, 0], bound.table[0, 1], TAKE_STEPS, float(plan.size), x, v, work, plan)
     cursor[STEP] += int(plan[TAKEN])
     cursor[STAGE], cursor[FRESH] = int(plan[NEXT]), int(plan[HOLDS])

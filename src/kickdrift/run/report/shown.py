@@ -1,7 +1,5 @@
 """Lines that describe a run to people: its report, and a Simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 from typing import Any

@@ -327,7 +327,7 @@ def _centres(system: Any, bath: Bathed) -> tuple[float, Floats | None, Floats | 
     held = system.constraints
     if held is None:
         return bath.freedom / bath.axes, None, None
-    free = len(system) - len(held.members[0]) + len(held.sizes) - (bath.apart != NONE)
+    free = np.count_nonzero(system.state.masses) - len(held.members[0]) + len(held.sizes) - (bath.apart != NONE)
     return float(free), parted(held), np.zeros((3, len(system)))
 
 
