@@ -6,13 +6,17 @@ for the stress s that is asked for beside the pressure P, and G = h0^-1 h of the
 the difference of both has the mean zero, in each sample's own box. The shear components of s are as large as the
 others, so a wrong component, a lost kinetic part or a lost work of the stress shows here.
 
+The frame turns with the box: a lies along x, and b in the x-y plane. This shifts the mean of xx by -2 k_B T / V and
+that of zz by 2 k_B T / V. For edge vectors h = L Q, with a lower triangle L and a rotation Q, dm is the left-invariant
+measure of L. A stretch of L from the right by 1 + e along axis k multiplies dm by (1 + e)^(4 - 2 k).
+
 Lattice constants and thermal expansion of copper (embedded atoms of Zhou, Johnson & Wadley 2004) and silicon
 (Stillinger & Weber 1985) at 300 K come from runs at 200, 300 and 400 K, beside LAMMPS' ``fix npt tri`` with the same
 forces and starts. In ``mtk`` the energy less heat and work does not drift.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,14 +82,15 @@ def watched(system: kd.System, barostat: str, steps: int, **options: Any) -> tup
     return tensors[-len(edges) :], np.array(edges), report
 
 
-def wanted(edges: np.ndarray, reference: np.ndarray, pressure: float, stress: tuple[float, ...]) -> np.ndarray:
-    """The wanted components (f, 6) of the pressure in boxes with these edges (f, 3, 3)."""
+def wanted(edges: np.ndarray, reference: np.ndarray, pressure: float, stress: Sequence[float], kt: float) -> np.ndarray:
+    """The mean components (f, 6) of the pressure in boxes with these edges (f, 3, 3), for k_B T = ``kt``."""
     tensor = np.zeros((3, 3))
     tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = stress
-    growth = np.linalg.inv(reference) @ edges
-    ratio = np.linalg.det(reference) / np.linalg.det(edges)
+    growth, volume = np.linalg.inv(reference) @ edges, np.linalg.det(edges)
+    ratio = np.linalg.det(reference) / volume
     pull = ratio[:, None, None] * np.einsum("fki,kl,flj->fij", growth, tensor, growth)
-    return (pressure * np.eye(3) - pull)[:, ROWS, COLUMNS]
+    of_frame = 2.0 * kt / volume[:, None, None] * np.diag([-1.0, 0.0, 1.0])
+    return (pressure * np.eye(3) - pull + of_frame)[:, ROWS, COLUMNS]
 
 
 def component_claim(name: str, system: kd.System, barostat: str, steps: int, **options: Any) -> Iterator[Claim]:
@@ -93,7 +98,8 @@ def component_claim(name: str, system: kd.System, barostat: str, steps: int, **o
     system = settled(system, **options)
     found, edges, report = watched(system, barostat, steps, **options | QUICK[barostat])
     stress = options.get("stress", (0.0,) * 6)
-    aim = wanted(edges, system.box.matrix, options["pressure"], stress)
+    kt = system.units.boltzmann * options["temperature"]
+    aim = wanted(edges, system.box.matrix, options["pressure"], stress, kt)
     off = [block_average(each) for each in (found - aim).T]
     worst = max(abs(each.value) / each.error for each in off)
     text = ", ".join(f"{k} {each.value / GPA:+.3f}({each.error / GPA:.3f})" for k, each in zip(NAMES, off, strict=True))
@@ -109,14 +115,11 @@ def component_claim(name: str, system: kd.System, barostat: str, steps: int, **o
 
 
 def component_claims(long: bool) -> Iterator[Claim]:
-    """Each barostat with copper under a stress, and `mtk` with silicon."""
+    """Each barostat with copper under a stress."""
     options = {"temperature": 300.0, "tau": 0.1, "pressure": 2.0 * GPA, "pressure_tau": 0.3, "stress": STRESS}
-    for name, system, b, barostats in (
-        ("copper", copper(), 0.007, tuple(BATHS)), ("silicon", silicon(), 0.01, ("mtk",))
-    ):  # fmt: skip
-        for barostat in barostats:
-            steps = STEPS * (5 if long else 1)
-            yield from component_claim(name, system, barostat, steps, **options, compressibility=b / GPA)
+    for barostat in BATHS:
+        steps = STEPS * (5 if long else 1)
+        yield from component_claim("copper", copper(), barostat, steps, **options, compressibility=0.007 / GPA)
 
 
 class Edges(NamedTuple):
