@@ -21,16 +21,12 @@ from kickdrift.analysis.certify.certifying import ensemble_checks
 from kickdrift.forces import FORCES
 from kickdrift.statistics.blocks import block_average
 from kickdrift_validation.claim import Claim, claim, main, not_run
+from kickdrift_validation.crystal_boxes import BATHS, EVERY, GPA, SIGMAS, STEPS, run_of
 from kickdrift_validation.example_forces import EXAMPLES, crystal, example
 
-SIGMAS = 3.0
-GPA = 1.0 / 160.2176634  # in eV per cubic angstrom
 ASKED = "the pressure asked for"
 LAMMPS = "LAMMPS, fix npt iso"
-BAROSTATS = (("c-rescale", "csvr"), ("mtk", "nose-hoover"), ("monte-carlo", "csvr"))
 COUPLINGS = ("isotropic", "per-axis")
-SEEDS = {"c-rescale": 100, "monte-carlo": 200}
-STEPS, EVERY = 20_000, 10
 
 
 def systems() -> dict[str, tuple[kd.System, dict[str, Any], float, int]]:
@@ -46,23 +42,13 @@ def systems() -> dict[str, tuple[kd.System, dict[str, Any], float, int]]:
     }
 
 
-def run_of(system: kd.System, bath: str, barostat: str, coupling: str, dt: float, steps: int, **options: Any) -> Any:
-    """An equilibrated Simulation that has run, and its report."""
-    left_out = {"mtk": ("compressibility", "seed"), "monte-carlo": ("pressure_tau",)}.get(barostat, ())
-    own = {} if barostat == "mtk" else {"pressure_every": 5, "seed": SEEDS[barostat] + len(coupling) + len(system)}
-    given = {key: value for key, value in (own | options).items() if key not in left_out}
-    sim = kd.Simulation(system, bath, dt, barostat=barostat, coupling=coupling, **given)
-    sim.equilibrate(options["temperature"], 4000 * dt)
-    return sim, sim.run(steps, every=EVERY)
-
-
 def pressure_claims(long: bool) -> Iterator[Claim]:
     """The mean pressure of each barostat, force and coupling."""
     for name, (system, options, dt, steps) in systems().items():
         unit, per = ("GPa", 1.0 / GPA) if system.units.name == "metal" else ("ε/σ^3", 1.0)
-        for barostat, bath in BAROSTATS:
+        for barostat in BATHS:
             for coupling in COUPLINGS if system.units.name == "metal" else COUPLINGS[:1]:
-                _, report = run_of(system, bath, barostat, coupling, dt, steps * (5 if long else 1), **options)
+                _, report = run_of(system, barostat, coupling, dt, steps * (5 if long else 1), **options)
                 off = abs(report.pressure - options["pressure"]) / report.pressure_error
                 text = f"{report.pressure * per:.4f} ± {report.pressure_error * per:.4f} {unit}"
                 print(f"  {name}, {barostat}, {coupling}: {text}, {off:.1f} standard errors", flush=True)
@@ -75,13 +61,13 @@ def pair_claims(long: bool) -> Iterator[Claim]:
     chosen = systems()
     for name, apart in (("copper, embedded atoms", 0.7 * GPA), ("chains, fene and pairs", 0.15)):
         system, options, dt, steps = chosen[name]
-        for barostat, bath in BAROSTATS:
+        for barostat in BATHS:
             # The box of a crystal swings fast in mtk, and c-rescale needs many independent volumes.
             quick = options | {"pressure_tau": (0.3 if barostat == "c-rescale" else 1.7) * options["pressure_tau"]}
             sims = []
             for seed, pressure in enumerate((options["pressure"], options["pressure"] + apart)):
                 given = quick | {"pressure": pressure, "seed": seed}
-                sims.append(run_of(system, bath, barostat, "isotropic", dt, steps * (10 if long else 4), **given)[0])
+                sims.append(run_of(system, barostat, "isotropic", dt, steps * (10 if long else 4), **given)[0])
             checks = ensemble_checks(sims)
             for check in (each for each in checks.rows if not each.run):
                 text = f"{check.measured:.4g}, expected {check.expected:.4g}: z = {check.deviation:.2f}"
@@ -94,14 +80,14 @@ def lattice_constant(pressure: float, steps: int) -> tuple[float, float]:
     """Mean edge of copper's unit cell at 300 K, with its standard error, by kickdrift."""
     options = {"temperature": 300.0, "tau": 0.1, "pressure": pressure, "pressure_tau": 0.3}
     system = crystal(example(FORCES["eam"]))
-    sim, _ = run_of(system, "nose-hoover", "mtk", "isotropic", 0.002, steps, **options)
+    sim, _ = run_of(system, "mtk", "isotropic", 0.002, steps, **options)
     found = block_average(np.array([sample.volume for sample in sim.record.samples]) ** (1 / 3) / 4.0)
     return found.value, found.error
 
 
 def lattice_constant_of_lammps(pressure: float, steps: int) -> tuple[float, float]:
     """The same by LAMMPS."""
-    from kickdrift.engines.lammps_world import lammps_class
+    from kickdrift.forces.external.lammps_library import lammps_class
 
     lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none"])
     lmp.commands_string(f"""
@@ -157,10 +143,10 @@ def leaning_claims(long: bool) -> Iterator[Claim]:
         sites, system.state.velocities, system.state.masses, kd.Box(matrix=matrix), system.forces, "metal",
         species=["Cu"] * len(system),
     )  # fmt: skip
-    for barostat, bath in BAROSTATS:
+    for barostat in BATHS:
         found = []
         for each in (system, leaning):
-            sim, _ = run_of(each, bath, barostat, "isotropic", dt, steps * (5 if long else 1), **options)
+            sim, _ = run_of(each, barostat, "isotropic", dt, steps * (5 if long else 1), **options)
             found.append(block_average(np.array([sample.volume for sample in sim.record.samples]) / len(system)))
         off = abs(found[0].value - found[1].value) / math.hypot(found[0].error, found[1].error)
         value = ", ".join(f"{each.value:.4f} ± {each.error:.4f}" for each in found) + " Å^3"
@@ -173,7 +159,7 @@ def conserved_claims(long: bool, coupling: str = "per-axis") -> Iterator[Claim]:
     """The conserved quantity of ``mtk`` under embedded atoms."""
     system, options, dt, _ = systems()["copper, embedded atoms"]
     steps = 1_000_000 if long else 100_000
-    sim, report = run_of(system, "nose-hoover", "mtk", coupling, dt, steps, **options)
+    sim, report = run_of(system, "mtk", coupling, dt, steps, **options)
     totals = np.array([sample.energies.total + sample.taken.energy for sample in sim.record.samples])
     energy = report.energy
     rate = f"{energy.drift_per_unit_time:+.1e} ± {energy.drift_error:.1e} per ps"

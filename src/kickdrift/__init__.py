@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from kickdrift.model.box.box import Box
     from kickdrift.model.events.collision import Collision, Sphere
     from kickdrift.model.events.events import CloseApproach, Crossing, Escape
+    from kickdrift.model.molecules.constraint import Constraint
     from kickdrift.model.molecules.topology import Topology
+    from kickdrift.model.molecules.virtual_sites import VirtualSite
     from kickdrift.model.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
     from kickdrift.model.state import State
@@ -108,6 +110,7 @@ _HOMES = {
     "Topology": "model.molecules.topology",
     "TransitionMatrix": "analysis.derivatives.transition",
     "Transits": "analysis.derivatives.transits",
+    "VirtualSite": "model.molecules.virtual_sites",
     "body_law": "forces.laws.body_law",
     "cite": "trajectory.citing",
     "compare": "analysis.compare.comparing",
@@ -176,10 +179,12 @@ __all__ = [
     "InputError",
     "Installation",
     "KickdriftError",
+    "LammpsForce",
     "LennardJones",
     "LennardJonesWall",
     "LenseThirring",
     "LinearDrag",
+    "ListedPairs",
     "Listing",
     "LyapunovSpectrum",
     "MassChange",
@@ -218,6 +223,7 @@ __all__ = [
     "TransitionMatrix",
     "Transits",
     "UniformField",
+    "VirtualSite",
     "accelerations",
     "analysis",
     "angle_law",
@@ -276,6 +282,12 @@ def _ase() -> ModuleType:
     return ase
 
 
+def _openmm() -> ModuleType:
+    from kickdrift.bridges import openmm
+
+    return openmm
+
+
 def _rebound() -> ModuleType:
     from kickdrift.bridges import rebound
 
@@ -300,7 +312,7 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
-BRIDGES.update(ase=_ase, rebound=_rebound)
+BRIDGES.update(ase=_ase, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 

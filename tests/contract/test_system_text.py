@@ -44,7 +44,8 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 @pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
 def test_a_force_comes_back_from_its_text(name):
     species, pairs = {"A": {}, "B": {"sigma": 0.9}}, {("B", "A"): {"epsilon": 0.3}}
-    own = {"stiffness": (2.0, 3.0)} if name == "springs" else {"pairs": pairs, "softening": 0.1, "G": 1e-4}
+    lists = {"springs": {"stiffness": (2.0, 3.0)}, "listed-pairs": {"sigma": (0.8, 0.9)}}  # which list their own pairs
+    own = lists.get(name, {"pairs": pairs, "softening": 0.1, "G": 1e-4})
     force = example(FORCES[name], cutoff=1.5, species=species, group=1, **own)
     x = 1.2 * np.indices((2, 2, 2)).reshape(3, -1).T + np.random.default_rng(5).uniform(-0.1, 0.1, (8, 3))
     masses = np.where(np.arange(8) == 3, 30.0, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import lammps_class
+from kickdrift.forces.external.lammps_library import lammps_class
 
 COUNT, EDGE, CUTOFF, DT = 27, 12.6, 6.0, 0.001
 EPSILON, SIGMA, CHARGE, ANGLE = 0.006738, 3.166, 0.4238, 109.47
@@ -37,12 +37,12 @@ def water() -> kd.System:
 
 
 @pytest.fixture(scope="module")
-def ours() -> tuple[kd.System, np.ndarray]:
+def ours() -> tuple[kd.System, np.ndarray, np.ndarray]:
     system = water()
     sim = kd.Simulation(system, "velocity-verlet", dt=DT)
     sim.run(20, every=20)
     assert np.abs(sim.state.positions - system.state.positions).max() > 0.3
-    return system, sim.state.positions
+    return system, sim.state.positions, sim.state.velocities
 
 
 def distance(found: np.ndarray, ours: np.ndarray) -> float:
@@ -85,7 +85,9 @@ def test_openmm_moves_water_the_same_way(ours):
     assert distance(found, ours[1]) < 1e-6
 
 
-def test_lammps_moves_water_the_same_way(ours, tmp_path):
+@pytest.mark.parametrize("fix", ["rattle", "shake"])
+def test_lammps_moves_water_the_same_way(ours, tmp_path, fix):
+    """`fix shake` leaves velocities with parts along the bonds, 0.05 angstrom/ps here; without these they are ours."""
     pytest.importorskip("lammps")
     start, n = ours[0].state, 3 * COUNT
     sites = [(1, -2.0 * CHARGE), (2, CHARGE), (2, CHARGE)]
@@ -120,9 +122,15 @@ def test_lammps_moves_water_the_same_way(ours, tmp_path):
         neigh_modify every 1 delay 0 check yes
         timestep {DT}
         fix move all nve
-        fix hold all rattle 1e-12 200 0 b 1 a 1
+        fix hold all {fix} 1e-12 200 0 b 1 a 1
         run 20
     """)
-    found = np.array(world.gather_atoms("x", 1, 3)).reshape(-1, 3)
+    found, velocities = (np.array(world.gather_atoms(key, 1, 3)).reshape(-1, 3) for key in "xv")
     world.close()
     assert distance(found, ours[1]) < 1e-6
+    held, masses, along = ours[0].constraints, ours[0].coherent_masses, velocities.T.copy()
+    rates = np.abs(held.rates(ours[1].T, along)).max()
+    if fix == "shake":
+        assert 0.01 < rates < 0.1
+        along = held.projected(masses, ours[1].T.copy(), along)[1]
+    assert np.abs(along.T - ours[2]).max() < 2e-5

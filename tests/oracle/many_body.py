@@ -72,8 +72,10 @@ def tersoff(d: np.ndarray, species: list[str], entries: dict) -> complex:
     for i in range(n):
         bonds = [entries[f"{species[i]}-{species[j]}-{species[j]}"] for j in range(n)]
         reach = [bond["R"] + bond["D"] for bond in bonds]
-        near = [j for j in range(n) if j != i and r[i, j].real < reach[j]]
+        near = [j for j in range(n) if j != i]
         for j in near:
+            if r[i, j].real >= reach[j]:
+                continue
             p = bonds[j]
             zeta = 0.0
             for k in near:
@@ -112,7 +114,8 @@ def hermite(values: np.ndarray, spacing: float, at: complex) -> complex:
 
 
 def embedded_atom(d: np.ndarray, species: list[str], tables: dict) -> complex:
-    """``tables``: cutoff, dr, drho, embedding {element}, density {(at, from)}, rphi {(one, other)}."""
+    """``tables``: cutoff, dr, drho, embedding {element}, density {(at, from)}, rphi {(one, other)}; the embedding
+    energies may begin at the density ``first``."""
     r, n, energy = lengths(d), len(d), 0.0
     for i in range(n):
         density = 0.0
@@ -121,5 +124,5 @@ def embedded_atom(d: np.ndarray, species: list[str], tables: dict) -> complex:
                 continue
             density += hermite(tables["density"][species[i], species[j]], tables["dr"], r[i, j])
             energy += 0.5 * hermite(tables["rphi"][species[i], species[j]], tables["dr"], r[i, j]) / r[i, j]
-        energy += hermite(tables["embedding"][species[i]], tables["drho"], complex(density))
+        energy += hermite(tables["embedding"][species[i]], tables["drho"], complex(density) - tables.get("first", 0.0))
     return energy

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import lammps_class
+from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.systemfile.reading import loads
 
 LIQUID = """

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import lammps_class
+from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.model.starts.builders import lattice
 
 DT, STEPS, EDGE, LOW, HIGH = 0.004, 20, 8.0, 0.4, 7.7

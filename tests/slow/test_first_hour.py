@@ -9,7 +9,7 @@ import re
 
 import pytest
 
-from kickdrift.engines.lammps_world import lammps_class
+from kickdrift.forces.external.lammps_library import lammps_class
 from tests import pages
 from tests.folders import DOCS
 

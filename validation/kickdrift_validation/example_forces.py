@@ -54,6 +54,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
     "harmonic-improper": {"stiffness": 2.0, "rest": 20.0},
     "periodic-improper": {"barrier": 2.0, "multiplicity": 2.0, "phase": 30.0},
+    "listed-pairs": {"pairs": [[0, 1], [5, 3]], "epsilon": 0.7, "sigma": [0.8, 0.9], "charges": -0.2},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
     "restraint": {"stiffness": 2.0, "particles": [0, 5], "positions": [(0.3, 0.2, 0.0), (-0.5, 1.0, 0.0)]},
     "harmonic-wall": {"stiffness": 2.0, "normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0), "reach": 4.5},
@@ -61,6 +62,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "reflecting-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0)},
     "python": {"function": pull},
     "ase": {"calculator": ases_lennard_jones, "arguments": {"rc": 1.5, "sigma": 0.9}},
+    "lammps": {
+        "pair_style": "lj/cut 1.5",
+        "pair_coeff": "* * 1.0 0.9",
+        "commands": (),
+        "atom_style": "atomic",
+        "renewal": 0.1,
+    },
     "driven-field": {"amplitude": (0.3, 0.0, 0.1), "frequency": 3.0},
 }
 
@@ -91,7 +99,7 @@ def crystal(force: Any, few: bool = False, shaken: float = 0.05, seed: int = 5) 
     count = sites * (2 if few else 4) ** 3
     x, edges = lattice(kind, count, sites / edge**3)
     x = x + np.random.default_rng(seed).uniform(-shaken, shaken, x.shape)
-    box, species = None if few else edges, [force.elements[0]] * count
+    box, species = None if few else edges, [force.known[0]] * count
     system = kd.System(x, masses=mass, box=box, forces=[force], units="metal", species=species)
     v = maxwell_boltzmann(system.coherent_masses, 600.0, system.units.boltzmann, seed)
     return kd.System(x, v, mass, box, [force], "metal", species=species)

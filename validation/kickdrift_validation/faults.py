@@ -52,7 +52,8 @@ FAULTS = (
     ),
     Fault(
         "virial-sign", "the virial of the pair forces with the wrong sign", "forces/pairs/sum.py",
-        "sums[c, 1] = lane_sum(virial_sum)", "sums[c, 1] = -lane_sum(virial_sum)",
+        "sums[c, 1] = lane_sum(trace_of(along_sum, virial_sum))",
+        "sums[c, 1] = -lane_sum(trace_of(along_sum, virial_sum))",
     ),
     Fault(
         "unit-factor", "metal's atomic mass unit of CODATA 2002, 1.2e-7 off", "model/units/unit_systems.py",
@@ -103,6 +104,23 @@ FAULTS = (
     Fault(
         "wall-slope", "the repulsion of a Lennard-Jones wall 10 / 9 of its energy's slope", "forces/fields/walls.py",
         "(1.2 * near * near - 3.0)", "(4.0 / 3.0 * near * near - 3.0)",
+    ),
+    Fault(
+        "shape-component", "the virials across yz and xy exchanged", "integrators/splitting/barostats/shape.py",
+        "piston.along[c, 1, side]", "piston.along[c, 1, 2 - side]",
+    ),
+    Fault(
+        "shape-heat", "the kinetic energy across two axes that of the first one",
+        "integrators/splitting/barostats/shape.py", "(one * other)", "(one * one)",
+    ),
+    Fault(
+        "shape-work", "no work against the shear components of a wanted stress",
+        "integrators/splitting/barostats/shape.py",
+        "total -= 0.5 * first * shape.stress[i, j]", "total -= (i == j) * 0.5 * first * shape.stress[i, j]",
+    ),
+    Fault(
+        "shape-pull", "the wanted stress turned by the wrong deformation", "integrators/splitting/barostats/shape.py",
+        "multiply(shape.stress, growth, half)", "multiply(shape.stress, shape.stress, half)",
     ),
 )  # fmt: skip
 

@@ -94,7 +94,7 @@ def simulation(x: np.ndarray, force: Any, edge: float | None = None, masses: Any
     """The particles at rest; of two kinds where the force knows two."""
     species, units = ["AB"[k % 2] for k in range(len(x))] if getattr(force, "species", None) else None, "lj"
     if isinstance(force, ManyBodyForce):
-        species, units = [force.elements[0]] * len(x), "metal"
+        species, units = [force.known[0]] * len(x), "metal"
     box, joined = None if edge is None else [edge] * 3, topology(force)
     given = {"topology": joined, "charges": charges(force, len(x))}
     system = kd.System(x, masses=masses, box=box, forces=[force], units=units, species=species, **given)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import Model, World, lammps_class
+from kickdrift.engines.lammps_world import Model, World
+from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.model.starts.builders import lattice
 from kickdrift_validation.claim import Claim, at_most, claim, main, not_run
 from kickdrift_validation.lennard_jones import FACTOR, apart, draw, frames_of, nudged, parting

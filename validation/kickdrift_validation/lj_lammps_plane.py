@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 import kickdrift as kd
-from kickdrift.engines.lammps_world import Model, World, lammps_class
+from kickdrift.engines.lammps_world import Model, World
+from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.model.starts.builders import maxwell_boltzmann, plane_lattice
 from kickdrift_validation.claim import Claim, claim, main, not_run
 

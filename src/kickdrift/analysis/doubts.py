@@ -1,7 +1,5 @@
 """What reports made from a trajectory say alike: what ran, and when the trajectory is no good."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from kickdrift.display.showing import Lines

@@ -4,8 +4,6 @@ A step that is not quiet for a system is done once more by a Simulation of it al
 the run. So events, and the state with which a run ends, are those of a system alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property

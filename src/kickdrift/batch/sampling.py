@@ -1,7 +1,5 @@
 """Runs of a batch's members with samples: the steps of the samples, and the pieces of a long run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

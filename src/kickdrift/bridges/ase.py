@@ -8,8 +8,6 @@ Velocities are converted with our own constants (``model.units.quantities``), so
 sides. ASE's fs comes from CODATA 2014, so times differ from ``ase.units`` by 5e-9, relative.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from warnings import warn

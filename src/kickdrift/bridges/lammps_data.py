@@ -3,8 +3,6 @@
 Kickdrift writes this text itself: MDAnalysis' writer rounds to float32, and ASE's writer has no angles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import repeat
 from typing import NamedTuple

@@ -8,8 +8,6 @@ rebound reads an archive in a process of its own, because a damaged archive may 
 the snapshots of an archive.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import math
@@ -28,20 +26,8 @@ import rebound
 from pydantic import TypeAdapter
 from rebound.units import lengths_SI, masses_SI, times_SI
 
-from kickdrift.bridges import rebound_snapshot
+from kickdrift.bridges import rebound_snapshot, rebound_system
 from kickdrift.bridges.rebound_snapshot import CHOICES, COLUMNS, OPTIONS, Snapshot, described
-from kickdrift.bridges.rebound_system import (
-    COORDINATES,
-    KERNELS,
-    LEAPFROGS,
-    SABA,
-    UNITS,
-    key_of,
-    passage_of,
-    system_from,
-    tell,
-    unnamed,
-)
 from kickdrift.disk.files import shown_path
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, Hill
@@ -86,7 +72,7 @@ def archived_system(path: Path, snapshot: int | None = None) -> System:
     if found.collision != "none":
         lost.append(f"the action on collisions ({shown(found.collision)}); give the run events=[kd.Collision(…)]")
     try:
-        system = system_from(found._replace(collision="none"), table)
+        system = rebound_system.system_from(found._replace(collision="none"), table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if lost:
@@ -169,7 +155,7 @@ def system_of(sim: Any, forces: Iterable[Any] | None = None) -> System:
     if not isinstance(sim, rebound.Simulation):
         raise InputError(f"sim: expected a rebound.Simulation, got {type(sim).__name__}")
     snapshot, table = described(sim)
-    return system_from(snapshot, np.frombuffer(table).reshape(len(COLUMNS), -1).T, forces)
+    return rebound_system.system_from(snapshot, np.frombuffer(table).reshape(len(COLUMNS), -1).T, forces)
 
 
 def simulation_of(system: System) -> Any:
@@ -191,14 +177,14 @@ def simulation_of(system: System) -> Any:
     radii = np.zeros(len(system)) if system.radii is None else system.radii
     rows = np.column_stack([state.masses, state.positions, state.velocities, radii]).tolist()
     for i, (m, x, y, z, vx, vy, vz, r) in enumerate(rows):
-        name = system.names[i] if system.names and system.names[i] != unnamed(i) else None
+        name = system.names[i] if system.names and system.names[i] != rebound_system.unnamed(i) else None
         sim.add(m=m, x=x, y=y, z=z, vx=vx, vy=vy, vz=vz, r=r, name=name)
     massive = int(np.count_nonzero(state.masses))
     if massive < len(system) and state.masses[:massive].all():
         sim.N_active = massive
     sim.t = state.time
     untaken = _set_method(sim, system) + [f"event {event.kind}" for event in system.events]
-    tell("to_rebound", untaken, 4)
+    rebound_system.tell("to_rebound", untaken, 4)
     return sim
 
 
@@ -214,8 +200,8 @@ def _gravity(system: System, frame: list[Any]) -> Gravity | None:
 
 def _rebound_units(units: UnitSystem) -> tuple[str, str, str] | None:
     """Return rebound's names of the units of length, time and mass; None for plain numbers."""
-    if units.name in UNITS:
-        return UNITS[units.name]
+    if units.name in rebound_system.UNITS:
+        return rebound_system.UNITS[units.name]
     known = units.length in lengths_SI and units.time in times_SI and units.mass in masses_SI
     return (units.length, units.time, units.mass) if known else None
 
@@ -237,26 +223,28 @@ def _set_method(sim: Any, system: System) -> list[str]:
         (hill,) = (force for force in system.forces if isinstance(force, Hill))
         sim.integrator, sim.OMEGA, sim.OMEGAZ = "sei", hill.omega, hill.vertical * abs(hill.omega)
         return []
-    for order, name in LEAPFROGS.items():
+    for order, name in rebound_system.LEAPFROGS.items():
         if run.integrator == name:
             sim.integrator = "leapfrog"
             sim.integrator.order = order
             return []
     if run.integrator == "wisdom-holman" and central:
         sim.integrator = "whfast"
-        sim.integrator.coordinates = key_of(COORDINATES, run.options.get("coordinates", JACOBI))
+        sim.integrator.coordinates = rebound_system.key_of(
+            rebound_system.COORDINATES, run.options.get("coordinates", JACOBI)
+        )
         sim.integrator.corrector = run.options.get("corrector", 0)
-        sim.integrator.kernel = key_of(KERNELS, run.options.get("kernel", STANDARD))
+        sim.integrator.kernel = rebound_system.key_of(rebound_system.KERNELS, run.options.get("kernel", STANDARD))
         return []
     if run.integrator == "trace" and central:
         own: dict[str, Any] = {each.name: run.options.get(each.name, each.default) for each in TRACE}
         sim.integrator = "trace"
         sim.integrator.r_crit_hill = own["hill_radii"]
-        sim.integrator.peri_mode = passage_of(own["pericentre"], own["inner"])
+        sim.integrator.peri_mode = rebound_system.passage_of(own["pericentre"], own["inner"])
         if own["pericentre"] == "none":
             sim.integrator.peri_crit_eta = math.inf  # no step is longer than this times the time scale
         return []
-    order_there = key_of(SABA, run.options.get("order", "10,6,4"))
+    order_there = rebound_system.key_of(rebound_system.SABA, run.options.get("order", "10,6,4"))
     if run.integrator == "saba" and central and order_there and run.options.get("coordinates", JACOBI) == JACOBI:
         sim.integrator = "saba"
         sim.integrator.type = order_there

@@ -4,8 +4,6 @@ rebound's C code ends the process on many damaged archives, so `rebound` runs th
 time and memory, and takes numbers and text. This module imports nothing of kickdrift, so that the process starts fast.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -3,8 +3,6 @@
 This module does not import rebound.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable

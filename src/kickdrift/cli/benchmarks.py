@@ -1,7 +1,5 @@
 """The commands ``bench`` and ``validate``."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path

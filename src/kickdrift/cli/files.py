@@ -1,7 +1,5 @@
 """The commands ``export``, ``info``, ``show``, ``list``, ``new``, ``schema``, ``cite`` and ``doctor``."""
 
-from __future__ import annotations
-
 import os
 import sys
 from enum import StrEnum
@@ -186,6 +184,7 @@ def list_(
 def new(
     kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, water, planets or ode.")] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
+    model: Annotated[str | None, option("NAME", "Another model of the kind: tip4p2005 for water, else SPC/E.")] = None,
     schema: Annotated[
         bool,
         typer.Option("--schema", help="Write the schema beside the file, and name it in the first line for editors."),
@@ -195,7 +194,7 @@ def new(
     """Write a commented system file to start from. No file is replaced."""
     from kickdrift.systemfile.json_schema import json_schema_text
 
-    text = kd.template(kind)
+    text = kd.template(kind, model)
     target = Path(f"{kind}.toml") if output is None else output
     if os.path.lexists(target):
         raise InputError(

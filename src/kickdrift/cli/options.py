@@ -1,7 +1,5 @@
 """Arguments and options of several commands, and readers of their values: 1e6, or "5 ps"."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable
@@ -88,9 +86,11 @@ def in_units(value: Any, subject: Any, flag: str) -> float | None:
     return found
 
 
-def subject_of(name: str, seed: int | None = None, overlaps: bool = False, frame: int | None = None) -> Any:
+def subject_of(
+    name: str, seed: int | None = None, overlaps: bool = False, frame: int | None = None, **files: Any
+) -> Any:
     """The System or Problem of a command's argument. A Python file is run, and the file of a run has a System for each
-    frame."""
+    frame. ``files`` go with files of force fields, see `kickdrift.load`."""
     from kickdrift.systemfile.python_file import load_or_run
 
     if is_run(name):
@@ -99,7 +99,7 @@ def subject_of(name: str, seed: int | None = None, overlaps: bool = False, frame
         return system_of_frame(name, frame)
     if frame is not None:
         raise InputError(f"{name}: --frame is for the file of a run")
-    return load_or_run(name, seed, overlaps)
+    return load_or_run(name, seed, overlaps, **files)
 
 
 def is_run(name: str) -> bool:
@@ -171,6 +171,21 @@ Json = Annotated[
 ]  # fmt: skip
 Frame = Annotated[
     int | None, option("K", "Frame of a run's file, counted from 0, or from -1 backwards (default: the last one).")
+]
+ForceField = Annotated[
+    list[str] | None,
+    option("FILE", "File of a force field for a .pdb, .psf or .top, which OpenMM reads. Repeatable.", "--force-field"),
+]
+Cutoff = Annotated[
+    Any,
+    option(
+        "X",
+        "Cutoff of pairs for a file of a force field (default 1 nm).",
+        parser=amount("a length such as '9 angstrom'"),
+    ),
+]
+Rigid = Annotated[
+    str | None, option("NAME", "Rigid bonds for a file of a force field: hydrogen (default), water, none.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that kickdrift wrote.")]
 Threads = Annotated[int, option("K", "Threads; they do not change the results.", min=1)]

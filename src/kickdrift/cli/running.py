@@ -1,7 +1,5 @@
 """The commands ``run``, ``resume`` and ``relax``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,6 +33,7 @@ from kickdrift.integrators.asked import known_options
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
+from kickdrift.systemfile.files import PARAMETERS
 from kickdrift.text import shown
 
 WHOLE = ("steps", "interval")
@@ -129,6 +128,9 @@ def run(
     write: Annotated[str | None, option("NAMES", "Further data in frames: forces, images, or forces,images.")] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     frame: opt.Frame = None,
+    force_field: opt.ForceField = None,
+    cutoff: opt.Cutoff = None,
+    rigid: opt.Rigid = None,
     equilibrate: Annotated[
         list[str] | None,
         option(
@@ -163,7 +165,10 @@ def run(
         store = old_store
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
-    chosen = with_keys(subject_of(system, seed, frame=frame), equilibrate or [])
+    files: dict[str, Any] = {"force_field": force_field or None, "cutoff": cutoff, "rigid": rigid}
+    if Path(system).suffix.lower() in PARAMETERS:  # for other systems, an option of the method has this name
+        files["coordinates"] = options.pop("coordinates", None)
+    chosen = with_keys(subject_of(system, seed, frame=frame, **files), equilibrate or [])
 
     from kickdrift.run.equilibration import equilibrate_as_told
     from kickdrift.run.files import check_suffix

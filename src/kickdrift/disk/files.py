@@ -1,7 +1,5 @@
 """Input files of the user: only regular files are opened, and no open waits for another program."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

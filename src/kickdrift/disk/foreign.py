@@ -1,7 +1,5 @@
 """Files of other programs, recognised by their content: what they are, and what to do with them."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

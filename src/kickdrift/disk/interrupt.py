@@ -1,7 +1,5 @@
 """Ctrl-C at safe moments."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Kinds of file that kickdrift writes, with tests that recognise them."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

@@ -4,8 +4,6 @@ An existing file is replaced only on request, and only if it is a regular file t
 device or a pipe is written to directly. A file that is being written lies in a private folder beside its place.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,7 +1,5 @@
 """Cards for notebooks: a framed piece of HTML, with a sparkline where an object has a series of numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from html import escape

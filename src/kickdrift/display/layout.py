@@ -1,7 +1,5 @@
 """Lines, pages of keys and tables, laid out for a terminal's width. Text wraps between words; no word is ever cut."""
 
-from __future__ import annotations
-
 import unicodedata
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """Progress of long work: its rate, the time left, and lines where no terminal shows a bar."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

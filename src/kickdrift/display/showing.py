@@ -1,7 +1,5 @@
 """Objects, tables and progress as people see them: lines of text, HTML in notebooks, bars on a terminal."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager

@@ -105,8 +105,8 @@ class Engine:
             return f"{job.system.name!r} is an ODE; {self.name} moves particles"
         if job.system.events:
             return f"event {job.system.events[0].kind!r}: only a native run watches for events"
-        if job.system.constraints is not None:
-            return f"constraints: only a native run keeps them; {self.name} is not given them"
+        if tie := job.system.tied_by:
+            return f"{tie}: only a native run keeps them; {self.name} is not given them"
         if job.method.name not in self.methods:
             known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
             return f"integrator {job.named!r}: {self.name} has {known}"

@@ -8,8 +8,6 @@ LangevinBAOAB and Andersen move the centre of mass. NoseHooverChainNVT conserves
 degrees of freedom. Bussi counts 3 N too, unless a FixCom constraint takes 3 of these, as it does here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -50,6 +48,10 @@ def _no_calculator(system: System) -> str | None:
     force = system.forces[0]
     if isinstance(force, StillingerWeber):
         return f"force {force.name!r}: ASE has no calculator for it"
+    if force.elements:
+        return f"force {force.name!r}: elements: ASE's calculators know species by the elements of their parameters"
+    if isinstance(force, EmbeddedAtom) and force.style == "eam/he":
+        return f"force {force.name!r}: ASE does not read files of {force.style}"
     from ase.data import atomic_numbers
 
     strange = [species for species in system.species if species not in atomic_numbers]

@@ -1,7 +1,5 @@
 """Traps, uniform fields, position restraints and walls in the terms of other programs, beside their other forces."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
@@ -92,7 +90,7 @@ def _apart(axis: str, edge: float, periodic: bool) -> str:
 # --- LAMMPS: commands of fixes ---
 
 
-class Held(NamedTuple):
+class PositionRestraint(NamedTuple):
     """A position restraint in LAMMPS' terms: ids from 1, stiffness, axes such as "xy", and reference positions."""
 
     ids: NDArray[np.int64]
@@ -115,17 +113,17 @@ def lammps_refusal(system: System) -> str | None:
     return None
 
 
-def lammps_fixes(system: System) -> tuple[tuple[tuple[str, ...], ...], tuple[Held, ...]]:
+def lammps_fixes(system: System) -> tuple[tuple[tuple[str, ...], ...], tuple[PositionRestraint, ...]]:
     """The commands of each wall, and the restraints."""
     walls: list[tuple[str, ...]] = []
-    held: list[Held] = []
+    held: list[PositionRestraint] = []
     for k, force in enumerate(system.forces):
         if isinstance(force, Restraint):
             values = np.broadcast_to(force.stiffness, 3)
             axes = "".join(axis for axis, value in zip("xyz", values, strict=True) if value)
             ids = np.array(force.particles, np.int64) + 1
             if axes:
-                held.append(Held(ids, float(values.max()), axes, force.places(system)[0]))
+                held.append(PositionRestraint(ids, float(values.max()), axes, force.places(system)[0]))
         elif type(force) in IN_LAMMPS:
             walls.append(_wall(k, force))
     return tuple(walls), tuple(held)

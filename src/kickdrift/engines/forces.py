@@ -1,7 +1,5 @@
 """Forces in the terms of other programs: which ones they take, a row for each bonded law, and files of parameters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
@@ -11,7 +9,7 @@ from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.many_body.base import ManyBodyForce, TabledForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
-from kickdrift.forces.many_body.entries import FORMS, potential_file
+from kickdrift.forces.many_body.entries import potential_file
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
@@ -151,7 +149,7 @@ def many_body(system: System, molecules: bool = False) -> bool:
 def style_of(force: ManyBodyForce) -> str:
     """LAMMPS' pair style."""
     if isinstance(force, EmbeddedAtom):
-        return "eam/alloy" if force.file.endswith(FORMS[0]) else "eam/fs"
+        return force.style
     return STYLES[type(force)]
 
 

@@ -4,8 +4,6 @@ Arguments are the other program's command line. Standard input is a pipe that on
 ends with that process however that process ends. This module imports nothing of kickdrift.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

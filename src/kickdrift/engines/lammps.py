@@ -4,8 +4,6 @@ LAMMPS' units "lj" have no constants, so they hold the system's own numbers in a
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -103,7 +101,7 @@ def model_of(job: Job, seed: int) -> Model:
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
-        given |= {"many_body": (style_of(force), text_of(force), tuple(species))}
+        given |= {"many_body": (style_of(force), text_of(force), force.named(species))}
     elif force is not None:
         pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
         laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]

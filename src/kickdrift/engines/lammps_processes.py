@@ -5,8 +5,6 @@ machines (see ``hosts``). They run in a session of their own, so that Ctrl-C rea
 ends them. They also end when this process ends (see ``keeper``).
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -28,7 +26,7 @@ from typing import Any
 
 from kickdrift.engines import keeper
 from kickdrift.engines.hosts import KEY_BYTES, accepted, address_towards, listening
-from kickdrift.engines.lammps_world import mpiexec
+from kickdrift.forces.external.lammps_library import mpiexec
 
 SOCKET = "KICKDRIFT_LAMMPS_SOCKET"  # name of the variable with the socket's address
 KEY = "KICKDRIFT_LAMMPS_KEY"  # name of the variable with the key, for connections over the network

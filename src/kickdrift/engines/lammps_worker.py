@@ -3,8 +3,6 @@
 It executes commands and answers each with an error text or None. The first process also sends the result.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import shutil

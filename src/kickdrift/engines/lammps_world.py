@@ -3,10 +3,6 @@
 Particles are passed wrapped into the box, with their counts of box crossings.
 """
 
-from __future__ import annotations
-
-import ctypes
-import importlib.metadata
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,53 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.bridges.lammps_data import DataFile
-from kickdrift.engines.fields import Held
+from kickdrift.engines.fields import PositionRestraint
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
 from kickdrift.engines.tables import POINTS, PairTable, written
+from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.relatives import measured
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-
-INSTALL = "pip install 'kickdrift[lammps]'"
-LIBRARY = "libmpi.so.12"  # MPICH's, by its ABI
-
-
-def lammps_class() -> Any:
-    """Return ``lammps.lammps`` with the MPI library of the `mpich` wheel, so that no environment variable is needed.
-    Raises ImportError that names the missing part."""
-    libraries = [path for path in _files("mpich") if path.name.startswith(LIBRARY)]
-    libraries.sort(key=lambda path: path.stat().st_size)  # small files of that name are stubs for linking
-    try:
-        ctypes.CDLL(str(libraries[-1]) if libraries else LIBRARY, mode=ctypes.RTLD_GLOBAL)
-    except OSError:
-        raise ImportError(f"MPI is missing ({LIBRARY}): {INSTALL}") from None
-    try:
-        from lammps import lammps
-    except (ImportError, OSError) as error:
-        raise ImportError(f"LAMMPS cannot be loaded ({error}): {INSTALL}") from None
-    return lammps
-
-
-def mpiexec() -> Path:
-    """Path of the `mpich` wheel's mpiexec. Raises ImportError without it."""
-    found = [path for path in _files("mpich") if path.name == "mpiexec"]
-    if not found:
-        raise ImportError(f"MPICH's mpiexec is missing: {INSTALL}")
-    return found[0].resolve()
-
-
-def _files(package: str) -> list[Path]:
-    """Existing files of a distribution."""
-    try:
-        files = importlib.metadata.files(package) or []
-    except importlib.metadata.PackageNotFoundError:
-        return []
-    paths = [Path(str(file.locate())) for file in files]
-    return [path for path in paths if path.exists()]
-
 
 BATH = "bath"  # name of the fix whose scalar is minus the heat so far
 _NVE = "fix move all nve"
@@ -236,7 +195,7 @@ class Model(NamedTuple):
     many_body: tuple[str, str, tuple[str, ...]] | None = None
     ewald: Ewald | None = None
     walls: tuple[tuple[str, ...], ...] = ()
-    held: tuple[Held, ...] = ()
+    held: tuple[PositionRestraint, ...] = ()
     linear: bool = False
     tables: tuple[PairTable, ...] = ()
 
@@ -368,7 +327,8 @@ class World:
         with tempfile.TemporaryDirectory(prefix="kickdrift-lammps-") as folder:
             file = Path(folder) / "potential"
             file.write_text(text, encoding="utf-8")
-            self.lmp.command(f"pair_coeff * * {str(file)!r} {' '.join(species)}")
+            elements = "" if style == "eam" else " ".join(species)  # a file of one element names none
+            self.lmp.command(f"pair_coeff * * {str(file)!r} {elements}")
 
     def _tables(self, tables: Sequence[PairTable]) -> None:
         """Give LAMMPS pair forces as tables, which it reads from files."""

@@ -14,8 +14,6 @@ al. 2019, doi:10.1021/acs.jpca.9b02771). AndersenThermostat acts where its Syste
 step. The other words take OpenMM's normal numbers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

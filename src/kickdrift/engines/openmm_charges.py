@@ -4,8 +4,6 @@ Charges are scaled so that OpenMM's Coulomb constant gives the system's energies
 from a tolerance, which is set so that its splitting parameter is the system's.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

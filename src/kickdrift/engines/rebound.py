@@ -7,8 +7,6 @@ point to the requested time.
 Forces and potential energy come from rebound's direct sum over a second set of the same bodies at rest.
 """
 
-from __future__ import annotations
-
 import ctypes
 import warnings
 from copy import copy

@@ -4,8 +4,6 @@ LAMMPS' ``pair_style table spline`` takes cubic splines of energy and force. The
 differ from the formula by rounding where particles are: see ``ERROR``.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

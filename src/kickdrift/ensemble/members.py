@@ -1,8 +1,6 @@
 """Members of an ensemble: every combination of the grids' values, in several replicas, each with random values and a
 seed. A member is the same whatever the size of the ensemble, and whoever runs it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy

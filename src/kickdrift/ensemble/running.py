@@ -4,8 +4,6 @@ Dask keeps the processes, sends the work, and gives the members of a dead worker
 progress as keep the workers busy, so an ensemble of any size fits into memory.
 """
 
-from __future__ import annotations
-
 import atexit
 import logging
 import os

@@ -1,7 +1,5 @@
 """An ensemble's table as a notebook shows it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pandas as pd

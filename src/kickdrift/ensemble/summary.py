@@ -1,7 +1,5 @@
 """Summary of an ensemble's members: means over replicas with their standard errors."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

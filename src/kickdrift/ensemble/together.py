@@ -1,8 +1,6 @@
 """Members that are small systems under gravity advance side by side, several in one register: see `kickdrift.batch`.
 The choice depends on the member alone, so its bits do too."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 

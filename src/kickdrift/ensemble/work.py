@@ -1,7 +1,5 @@
 """Work of a worker: members, each run to a row of the table. No member can stop the others."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Sequence
 from contextlib import suppress

@@ -11,6 +11,7 @@ from kickdrift.forces.around.radiation import NonGravitational, RadiationPressur
 from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
 from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.around.tides import Tides
+from kickdrift.forces.bonded.own_pairs import ListedPairs
 from kickdrift.forces.bonded.shipped import (
     CosineAngle,
     Fene,
@@ -25,6 +26,7 @@ from kickdrift.forces.bonded.shipped import (
 )
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
+from kickdrift.forces.external.lammps import LammpsForce
 from kickdrift.forces.external.python import PythonForce
 from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.forces.fields.shipped import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
@@ -72,6 +74,7 @@ _ALL: tuple[Any, ...] = (
     OplsDihedral,
     HarmonicImproper,
     PeriodicImproper,
+    ListedPairs,
     HarmonicTrap,
     Hill,
     UniformField,
@@ -83,6 +86,7 @@ _ALL: tuple[Any, ...] = (
     ReflectingWall,
     PythonForce,
     CalculatorForce,
+    LammpsForce,
 )
 FORCES.clear()  # laws register themselves, in the order of their modules
 FORCES.update({force.name: force for force in _ALL})

@@ -11,7 +11,19 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import DT, OPTIONS, PRECISION, SEED, TEMPERATURE, Option, Options, merged
+from kickdrift.integrators.options import (
+    BAROSTAT,
+    BAROSTATS,
+    DT,
+    OF_SOME,
+    OPTIONS,
+    PRECISION,
+    SEED,
+    TEMPERATURE,
+    Option,
+    Options,
+    merged,
+)
 from kickdrift.integrators.splitting.subflows import FLOWS
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.run_defaults import RunDefaults
@@ -187,15 +199,22 @@ def in_units(asked: Mapping[str, Any], options: Iterable[Option], units: UnitSys
 
 def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults, units: UnitSystem | None = None) -> Options:
     """Options of a run: values ``asked`` for in arguments, then values of the system, then defaults. Texts with a unit
-    become numbers in ``units``.
+    become numbers in ``units``. Another barostat takes from the system only the options that it knows.
 
     Raises InputError for an option that no method takes, for an argument that this method does not take, and for a
     value that an option cannot have."""
     refuse_unknown([*asked, *run.options], method)
     said = in_units({key: value for key, value in asked.items() if value is not None}, method.options, units)
     refuse_other_baths(method, said)
-    given = in_units({"dt": run.dt, **run.options}, method.options, units)
+    of_run = {key: value for key, value in run.options.items() if key not in other_barostats(said)}
+    given = in_units({"dt": run.dt, **of_run}, method.options, units)
     return method.checked(Options(**given | said), Options(**said))
+
+
+def other_barostats(asked: Mapping[str, Any]) -> list[str]:
+    """Options that the barostat asked for does not take, and other barostats do."""
+    takes = BAROSTATS.get(str(asked.get(BAROSTAT.name)))
+    return [] if takes is None else [each.name for each in OF_SOME if each.name not in (*takes[0], *takes[1])]
 
 
 def refuse_other_baths(method: Method, given: Iterable[str], prefix: str = "") -> None:

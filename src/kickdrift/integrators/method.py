@@ -119,9 +119,9 @@ class Method:
         return "moves each particle freely"
 
     def check_constraints(self, system: Any) -> None:
-        """Refuse constraints of a System that the method does not keep."""
-        if getattr(system, "constraints", None) is not None and self.free_because:
-            raise InputError(f"{self.name}: keeps no constraints, because it {self.free_because}; {KEEPING} do")
+        """Refuse constraints and virtual sites of a System that the method does not keep."""
+        if (tie := getattr(system, "tied_by", "")) and self.free_because:
+            raise InputError(f"{self.name}: keeps no {tie}, because it {self.free_because}; {KEEPING} do")
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:

@@ -120,9 +120,12 @@ class Option:
     def parsed(self, text: str) -> Any:
         """Return the value of a text on the command line. Raises InputError if the text has no allowed value.
 
-        A number with a unit stays text, because only a System has the units for `in_units`."""
+        A number with a unit stays text, because only a System has the units for `in_units`. Several numbers have commas
+        between them, and may stand in brackets as in a file."""
         if self.count > 1:
-            return tuple(part.strip() if has_unit(part) else self._parsed(part) for part in text.split(","))
+            listed = text.strip().removeprefix("[").removesuffix("]").split(",")
+            parts = [part.strip().strip("\"'") for part in listed]
+            return tuple(part if has_unit(part) else self._parsed(part) for part in parts)
         if self.dimension and has_unit(text):
             return text
         return self._parsed(text)
@@ -295,12 +298,19 @@ COMPRESSIBILITY = Option(
     "monte-carlo, and not the averages.", dimension="compressibility", above=0.0,
 )  # fmt: skip
 PRESSURE_EVERY = Option(
-    "pressure_every", int, "Steps from one action of the barostat to the next.", 10, above=0.0, most=1e6, written=False
-)
+    "pressure_every", int, "Steps from one action of the barostat to the next; by default 1 for mtk.", 10, above=0.0,
+    most=1e6, written=False,
+)  # fmt: skip
 STRESS = Option(
     "stress", float, "Stress beside the pressure, with coupling = full: xx, yy, zz, yz, xz, xy; positive pulls.",
     dimension="pressure", count=6, written=False,
 )  # fmt: skip
+BAROSTATS = {  # options that each barostat needs, and others that it takes
+    C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),
+    MTK: ((PRESSURE_TAU.name,), (PRESSURE_EVERY.name,)),
+    MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
+}
+OF_SOME = (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)  # options that only some barostats take
 APART = ("semi-isotropic", "per-axis", FULL)  # couplings that need the pressure along each axis
 OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY, STRESS)
 ALLOW_GRAVITY = Option(

@@ -1,7 +1,5 @@
 """Compilation: numba's flags in one place, and drivers, the functions that Python calls."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -6,8 +6,6 @@ stack and returns a ``Handle``, whose attributes are the value's. A handle is va
 keeps nothing alive.
 """
 
-from __future__ import annotations
-
 import ctypes
 import struct
 from collections.abc import Callable, Iterator

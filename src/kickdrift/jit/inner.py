@@ -5,9 +5,8 @@ force of eighty functions, six calls deep, is then compiled many times over, alt
 function stays in its lowered form until its driver is optimised as one piece.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any
 
 from numba import extending
@@ -118,3 +117,19 @@ def overload(function: Callable[..., Any], forceinline: bool = False, **options:
     """``numba.extending.overload`` for functions of compiled code."""
     jit_options = {"pipeline_class": InnerCompiler} | ({"forceinline": True} if forceinline else {})
     return extending.overload(function, jit_options=jit_options, **options)
+
+
+def by_type(rule: Any = None, **options: Any) -> Any:
+    """Decorator: a function of compiled code whose body follows from the types of its arguments.
+
+    ``rule`` has the function's name, arguments and docstring. It takes the types and returns the code for them, or
+    None. ``options`` are those of `overload`.
+    """
+    if rule is None:
+        return lambda rule: by_type(rule, **options)
+
+    def stub(*given: Any) -> Any:
+        raise NotImplementedError("for compiled code")
+
+    overload(stub, **options)(rule)
+    return update_wrapper(stub, rule)

@@ -3,13 +3,21 @@
 numba compares two sets of flags by reading forty properties of each. It also resolves a call such as ``a + b`` by
 trying dozens of templates, again at each place where the call stands. Together these took a fifth of the time of a
 compilation. Here flags compare by the values that were set, and each resolved call is remembered.
+
+Three more cures follow. A slice's assignment raised an error whose text numba composed in compiled code. This text was
+a tenth of each compilation that assigned slices. numba looked for new registrations at each function, and listed the
+variables of each statement by trying all kinds of parts. It also announced each call of LLVM.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
-from kickdrift.jit.numba_private import BaseFunction, ConfigStack, TargetConfig
+from llvmlite.binding import ffi
+from numba import extending
+
+from kickdrift.jit.numba_private import BaseFunction, ConfigStack, CPUContext, Inst, TargetConfig, Var
 
 
 def _values(flags: Any) -> dict[str, Any]:
@@ -56,3 +64,72 @@ def _call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
 
 TargetConfig.values, TargetConfig.__eq__, TargetConfig.__hash__ = _values, _equal, _hash
 BaseFunction.get_call_type = _call_type
+
+
+# --- registrations ---
+
+_refresh = CPUContext.refresh
+
+
+def _registrations(context: Any) -> int:
+    """Number of functions, attributes and casts that a context's registries have; registries only grow."""
+    registries = [*context._registries, *context.typing_context._registries]
+    return sum(len(part) for registry in registries for part in vars(registry).values() if isinstance(part, list))
+
+
+def _refresh_if_new(context: Any) -> None:
+    """Add what was registered since the last call."""
+    if getattr(context, "registrations", None) != _registrations(context):
+        _refresh(context)
+        import_module("numba.np.arrayobj").raise_with_shape_context = _raise_shapes_differ  # type: ignore[attr-defined]
+        context.registrations = _registrations(context)
+
+
+def _raise_shapes_differ(source: Any, target: Any) -> None:
+    """Raise the error of a slice's assignment from an array of another shape, in compiled code."""
+
+
+@extending.overload(_raise_shapes_differ)
+def _shapes_differ(source, target):
+    def shapes_differ(source, target):
+        raise ValueError("cannot assign a slice from input of another shape")
+
+    return shapes_differ
+
+
+CPUContext.refresh = _refresh_if_new
+
+# --- variables of statements ---
+
+_NOTHING, _VARIABLE, _INSTRUCTION, _SEQUENCE, _TABLE = range(5)
+_PARTS = {Var: _VARIABLE, Inst: _INSTRUCTION, list: _SEQUENCE, tuple: _SEQUENCE, dict: _TABLE}
+_parts_of: dict[type, int] = {}  # by the type of a value
+
+
+def _add_variables(value: Any, found: list[Any]) -> None:
+    kind = type(value)
+    if kind not in _parts_of:
+        _parts_of[kind] = next((parts for of, parts in _PARTS.items() if issubclass(kind, of)), _NOTHING)
+    parts = _parts_of[kind]
+    if parts == _VARIABLE:
+        found.append(value)
+    elif parts == _INSTRUCTION:
+        found += value.list_vars()
+    elif parts != _NOTHING:
+        for part in value.values() if parts == _TABLE else value:
+            _add_variables(part, found)
+
+
+def _variables(_: Any, value: Any) -> list[Any]:
+    """Variables in a value, which may be a part of a statement, in order."""
+    found: list[Any] = []
+    _add_variables(value, found)
+    return found
+
+
+Inst._rec_list_vars = _variables
+
+# --- calls of LLVM ---
+
+for callbacks in [*ffi.lib._lock._cblist]:
+    ffi.unregister_lock_callback(*callbacks)

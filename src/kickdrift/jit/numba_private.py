@@ -3,8 +3,6 @@
 A missing name, or an untested version of numba, raises an `InputError` of one line.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 
@@ -52,6 +50,8 @@ PassManager = private("core.compiler_machinery", "PassManager")
 register_pass = private("core.compiler_machinery", "register_pass")
 new_error_context = private("core.errors", "new_error_context")
 Intrinsic = private("core.extending", "_Intrinsic")
+Inst = private("core.ir", "Inst")
+Var = private("core.ir", "Var")
 impl_ret_borrowed = private("core.imputils", "impl_ret_borrowed")
 CPUDispatcher = private("core.registry", "CPUDispatcher")
 cpu_target = private("core.registry", "cpu_target")

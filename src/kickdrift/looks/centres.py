@@ -6,8 +6,6 @@ at their centres (Ciccotti & Ryckaert 1986, doi:10.1016/0167-7977(86)90022-5). F
 molecules and drop out. With them, the sum over particles has the same mean, and the same value for rigid molecules.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.jit.compile import strict

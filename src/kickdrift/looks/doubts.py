@@ -1,7 +1,5 @@
 """Signs that a trajectory is no good: blow-up, energy error, positions with few digits, speeds near that of light."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

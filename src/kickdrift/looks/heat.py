@@ -4,8 +4,6 @@ The motion of the whole counts where its energy shows in the kinetic energy's la
 rounding changes no bit of a run. The mass array may be longer than the particles are many.
 """
 
-from __future__ import annotations
-
 from kickdrift.jit.compile import as_written, strict
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store

@@ -11,23 +11,8 @@ from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.jit.compile import driver, inlined, is_finite
 from kickdrift.jit.handle import address_of, handle, unowned
+from kickdrift.looks import columns
 from kickdrift.looks.centres import add_within, parted
-from kickdrift.looks.columns import (
-    ANGULAR,
-    CENTRE,
-    COLUMNS,
-    KINETIC,
-    MOMENTUM,
-    PAIRS,
-    POTENTIAL,
-    PRESSURE,
-    TEMPERATURE,
-    TIME,
-    TOTAL,
-    VELOCITY,
-    VIRIAL,
-    VOLUME,
-)
 from kickdrift.looks.heat import MOTION, heat_of
 from kickdrift.looks.observers import particles_interact
 from kickdrift.model.freedom import NONE, apart_of, freedom_of
@@ -103,10 +88,10 @@ def sum_moments(m, x, v, row):
         px, py, pz = px + p0, py + p1, pz + p2
         lx, ly, lz = lx + l0, ly + l1, lz + l2
         cx, cy, cz = cx + c0, cy + c1, cz + c2
-    row[KINETIC] = 0.5 * kinetic
-    row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2] = px, py, pz
-    row[ANGULAR], row[ANGULAR + 1], row[ANGULAR + 2] = lx, ly, lz
-    row[CENTRE], row[CENTRE + 1], row[CENTRE + 2] = cx, cy, cz
+    row[columns.KINETIC] = 0.5 * kinetic
+    row[columns.MOMENTUM], row[columns.MOMENTUM + 1], row[columns.MOMENTUM + 2] = px, py, pz
+    row[columns.ANGULAR], row[columns.ANGULAR + 1], row[columns.ANGULAR + 2] = lx, ly, lz
+    row[columns.CENTRE], row[columns.CENTRE + 1], row[columns.CENTRE + 2] = cx, cy, cz
     return bad == 0.0
 
 
@@ -118,32 +103,32 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     y, desk, last, rows = unowned(y), unowned(desk), unowned(last), unowned(rows)
     x, v, n = y[0], y[1], y.shape[2]
     row = rows[at]
-    for k in range(COLUMNS):
+    for k in range(columns.COLUMNS):
         row[k] = 0.0
     room, molecules = desk[HEAD + n : HEAD + 4 * n].reshape((3, n)), desk[HEAD + 4 * n :]
-    status = fill_accelerations(handle(forces), t, x, v, room, row[POTENTIAL : PAIRS + 1], cursor)
+    status = fill_accelerations(handle(forces), t, x, v, room, row[columns.POTENTIAL : columns.PAIRS + 1], cursor)
     if status != OK:
         return status
     if not sum_moments(desk[HEAD : HEAD + n], x, v, row):
         return BLOWN_UP
-    total = row[KINETIC] + row[POTENTIAL]
+    total = row[columns.KINETIC] + row[columns.POTENTIAL]
     if not is_finite(total):
         return NO_ENERGY
-    row[TIME], row[TOTAL] = t, total
-    heat, apart = row[KINETIC], int(desk[APART])
+    row[columns.TIME], row[columns.TOTAL] = t, total
+    heat, apart = row[columns.KINETIC], int(desk[APART])
     if apart != NONE:
-        momentum = row[MOMENTUM], row[MOMENTUM + 1], row[MOMENTUM + 2]
+        momentum = row[columns.MOMENTUM], row[columns.MOMENTUM + 1], row[columns.MOMENTUM + 2]
         heat = heat_of(desk[HEAD : HEAD + n], desk[MASS], x, v, apart, desk[MOVING:HEAD], heat, momentum)
-    row[TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
-    row[VOLUME] = desk[CHANGING]
+    row[columns.TEMPERATURE] = 2.0 * heat / desk[FREEDOM]
+    row[columns.VOLUME] = desk[CHANGING]
     if molecules.size:
         within = np.zeros(3)
         add_within(molecules, desk[HEAD : HEAD + n], x, v, room, within)
-        row[VIRIAL] += within[0] + within[1] + within[2]
-    row[PRESSURE] = (2.0 * heat + row[VIRIAL]) / desk[VOLUMES]
+        row[columns.VIRIAL] += within[0] + within[1] + within[2]
+    row[columns.PRESSURE] = (2.0 * heat + row[columns.VIRIAL]) / desk[VOLUMES]
     for k in range(3):
-        row[VELOCITY + k] = row[MOMENTUM + k] / desk[MASS]
-        row[CENTRE + k] = row[CENTRE + k] / desk[MASS]
+        row[columns.VELOCITY + k] = row[columns.MOMENTUM + k] / desk[MASS]
+        row[columns.CENTRE + k] = row[columns.CENTRE + k] / desk[MASS]
     for half in range(2):
         for k in range(3):
             for i in range(n):

@@ -1,15 +1,14 @@
 """Instantaneous pressure tensor, from the forces between pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces import Restraint, Springs
+from kickdrift.forces import Restraint
 from kickdrift.forces.bonded.law import BondedForce, value_of
+from kickdrift.forces.bonded.own_pairs import OwnPairs
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.sampled import virial_tensor
 from kickdrift.forces.pairs.law import PairForce
@@ -49,7 +48,7 @@ def _pair_forces(force: object, system: System, x: Floats) -> Iterator[tuple[Flo
     """Yield pair separations (m, 3) and forces over r (m,), positive for repulsion."""
     if isinstance(force, PairForce):
         yield from _pair_law(force, system, x)
-    elif isinstance(force, BondedForce | Springs) and force.kind == "bonds":
+    elif isinstance(force, BondedForce | OwnPairs) and force.kind == "bonds":
         items, laws, which = force.items(system)
         apart = system.box.minimum_image(x[items[:, 0]] - x[items[:, 1]])
         r = np.linalg.norm(apart, axis=1)

@@ -1,7 +1,5 @@
 """Lines about a run for people: its method, and its energy with the error and the drift."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The Box of a cell of any shape, as other programs and structure files have cells, and the rotation into its axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ A force says with ``stands_for`` what it stands for, such as "gravity", and with
 stand for the same at the same place count it twice. A user's class of forces may say so, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence, Sized
 from itertools import combinations

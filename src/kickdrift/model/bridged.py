@@ -1,7 +1,5 @@
 """A System to and from other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from typing import Any
@@ -75,6 +73,37 @@ class Bridged:
             For an unknown symbol, a body without mass, and forces that a calculator does not support.
         """
         return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
+
+    @classmethod
+    def from_openmm(
+        cls, system: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None
+    ) -> Any:
+        """System of an ``openmm.System``, in units ``gromacs`` (nm, ps, u, kJ/mol), where OpenMM's numbers stand.
+
+        Particles with one element, sigma and epsilon are one species: "O" if all oxygen is alike, else "O1", "O2".
+        OpenMM's exceptions are exclusions of the topology, and those with a charge or a well of their own become
+        `ListedPairs`. Bonded terms get types, named by the species of their first particles. Torsions that do not
+        follow a chain of bonds are impropers. The tolerance of OpenMM's Ewald sum or PME becomes the ``accuracy`` of
+        `Coulomb`. The start is projected on the constraints.
+
+        Parameters
+        ----------
+        system : openmm.System
+            With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce,
+            constraints, CMMotionRemover (which needs no counterpart), and MonteCarloBarostat, which becomes the run's
+            default beside ``integrator``, or beside "baoa" with a friction of 1/ps.
+        topology : openmm.app.Topology, for elements and bonds; None if there is none
+        positions : (n, 3) in any unit of OpenMM, or as numbers in nm
+        velocities : (n, 3) likewise, or as numbers in nm/ps; default zero
+        integrator : an integrator of OpenMM whose step, temperature and friction become the run's defaults, optional
+
+        Raises
+        ------
+        InputError
+            For forces, virtual sites and particles without a counterpart, which it names, and for sizes that differ.
+        """
+        bridged = bridge("openmm", "System.from_openmm")
+        return bridged.system_of(system, topology, positions, velocities, integrator)
 
     @classmethod
     def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> Any:

@@ -1,7 +1,5 @@
 """Systems whose bodies have changed: some left, some are new."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import copy
 

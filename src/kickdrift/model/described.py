@@ -37,6 +37,7 @@ class ShownSystem(Shown):
             *([("net charge", _net_charge(self))] if self.charges is not None else []),
             *([("topology", str(self.topology))] if self.topology is not None else []),
             *([("constraints", str(self.constraints))] if self.constraints is not None else []),
+            *([("virtual sites", str(self.virtual_sites))] if self.virtual_sites is not None else []),
             *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]

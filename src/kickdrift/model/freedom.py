@@ -8,8 +8,6 @@ which means that it draws velocities anew as ``baoab`` does, and where a field a
 particles alike leaves relative motion alone.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

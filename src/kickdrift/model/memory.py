@@ -3,8 +3,6 @@
 Another process can restore such a state.
 """
 
-from __future__ import annotations
-
 from operator import attrgetter
 from typing import Any, ClassVar
 

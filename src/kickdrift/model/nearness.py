@@ -1,7 +1,5 @@
 """Particles near each other in a Box, found by a tree or by a grid."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The shear-periodic patch of a System: its size, and the displacement of its images."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

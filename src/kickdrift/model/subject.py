@@ -11,6 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraints import Constraints
 from kickdrift.model.molecules.topology import Topology
+from kickdrift.model.molecules.virtual_sites import VirtualSites
 from kickdrift.model.state import Floats, State
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import choices, shown, suggestion
@@ -64,6 +65,12 @@ class Subject(Particles, Protocol):
 
     @property
     def constraints(self) -> Constraints | None: ...
+
+    @property
+    def virtual_sites(self) -> VirtualSites | None: ...
+
+    @property
+    def tied_by(self) -> str: ...
 
     def __len__(self) -> int: ...
 

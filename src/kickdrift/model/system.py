@@ -36,6 +36,7 @@ from kickdrift.model.freedom import freedom_of
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.constraints import Constraints, Projected, constraints_of, on_manifold
 from kickdrift.model.molecules.topology import Topology
+from kickdrift.model.molecules.virtual_sites import VirtualSite, VirtualSites, virtual_sites_of
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
@@ -55,6 +56,7 @@ _KEPT = (
     "dimensions",
     "topology",
     "constraints",
+    "virtual_sites",
 )  # passed on by `remade`
 
 
@@ -89,6 +91,7 @@ class System(Bridged, ShownSystem):
     topology : `Topology` with the bonds, angles and dihedrals of molecules; default none
     charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
     constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
+    virtual_sites : list of `VirtualSite`, sites without mass that follow other particles; default none
     """
 
     state: State
@@ -109,6 +112,7 @@ class System(Bridged, ShownSystem):
     topology: Topology | None = None
     charges: Floats | None = None
     constraints: Constraints | None = None
+    virtual_sites: VirtualSites | None = None
 
     def __init__(
         self,
@@ -132,6 +136,7 @@ class System(Bridged, ShownSystem):
         topology: Topology | None = None,
         charges: ArrayLike | None = None,
         constraints: Iterable[Constraint] | Constraints | None = None,
+        virtual_sites: Iterable[VirtualSite] | VirtualSites | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -170,6 +175,9 @@ class System(Bridged, ShownSystem):
         if topology is not None:
             topology.check(n)
         put(self, "constraints", self._held(constraints))
+        put(self, "virtual_sites", virtual_sites_of(virtual_sites))
+        if self.virtual_sites is not None:
+            self._settle(self.virtual_sites)
         with no_overflow():
             for force in self.forces:
                 force.check(self)
@@ -188,6 +196,27 @@ class System(Bridged, ShownSystem):
         held.start = Projected(max(moved.moved, held.start.moved), max(moved.lost, held.start.lost))
         object.__setattr__(self, "state", replace(state, phase=phase))
         return held
+
+    def _settle(self, sites: VirtualSites) -> None:
+        """Check the virtual sites, and put them at their places."""
+        sites.check(self)
+        for force in self.forces:
+            if not getattr(force, "on_sites", False):
+                raise InputError(
+                    f"virtual_site: force {force.name!r} does not act through sites without mass; pair forces, charges "
+                    "and forces along bonds do"
+                )
+        put = object.__setattr__
+        put(self, "state", replace(self.state, phase=sites.settled(self.box, self.constraints, self.state.phase)))
+        if self.topology is not None:
+            put(self, "topology", sites.joined(self.topology))
+
+    @property
+    def tied_by(self) -> str:
+        """What ties particles together besides forces: "constraints", "virtual sites", or "" for free particles."""
+        if self.constraints is not None:
+            return "constraints"
+        return "virtual sites" if self.virtual_sites is not None else ""
 
     def __len__(self) -> int:
         return len(self.state)

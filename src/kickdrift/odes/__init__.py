@@ -3,8 +3,6 @@
 Each takes its starting values ``y0``, its parameters and the starting time ``t0``, all with defaults.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from kickdrift.model.problem import Problem

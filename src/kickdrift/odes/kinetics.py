@@ -1,7 +1,5 @@
 """Growth, reactions, a circuit and a flow: first-order equations, some of them stiff, as Problems."""
 
-from __future__ import annotations
-
 import math
 
 from kickdrift.errors import InputError

@@ -1,7 +1,5 @@
 """Oscillators and orbits, as Problems."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """Figures of an ensemble: a map over two keys, a curve over one, points over random keys, or a histogram."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

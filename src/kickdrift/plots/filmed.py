@@ -1,7 +1,5 @@
 """Contents of a film: a liquid as spheres in its box, or a few bodies with trails and names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Figures of a run's observables, each with its standard errors below."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations_with_replacement
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Figure of an N-body run: orbits in the plane and in space, to scale; elements against time; energy error."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of a Problem: y against time, the phase portrait and the energy error, of one run or of several methods."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,17 +1,15 @@
-"""Figures of results: work against precision, tests of forces, secular motion, and modified Hamiltonians."""
+"""Figures of results: work against precision, tests of forces, and secular motion."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kickdrift.analysis.shadow import ShadowRun
 from kickdrift.errors import InputError
 from kickdrift.plots import drawing as draw
 from kickdrift.plots.drawing import Axes, Figure
@@ -218,27 +216,3 @@ def _draw_spectra(axes: Axes, report: OrbitReport, values: Any, kind: str) -> No
 
 def _colour(k: int) -> str:
     return BODY_COLOURS[k % len(BODY_COLOURS)]
-
-
-def plot_shadow(
-    run: ShadowRun, runs: Sequence[ShadowRun], output: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
-    """Draw H and its modifications against time for one run, and their oscillations against the step for several runs.
-
-    Return the figure's path."""
-    target = draw.checked_target(output, overwrite)
-    names = {0: "H", 2: "H + dt² H$_2$", 4: "H + dt² H$_2$ + dt⁴ H$_4$"}
-    figure = draw.new_figure(11.2, 4.8)
-    left, right = draw.new_axes(figure, (1, 2, 1)), draw.new_axes(figure, (1, 2, 2))
-    for (order, name), colour in zip(names.items(), (draw.COLOURS[1], draw.COLOURS[5], draw.COLOURS[0]), strict=True):
-        left.plot(run.times, run.values[order], color=colour, linewidth=1.4, label=name)
-        steps = [each.dt for each in runs]
-        right.plot(
-            steps, [each.oscillation(order) for each in runs], color=colour, marker="o", markersize=4, label=name
-        )
-    left.set(xlabel="time", ylabel="difference from the start", title=f"Velocity Verlet, dt = {run.dt:g}")
-    left.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9)
-    right.set(xscale="log", yscale="log", xlabel="dt")
-    right.xaxis.set_minor_formatter("")
-    right.set(ylabel="oscillation", title="Slopes 2, 4 and 6")
-    return draw.save_figure(figure, target)

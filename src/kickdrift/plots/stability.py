@@ -1,7 +1,5 @@
 """Figure of the longest stable step: regions in the complex plane, and splittings on the oscillator."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -1,17 +1,16 @@
 """An integration in progress: flow, stepper, current state, and steps without a look."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from threading import RLock
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
 from kickdrift.disk.interrupt import interruptible
+from kickdrift.engines import Engine
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
@@ -25,6 +24,7 @@ from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import no_overflow
+from kickdrift.model.events.events import Event
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
@@ -33,10 +33,6 @@ from kickdrift.model.system import System
 from kickdrift.run.returning import Safe, failure, go_back
 from kickdrift.run.stepping import Shortened, purpose_of, stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
-
-if TYPE_CHECKING:
-    from kickdrift.engines import Engine
-    from kickdrift.model.events.events import Event
 
 CHUNK_SECONDS = 0.1  # time in compiled code between two checks for Ctrl-C
 

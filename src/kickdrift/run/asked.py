@@ -1,7 +1,5 @@
 """Checks of the arguments of a Simulation and of a run."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

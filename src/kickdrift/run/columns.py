@@ -14,6 +14,7 @@ from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.molecules import molecule_columns
 from kickdrift.looks.observers import SAMPLE_BYTES
 from kickdrift.looks.record import OBSERVING
+from kickdrift.looks.tensor import NAMES, TENSOR
 from kickdrift.model.checks.limits import NEVER, check_room
 from kickdrift.model.state import Floats
 from kickdrift.model.units.quantities import unit_named
@@ -58,13 +59,22 @@ def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
 
 
 def with_body_columns(columns: Any, run: Integration) -> Any:
-    """The user's columns, and the masses and radii of bodies that collisions may change, spins that evolve, and
-    temperatures of molecules with constraints."""
+    """The user's columns, and the masses and radii of bodies that collisions may change, spins that evolve,
+    temperatures of molecules with constraints, and the components of the pressure in a box that changes its shape."""
     own = run.events.roster.columns() if run.events else []
+    live = getattr(run.flow, "live", None)
+    if live is not None and live.free and getattr(run.system, "constraints", None) is None:
+        own.append(Column(TENSOR, "pressure", (len(NAMES),), _pressure_tensor))
     own += molecule_columns(run.system, run.method.drags)
     if spinning(run.system):
         own.append(Column(SPINS, "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns
+
+
+def _pressure_tensor(sim: Any) -> Floats:
+    run = sim.integration
+    found: Floats = run.flow.pressure_tensor(run.y, run.time, run.method.drags)
+    return found
 
 
 class ColumnWatcher(Watcher):

@@ -1,7 +1,5 @@
 """Followers of a run: views that show the run while it goes on. They read the present and change nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Looks at a run in progress: rows of its record, taken one by one or in series by compiled code."""
 
-from __future__ import annotations
-
 from time import perf_counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The loop of one run: steps and looks by a plan, with watchers; and runs without looks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial

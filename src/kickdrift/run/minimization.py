@@ -346,8 +346,8 @@ def minimum(
     progress: Progress | None = None,
 ) -> Minimum:
     """Minimum of the potential energy near the positions of a System; see ``Simulation.minimize``."""
-    if system.constraints is not None:
-        raise InputError("minimize moves particles freely, so it breaks constraints; take sim.equilibrate")
+    if system.tied_by:
+        raise InputError(f"minimize moves particles freely, so it breaks {system.tied_by}; take sim.equilibrate")
     if not system.forces:
         raise InputError(f"minimize: {system.name!r} has no forces")
     least = _amount("force", force, system)

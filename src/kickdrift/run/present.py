@@ -1,13 +1,13 @@
 """The present of a Simulation: system, time, energies, forces, orbits and events so far."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import wraps
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
+from kickdrift.engines import Engine
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.around.spins import with_spins
+from kickdrift.integrators.method import Method
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.bodies import Body
@@ -17,10 +17,6 @@ from kickdrift.model.system import System
 from kickdrift.run.advance import Integration
 from kickdrift.run.plan.lengths import Exact, steps_to, time_of
 from kickdrift.run.report.shown import ShownSimulation
-
-if TYPE_CHECKING:
-    from kickdrift.engines import Engine
-    from kickdrift.integrators.method import Method
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")

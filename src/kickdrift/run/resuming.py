@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from kickdrift.forces.bound.forces import most_threads
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.model.checks.limits import NEVER
-from kickdrift.model.events.events import checked_crossings
+from kickdrift.model.events.events import Event, checked_crossings
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.run.files import slopes_of
@@ -41,9 +41,6 @@ from kickdrift.trajectory.problems.record import another_f, changed_functions
 from kickdrift.trajectory.problems.record import differences as problem_differences
 from kickdrift.trajectory.read.reader import CHANGED, Run
 from kickdrift.trajectory.read.recorded import Recorded
-
-if TYPE_CHECKING:
-    from kickdrift.model.events.events import Event
 
 CHECKED_BYTES = 2**30  # of positions: a larger file is resumed without a look for damaged frames, which info finds
 _NEW = "a new run can begin at a frame"

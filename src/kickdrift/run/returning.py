@@ -1,7 +1,5 @@
 """Going back in a run: to the last good state after an error, or to a checkpoint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -4,11 +4,10 @@ The copy has a flow of its own, so that the run's pair lists and its noise stay 
 copy from the memory of the run's bath, and with the random numbers of the step that the copy shortens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from kickdrift.engines import Engine
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import RunFlow, begin
 from kickdrift.errors import InputError
@@ -19,9 +18,6 @@ from kickdrift.integrators.stepping.stepper import Counts
 from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-
-if TYPE_CHECKING:
-    from kickdrift.engines import Engine
 
 
 def purpose_of(integrator: str, subject: System | Problem) -> str:

@@ -1,7 +1,5 @@
 """Looks at given times: the plan of ``Simulation.run(times=…)``, and the way to its next time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -11,22 +9,12 @@ from kickdrift.errors import InputError
 from kickdrift.model.checks.values import number
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
-from kickdrift.run.plan.lengths import (
-    CLOSE,
-    SHORTEN,
-    Exact,
-    Planned,
-    check_backward,
-    grid_from,
-    steps_to,
-    time_of,
-    whole_steps,
-)
+from kickdrift.run.plan import lengths
 from kickdrift.run.plan.plan import Plan, check_samples
 from kickdrift.text import shown
 
 
-def times_of(sim: Planned, times: Any) -> Floats:
+def times_of(sim: lengths.Planned, times: Any) -> Floats:
     """Times in the system's unit, from numbers and texts such as "5 ps". Raises InputError for an empty row, and for
     what is no finite time."""
     if isinstance(times, str) or not isinstance(times, Iterable):
@@ -38,8 +26,8 @@ def times_of(sim: Planned, times: Any) -> Floats:
     return found
 
 
-def _time(sim: Planned, key: str, value: Any) -> float:
-    found = number(time_of(sim, value, key))
+def _time(sim: lengths.Planned, key: str, value: Any) -> float:
+    found = number(lengths.time_of(sim, value, key))
     if not np.isfinite(found):
         raise InputError(f"{key}: expected a finite time, got {shown(value)}")
     return found
@@ -54,14 +42,14 @@ def refuse_beside(times: Any, **others: Any) -> None:
             )
 
 
-def plan_at(sim: Planned, times: Floats) -> Plan:
+def plan_at(sim: lengths.Planned, times: Floats) -> Plan:
     """Plan of a run with looks at these times alone, beside the look at the start."""
     begin, last = sim.time, float(times[-1])
     if sim.running:
         raise InputError("run: the Simulation is already running")
     backward = last < begin
     fixed = not sim.method.chooses_steps
-    margin = CLOSE * sim.dt if fixed and sim.dt is not None else 0.0
+    margin = lengths.CLOSE * sim.dt if fixed and sim.dt is not None else 0.0
     passed = times > begin + margin if backward else times < begin - margin
     if passed.any():
         which = int(np.argmax(passed))
@@ -75,21 +63,21 @@ def plan_at(sim: Planned, times: Floats) -> Plan:
             "run back in time"
         )
     if backward:
-        check_backward(sim)
+        lengths.check_backward(sim)
     plan = Plan(sim.steps_done, begin, end_time=last, exact=True, times=tuple(times.tolist()))
     if not fixed:
         return plan
     assert sim.dt is not None
-    origin, _ = grid_from(sim, backward)
+    origin, _ = lengths.grid_from(sim, backward)
     steps = np.abs(times - origin) / sim.dt
-    off = np.abs(steps - np.round(steps)) > CLOSE
+    off = np.abs(steps - np.round(steps)) > lengths.CLOSE
     if off.any():
         _check_inside(sim, float(times[off][0]))
-    whole = whole_steps(sim, last, SHORTEN)
+    whole = lengths.whole_steps(sim, last, lengths.SHORTEN)
     return Plan(sim.steps_done, begin, sim.steps_done + whole.steps, last, exact=True, times=plan.times)
 
 
-def _check_inside(sim: Planned, time: float) -> None:
+def _check_inside(sim: lengths.Planned, time: float) -> None:
     """Refuse a time inside a fixed step where a shortened copy of the step has no meaning."""
     run, why = sim.integration, ""
     if run.box_varies:
@@ -103,11 +91,11 @@ def _check_inside(sim: Planned, time: float) -> None:
 
 
 def length_of(
-    sim: Planned,
+    sim: lengths.Planned,
     name: str,
     steps: int | None = None,
     time: float | None = None,
-    exact: Exact = False,
+    exact: lengths.Exact = False,
     times: Sequence[float | str] | None = None,
 ) -> dict[str, Any]:
     """Return the arguments ``times``, ``steps``, or ``until`` and ``exact``, of ``Simulation.run``.
@@ -127,12 +115,12 @@ def length_of(
     if steps is None and time is None:
         raise InputError(f"{name}: [run] names neither steps nor time nor times; give --steps, --time or --times")
     if time is None:
-        return {"steps": steps_to(sim, steps, None)}
+        return {"steps": lengths.steps_to(sim, steps, None)}
     if not np.isfinite(number(time)):
         raise InputError(f"time must be a finite time, got {shown(time)}")
     until = sim.time + time
     if not sim.method.chooses_steps:
-        steps_to(sim, steps, until, exact)  # or its error
+        lengths.steps_to(sim, steps, until, exact)  # or its error
     return {"until": until, "exact": exact}
 
 
@@ -145,14 +133,14 @@ def go_to_next(run: Integration, plan: Plan) -> bool:
         return _by_own_steps(run, plan, time)
     assert run.dt is not None
     steps = abs(time - run.stepper.time) / run.dt
-    if steps > 1 - CLOSE:
-        run.advance(min(run.chunk, int(steps + CLOSE)))
+    if steps > 1 - lengths.CLOSE:
+        run.advance(min(run.chunk, int(steps + lengths.CLOSE)))
         if run.events and run.events.stopped:
             return False
         steps = abs(time - run.stepper.time) / run.dt
-    if CLOSE < steps < 1 - CLOSE:
+    if lengths.CLOSE < steps < 1 - lengths.CLOSE:
         run.look_ahead(time, counted=True)
-    return steps < 1 - CLOSE
+    return steps < 1 - lengths.CLOSE
 
 
 def _by_own_steps(run: Integration, plan: Plan, time: float) -> bool:

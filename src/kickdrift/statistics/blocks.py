@@ -1,7 +1,5 @@
 """Means of correlated series and their standard errors, by block averages. All error bars come from here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

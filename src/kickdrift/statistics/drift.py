@@ -1,7 +1,5 @@
 """Drift of an invariant: the energy error, its growth in a pilot run, and the slope of a correlated series."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,17 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
-from kickdrift.statistics.regression import (
-    Trend,
-    goes_one_way,
-    is_bent,
-    mean_regression,
-    mixed_trend,
-    quantile,
-    student,
-    trend_regression,
-    walk_trend,
-)
+from kickdrift.statistics import regression
 from kickdrift.statistics.spectral_lines import Fits, folded, spectral_lines
 
 Array = NDArray[np.float64]
@@ -189,13 +177,15 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     straight = waves.slope
     tiny = float(np.ptp(y)) <= ROUNDINGS * rounding
     if count < MIN_SAMPLES:
-        return _unfitted(straight, Trend(0.0, float("inf"), 1.0), "round-off" if tiny else "not resolvable", count)
-    by_walk = walk_trend(y)
+        return _unfitted(
+            straight, regression.Trend(0.0, float("inf"), 1.0), "round-off" if tiny else "not resolvable", count
+        )
+    by_walk = regression.walk_trend(y)
     if tiny:
         return _unfitted(straight, by_walk, "round-off", count)
     floor = 4.0 * own_rounding
-    one_way = goes_one_way(y)
-    bent = one_way and is_bent(y)
+    one_way = regression.goes_one_way(y)
+    bent = one_way and regression.is_bent(y)
     if not bent:
         blurred = max(floor, 2.0 * EPSILON * count)  # a wave is only as exact as its phase
         waves, slow = spectral_lines(y, blurred)
@@ -211,23 +201,23 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
         drifts = one_way or by_walk.p_value < SIGNIFICANCE
         return _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
 
-    fit = trend_regression(y, waves)
+    fit = regression.trend_regression(y, waves)
     verdict: Verdict = "bounded"
     time, effective = 0.5 * fit.inefficiency, count / fit.inefficiency
     flat = rest + waves.constant + line * (np.arange(count) - 0.5 * (count - 1))
     if fit.unit_root_t > UNIT_ROOT_TREND[0] + UNIT_ROOT_TREND[1] / count:
         time, effective, verdict = float("inf"), 1.0, "random walk"
-        fit = mean_regression(np.diff(flat))
+        fit = regression.mean_regression(np.diff(flat))
         if fit.unit_root_t >= UNIT_ROOT_CONSTANT[0] + UNIT_ROOT_CONSTANT[1] / count:
             drifts = one_way or by_walk.p_value < SIGNIFICANCE
             found = _unfitted(straight, by_walk, "secular drift" if drifts else "not resolvable", count, lines)
             return replace(found, correlation_time=time, effective_samples=effective)
-    slope, p_value = fit.value, 2.0 * student(fit.freedom, -abs(fit.value) / fit.deviation)
-    half_width = fit.deviation * quantile(fit.freedom, CONFIDENCE)
+    slope, p_value = fit.value, 2.0 * regression.student(fit.freedom, -abs(fit.value) / fit.deviation)
+    half_width = fit.deviation * regression.quantile(fit.freedom, CONFIDENCE)
     if one_way:
         verdict = "secular drift"
     elif p_value < SIGNIFICANCE:
-        mixed = mixed_trend(flat, SIGNIFICANCE)
+        mixed = regression.mixed_trend(flat, SIGNIFICANCE)
         unseen = folded(waves)
         if mixed.p_value >= SIGNIFICANCE:
             p_value, half_width = mixed.p_value, max(half_width, mixed.half_width / count)
@@ -242,7 +232,7 @@ def _judged(y: Array, own_rounding: float, rounding: float) -> Drift:
     return Drift(slope, half_width, verdict, p_value, time, effective, lines)
 
 
-def _unfitted(straight: float, by_walk: Trend, verdict: Verdict, count: int, lines: int = 0) -> Drift:
+def _unfitted(straight: float, by_walk: regression.Trend, verdict: Verdict, count: int, lines: int = 0) -> Drift:
     """Slope of least squares with the interval of ``walk_trend``, slightly widened by the slope's own variance."""
     half_width = LEAST_SQUARES * by_walk.half_width / count
     if verdict == "not resolvable":

@@ -4,8 +4,6 @@ The rows of the regression are 1, perhaps the place, the residual, and the steps
 before. The step itself comes last. All lie in one memory, where a delayed row begins a number earlier.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 The tests of trends need no straight line and no fitted wave.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

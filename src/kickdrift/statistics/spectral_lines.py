@@ -1,7 +1,5 @@
 """Sine waves in an evenly spaced series."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

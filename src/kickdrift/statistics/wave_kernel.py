@@ -1,7 +1,5 @@
 """Least squares of a straight line and sine waves, in compiled code, and the peaks of a spectrum."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ products of waves follow from D0(w), the sum of cos(w k), D1, that of k sin(w k)
 are known: D0 = sin(n w / 2) / sin(w / 2), D1 = -D0' and D2 = -D0''.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import accumulate
 from typing import NamedTuple

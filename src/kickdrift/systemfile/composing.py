@@ -1,7 +1,5 @@
 """Systems made body by body in Python, with the keys, the checks and the code of system files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

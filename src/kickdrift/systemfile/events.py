@@ -1,7 +1,5 @@
 """The tables ``[[event]]`` of a system file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 

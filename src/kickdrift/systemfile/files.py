@@ -1,7 +1,5 @@
 """System files on disk: find, list and parse them; and Python values that stand in for their tables."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib
@@ -27,6 +25,7 @@ _TOKEN = re.compile(
     r"""|["'].*+|\#[^\n]*+|[^\w"'#-]++|.""",
     re.DOTALL | re.ASCII,
 )
+PARAMETERS = (".prmtop", ".parm7", ".top", ".psf")  # files of force fields, which OpenMM reads
 SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
 
 

@@ -38,7 +38,8 @@ NUMBER: Json = {"type": "number"}
 WHOLE: Json = {"type": "integer"}
 TEXT: Json = {"type": "string"}
 NAMES: Json = {"type": "array", "items": TEXT}
-GROUPS: Json = {"type": "array", "items": {"type": "array", "items": WHOLE}}  # particles of bonds, angles, …
+PARTICLES: Json = {"type": "array", "items": WHOLE}
+GROUPS: Json = {"type": "array", "items": PARTICLES}  # particles of bonds, angles, …
 _NAME_OR_NUMBER: Json = {"type": ["string", "integer"]}
 
 # Values of keys whose type hints say too little, by table and key; "*" is any table.
@@ -62,6 +63,9 @@ _VALUES: dict[tuple[str, str], Json] = {
     ("constraint", "pairs"): GROUPS,
     **{("constraint", key): {"anyOf": [TEXT, NAMES, {"const": True}]} for key in ("bonds", "angles")},
     ("constraint", "rigid"): {"anyOf": [GROUPS, {"const": True}]},
+    ("virtual_site", "particles"): {"anyOf": [WHOLE, PARTICLES]},
+    ("virtual_site", "of"): {"anyOf": [PARTICLES, GROUPS]},
+    ("virtual_site", "weights"): {"type": "array", "items": {"anyOf": [NUMBER, {"type": "array", "items": NUMBER}]}},
     **{("topology", f"{key[:-1]}_types"): {"anyOf": [TEXT, NAMES]} for key in SIZES},
 }
 _HELP: dict[tuple[str, str], str] = {
@@ -97,6 +101,7 @@ def json_schema() -> Json:
         "equilibrate": _table(schema_run.equilibrate_table(), "equilibrate", integrator=method),
         "topology": _table(schema_base.TopologyTable, "topology"),
         "constraint": _table(schema_base.ConstraintTable, "constraint"),
+        "virtual_site": _table(schema_base.VirtualSiteTable, "virtual_site"),
         "ode": {"oneOf": [_by_type(schema.ode_table(make), name, make, "problem") for name, make in _odes()]},
         "ode-run": ode_run,
     }
@@ -105,7 +110,7 @@ def json_schema() -> Json:
         "system",
         force={"type": "array", "items": _reference("force")},
         event={"type": "array", "items": _reference("event")},
-        constraint={"type": "array", "items": _reference("constraint")},
+        **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site")},
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))

@@ -1,7 +1,5 @@
 """Particles from the tables of a system file: on lattices, at positions, on orbits and in clusters; and the box."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,8 @@ from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.molecules.constraint import Constraint, numbered
 from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
+from kickdrift.model.molecules.virtual_sites import KEY as VIRTUAL_SITE
+from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.starts import elements
 from kickdrift.model.starts.builders import (
     COMPOUNDS,
@@ -39,7 +39,7 @@ from kickdrift.systemfile.schema_base import (
     BodyTable,
     ConstraintTable,
     PlummerTable,
-    TopologyTable,
+    VirtualSiteTable,
 )
 from kickdrift.text import choices, shown, suggestion
 
@@ -319,13 +319,23 @@ def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> 
     return Structure(x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, seed=seed)
 
 
-def topology_of(table: TopologyTable, folder: Path) -> Topology:
-    """Topology of a checked table. Names of files are relative to ``folder``."""
-    given = table.model_dump(exclude_none=True)
-    if (copies := given.pop("copies", None)) is not None:
-        if "chains" in given or "file" in given:
-            raise InputError("topology.copies: goes with lists of one molecule, not with chains or file")
-        return Topology(**given).repeated(copies)
+def molecules_of(table: SystemTable, folder: Path) -> tuple[Topology | None, list[VirtualSite]]:
+    """Topology and virtual sites of a checked file, of all copies of the first molecule. Names of files are relative to
+    ``folder``."""
+    sites = [virtual_site_of(given, k) for k, given in enumerate(table.virtual_site)]
+    if table.topology is None:
+        return None, sites
+    given = table.topology.model_dump(exclude_none=True)
+    if (copies := given.pop("copies", None)) is None:
+        return topology_of(given, folder), sites
+    if "chains" in given or "file" in given:
+        raise InputError("topology.copies: goes with lists of one molecule, not with chains or file")
+    one, least = Topology(**given), 1 + max((each.last for each in sites), default=-1)
+    return one.repeated(copies, least), [each.repeated(copies, one.size(least)) for each in sites]
+
+
+def topology_of(given: dict[str, Any], folder: Path) -> Topology:
+    """Topology of a checked table without copies."""
     sources = [key for key in ("chains", "file", "bonds") if key in given]
     listed = any(isinstance(given.get(kind), list) for kind in (*SIZES, "exclusions"))
     if len(sources) > 1 or not (sources or listed):
@@ -351,3 +361,9 @@ def constraint_of(table: ConstraintTable, k: int) -> Constraint:
     """Constraint of the checked table ``[[constraint]]`` number k."""
     with numbered(k):
         return Constraint(**table.model_dump(exclude_none=True))
+
+
+def virtual_site_of(table: VirtualSiteTable, k: int) -> VirtualSite:
+    """VirtualSite of the checked table ``[[virtual_site]]`` number k."""
+    with numbered(k, VIRTUAL_SITE):
+        return VirtualSite(**table.model_dump())

@@ -3,8 +3,6 @@
 Such a file is a program: it runs with all the user's rights. So only a command whose argument names the file runs it.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 from collections.abc import Callable, Mapping
@@ -28,11 +26,12 @@ NAMED = ("system", "problem")
 
 
 def load_or_run(
-    name_or_path: str | os.PathLike[str], seed: int | None = None, overlaps: bool = False
+    name_or_path: str | os.PathLike[str], seed: int | None = None, overlaps: bool = False, **files: Any
 ) -> System | Problem:
-    """The System or Problem of a system file, of a shipped system's name, or of a Python file, which is run."""
+    """The System or Problem of a system file, of a shipped system's name, or of a Python file, which is run. ``files``
+    go with files of force fields, see `load`."""
     if not os.fspath(name_or_path).endswith(".py"):
-        return load(name_or_path, seed, overlaps)
+        return load(name_or_path, seed, overlaps, **files)
     if seed is not None:
         raise InputError(f"seed: {os.fspath(name_or_path)} makes its own random numbers; expected a system file")
     return from_python(Path(name_or_path))

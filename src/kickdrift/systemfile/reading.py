@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,17 +18,18 @@ from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import bridge
 from kickdrift.model.checks.arguments import other_name
-from kickdrift.model.checks.values import no_overflow, whole_number
+from kickdrift.model.checks.values import is_number, no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.files import PARAMETERS, find, parsed, plain, prefixed, toml_table
 from kickdrift.systemfile.particles import (
     as_given,
     box_of,
@@ -36,9 +37,9 @@ from kickdrift.systemfile.particles import (
     cluster,
     constraint_of,
     edges_given,
+    molecules_of,
     on_lattice,
     on_orbits,
-    topology_of,
 )
 from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
@@ -53,11 +54,18 @@ def load(
     seed: int | None = None,
     overlaps: bool = False,
     snapshot: int | None = None,
+    *,
+    coordinates: str | os.PathLike[str] | None = None,
+    force_field: str | Sequence[str] | None = None,
+    cutoff: float | str | None = None,
+    rigid: str | None = None,
 ) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
     Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
-    Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``.
+    Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``. Files of force fields are
+    read through OpenMM, as by ``System.from_openmm``: ``.prmtop`` of AMBER, ``.top`` of GROMACS and ``.psf`` of CHARMM
+    with ``coordinates``, and ``.pdb`` or ``.cif`` with ``force_field``.
 
     Parameters
     ----------
@@ -66,6 +74,11 @@ def load(
     seed : replaces the file's ``velocities.seed``
     overlaps : whether particles may overlap, for ``Simulation.minimize``, which moves them apart
     snapshot : of an archive of rebound, from 0; negative from the end; default the last one
+    coordinates : file of the coordinates, such as .inpcrd, .rst7, .gro, .crd or .pdb
+    force_field : files of the force field: OpenMM's XML for a structure, such as ("amber14-all.xml", "tip3p.xml"),
+        CHARMM's parameters for .psf, or the folder of GROMACS' force fields for .top
+    cutoff : of pair forces in a periodic box, in nm or as text with a unit; default 1 nm
+    rigid : "hydrogen" (default), all bonds to hydrogen and water; "water"; or "none"
 
     Raises
     ------
@@ -76,6 +89,13 @@ def load(
         with prefixed("system: "):
             return _subject(plain(name_or_path), Path("system.toml"), "", seed, overlaps)
     path = find(name_or_path)
+    given: dict[str, Any] = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
+    if path.suffix.lower() in PARAMETERS or (force_field is not None and path.suffix.lower() in (".pdb", ".cif")):
+        return _force_field_system(path, **given)
+    for key, value in given.items():
+        if value is not None:
+            alone = f", and for .pdb and .cif with force_field, and {path} is none of these"
+            raise InputError(f"{key}: is for files of force fields ({choices(PARAMETERS)}){alone}")
     if is_archive(path):
         if seed is not None:
             _note_unused_seed()
@@ -90,6 +110,24 @@ def load(
     text, data = parsed(path)
     with prefixed(f"{path}: "):
         return _subject(data, path, text, seed, overlaps)
+
+
+def _force_field_system(
+    path: Path,
+    coordinates: str | os.PathLike[str] | None,
+    force_field: str | Sequence[str] | None,
+    cutoff: float | str | None,
+    rigid: str | None,
+) -> System:
+    """Return the System of files of a force field, in gromacs units."""
+    files = [force_field] if isinstance(force_field, str) else list(force_field or ())
+    reach = quantity(cutoff, "length", unit_system("gromacs"), "cutoff") if isinstance(cutoff, str) else cutoff
+    if reach is not None and not (is_number(reach) and 0 < reach < np.inf):
+        raise InputError(f"cutoff: expected a length above zero, got {shown(cutoff)}")
+    reader = bridge("openmm", f"{path}: a file of a force field")
+    with prefixed(f"{path}: "):
+        found: System = reader.file_system(path, reader.Asked(coordinates, files, reach, rigid))
+    return found
 
 
 def structure_system(path: Path) -> System:
@@ -188,7 +226,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
-    topology = topology_of(table.topology, path.parent) if table.topology else None
+    topology, virtual_sites = molecules_of(table, path.parent)
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
@@ -218,6 +256,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             topology=topology,
             charges=start.charges,
             constraints=constraints,
+            virtual_sites=virtual_sites,
         )
 
     made = system(velocities)

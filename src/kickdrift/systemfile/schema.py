@@ -170,6 +170,7 @@ class SystemTable(Table):
     box: BoxTable = BoxTable()
     topology: base.TopologyTable | None = None
     constraint: list[base.ConstraintTable] = []
+    virtual_site: list[base.VirtualSiteTable] = []
     force: list[dict[str, Any]]  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods

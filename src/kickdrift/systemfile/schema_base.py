@@ -253,3 +253,19 @@ class ConstraintTable(Table):
     distance: Distances = None
     angle: Annotated[float, BeforeValidator(In("angle"))] | None = None
     tolerance: float | None = None
+
+
+def _normals(value: Any, info: ValidationInfo) -> Any:
+    """One inverse length, or a list of them."""
+    convert = In("inverse length")
+    return [convert(each, info) for each in value] if isinstance(value, list) else convert(value, info)
+
+
+Normals = Annotated[Any, BeforeValidator(_normals)]
+
+
+class VirtualSiteTable(Table):
+    particles: Any
+    of: Any
+    weights: Any
+    normal: Normals = 0.0

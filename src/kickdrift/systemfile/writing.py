@@ -1,7 +1,5 @@
 """System files from Systems; reading such a file gives the same bits."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -70,6 +68,8 @@ def tables_of(system: System) -> dict[str, Any]:
         tables["topology"] = system.topology.tables()
     if system.constraints is not None:
         tables["constraint"] = system.constraints.tables()
+    if system.virtual_sites is not None:
+        tables["virtual_site"] = system.virtual_sites.tables
     tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]

@@ -102,7 +102,10 @@ def _of_system(subject: Any, method: Any) -> Iterator[str]:
     if any(getattr(event, "action", None) == "fragment" for event in getattr(subject, "events", ())):
         yield FRAGMENTS
     for force in getattr(subject, "forces", ()):
-        yield from _of_force(type(force))
+        if hasattr(force, "sources"):
+            yield force.sources(subject)
+        else:
+            yield from _of_force(type(force))
     if source := dict(getattr(subject, "invariants", {}) or {}).get("source"):
         yield str(source)
 

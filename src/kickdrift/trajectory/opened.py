@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import path_text
 from kickdrift.trajectory.problems import table
 from kickdrift.trajectory.problems.reader import ProblemRun, is_problem_run
+from kickdrift.trajectory.problems.table import ProblemTable
 from kickdrift.trajectory.read import reader
-
-if TYPE_CHECKING:
-    from kickdrift.trajectory.problems.table import ProblemTable
 
 SUFFIX = ".h5md"  # of runs of particles
 

@@ -1,7 +1,5 @@
 """The report of a run from its file, in nine lines; the same for a run that is not finished, from its samples."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from typing import Any

@@ -4,8 +4,6 @@ The run's own thread packs them between two calls of compiled code. No further l
 Frames get a small share of the processor's time, so the run keeps its speed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from threading import Lock
 from time import monotonic, process_time, thread_time

@@ -3,8 +3,6 @@
 The browser unpacks the text with ``DecompressionStream`` (`src/viewer/packed.js`).
 """
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections.abc import Mapping

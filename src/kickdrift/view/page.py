@@ -1,7 +1,5 @@
 """One self-contained HTML page of a scene, which needs no network, and a view that stands still."""
 
-from __future__ import annotations
-
 import html
 import json
 import os

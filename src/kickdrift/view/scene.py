@@ -3,8 +3,6 @@
 A scene is made of texts, numbers and lists, so it fits into JSON. ``src/viewer/README.md`` lists its keys.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

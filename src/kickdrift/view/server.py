@@ -1,7 +1,5 @@
 """A page on this machine that follows a run. Only who has the address with its token can read the page."""
 
-from __future__ import annotations
-
 import hmac
 import json
 import secrets

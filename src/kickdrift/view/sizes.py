@@ -1,7 +1,5 @@
 """Particles of a view: sizes of their spheres, bonds between them, and the molecules that bonds make."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results of ``view()`` of a System, a Simulation and a run: a widget in a notebook, else a page."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The view as a widget of a notebook: JupyterLab, VS Code and marimo show it through anywidget."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -13,10 +13,9 @@ from kickdrift.analysis.compare.ladder import Bench, Row, slope
 from kickdrift.analysis.compare.recommendation import SAFETY, recommendation
 from kickdrift.analysis.compare.reference import MODERATE, TIGHT, Reference
 from kickdrift.analysis.compare.work_precision import Comparison, default_integrators, work_precision
-from kickdrift.analysis.shadow import modified_hamiltonian, pendulum_potential, shadow_run
 from kickdrift.odes import harmonic_oscillator, kepler, logistic, lorenz, pendulum, van_der_pol
-from kickdrift.plots.results import plot_shadow
 from kickdrift.statistics.drift import Growth, energy_growth, position_growth
+from kickdrift_validation.shadow_hamiltonian import modified_hamiltonian, pendulum_potential, plot_shadow, shadow_run
 
 
 @pytest.fixture(scope="module")

@@ -53,6 +53,19 @@ def test_particles_of_a_list_are_not_exchanged(force, topology, named):
     assert checks.passed
 
 
+def test_the_error_that_charges_state_bounds_the_tests():
+    """A mesh moves with no particle, so shifted ions have other forces, by no more than the error that is asked."""
+    sites = np.indices((4, 4, 4)).reshape(3, -1).T
+    charges = np.where(sites.sum(axis=1) % 2, -1.0, 1.0)
+    forces = [kd.LennardJones(sigma=1.2, cutoff=2.5, truncation="shift"), kd.Coulomb("pme", accuracy=1e-3)]
+    salt = kd.System(1.5 * (sites + 0.5), box=[6.0] * 3, charges=charges, forces=forces)
+    checks = kd.analysis.force_checks(salt, steps=100, dt=1e-3)
+    assert checks.passed
+    for name in ("translation", "sum of forces"):
+        assert 1e-9 < checks.row(name).measured < checks.row(name).bound == 1e-3
+    assert checks.row("same bits again").bound == 1e-9
+
+
 @pytest.mark.parametrize(
     ("fault", "named"),
     [({"factor": 1.001}, "force = -dE/dx"), ({"factor": -1.0}, "force = -dE/dx"), ({"across": 0.01}, "sum of torques")],

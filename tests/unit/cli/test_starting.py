@@ -16,7 +16,7 @@ from kickdrift.engines import ENGINES
 from kickdrift.forces import FORCES
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.systemfile.files import shipped
-from kickdrift.systemfile.templates import kinds
+from kickdrift.systemfile.templates import kinds, models
 
 
 @pytest.fixture(autouse=True)
@@ -34,6 +34,21 @@ def test_a_new_file_is_valid_and_commented(kind, kickdrift, folder):
     assert text == kd.template(kind)
     assert text.startswith("# ")
     kd.load(f"{kind}.toml")
+
+
+@pytest.mark.parametrize(("kind", "model"), [(kind, model) for kind in kinds() for model in models(kind)])
+def test_a_new_file_of_another_model_is_valid(kind, model, kickdrift, folder):
+    jsonschema = pytest.importorskip("jsonschema")
+    assert kickdrift("new", kind, "--model", model, "--quiet") == (0, "", "")
+    text = (folder / f"{kind}.toml").read_text(encoding="utf-8")
+    assert text == kd.template(kind, model)
+    jsonschema.validate(tomllib.loads(text), kd.json_schema())
+    kd.load(f"{kind}.toml")
+
+
+def test_an_unknown_model_is_named(kickdrift):
+    assert kickdrift("new", "water", "--model", "tip3p")[2].endswith("model: expected tip4p2005, got 'tip3p'\n")
+    assert kickdrift("new", "ode", "--model", "tip3p")[2].endswith("model: ode has one model alone, got 'tip3p'\n")
 
 
 def test_a_new_file_names_the_schema_beside_it(kickdrift, folder):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.engines.lammps_world import lammps_class
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces, Measured
 from kickdrift.forces.charges.pair_terms import radial_terms
@@ -19,6 +20,7 @@ from kickdrift.forces.charges.sampled import errors_of, forces_on
 from kickdrift.jit.compile import driver
 from kickdrift.jit.lanes.memory import load, store
 from kickdrift.model.box.box import Box
+from kickdrift.model.box.cell import lengths_and_tilts
 from kickdrift.model.live_box import LiveBox
 from kickdrift.model.units import constants
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
@@ -560,6 +562,68 @@ def test_engines_name_the_methods_that_they_have():
     possible = "'ewald' and 'pme' and 'auto' and 'direct' and 'reaction-field'"
     with pytest.raises(InputError, match=f"'damped-shifted': possible are {possible}"):
         kd.Simulation(system, dt=1e-3, engine="openmm")
+
+
+STRAINS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+SPLITS = {
+    "ewald": {"alpha": 1.0, "cutoff": 2.2, "waves": 8.0},
+    "pme": {"method": "pme", "alpha": 1.0, "cutoff": 2.2, "mesh": (12, 15, 16), "order": 6},
+}
+
+
+HALF = [[6.0, 0.0, 0.0], [3.0, 7.0, 0.0], [3.0, 3.5, 8.0]]  # leans by half an edge, where barostats take other edges
+
+
+@pytest.mark.parametrize("method", SPLITS)
+def test_the_virial_across_the_axes_is_the_slope_of_the_energy_in_a_strain(method):
+    """Also after a barostat has taken other edges of the same lattice; the energy then stays."""
+    system = ions(HALF, net=0.5, **SPLITS[method])
+    live = LiveBox(system.box, free=True)
+    bound, phase, rows = BoundForces(system, live=live, apart=True), system.state.phase, system.box.matrix
+
+    def energy(strain: np.ndarray) -> float:
+        turned, turn = kd.Box.from_vectors(rows @ (np.eye(3) + strain))
+        live.lengths[:] = lengths_and_tilts(turned.matrix)
+        return bound.measure(0.0, np.array([turn @ (np.eye(3) + strain) @ phase[0], 0 * phase[0]])).potential
+
+    h, slopes, start = 1e-6, [], energy(np.zeros((3, 3)))
+    for i, j in STRAINS:
+        strain = np.zeros((3, 3))
+        strain[i, j] = strain[j, i] = h if i == j else 0.5 * h
+        slopes.append((energy(-strain) - energy(strain)) / (2.0 * h))
+    for other in (rows, np.array([[1, 0, 0], [-1, 1, 0], [0, -1, 1]]) @ rows):
+        live.lengths[:] = lengths_and_tilts(other)
+        found = bound.measure(0.0, phase)
+        virials = bound.along.sum(axis=0).ravel()
+        assert found.potential == pytest.approx(start, rel=1e-12)
+        np.testing.assert_allclose(virials, slopes, rtol=0, atol=1e-8 * abs(start))
+        assert virials[:3].sum() == pytest.approx(found.virial, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["ewald", "pme"])
+def test_the_virial_across_the_axes_is_that_of_lammps(method):
+    """Of LAMMPS' coul/long with ewald, whose erfc has errors of 1e-7."""
+    pytest.importorskip("lammps")
+    system = ions(LEANING, special=False, method=method, accuracy=1e-6)
+    split, live = system.forces[0].split(system), LiveBox(system.box, free=True)
+    bound = BoundForces(system, live=live, apart=True)
+    bound.measure(0.0, system.state.phase)
+    (ax, by, cz, cy, cx, bx), n = lengths_and_tilts(system.box.matrix).tolist(), len(system)
+    lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+    for line in (
+        "units lj", "atom_style charge", "atom_modify map array",
+        f"region whole prism 0 {ax} 0 {by} 0 {cz} {bx} {cx} {cy}", "create_box 1 whole", "mass 1 1.0",
+        f"pair_style coul/long {split.cutoff}", "kspace_style ewald 1e-9",
+        f"kspace_modify gewald {split.alpha}", "compute pull all pressure NULL virial",
+    ):  # fmt: skip
+        lmp.command(line)
+    lmp.create_atoms(n, None, [1] * n, system.box.wrap(system.state.positions).ravel().tolist())
+    lmp.scatter_atoms("q", 1, 1, np.ctypeslib.as_ctypes(np.array(system.charges)))
+    for line in ("pair_coeff * *", "run 0 post no"):
+        lmp.command(line)
+    found = np.array(lmp.extract_compute("pull", 0, 1)[:6])[[0, 1, 2, 5, 4, 3]] * system.volume
+    lmp.close()
+    np.testing.assert_allclose(bound.along.sum(axis=0).ravel(), found, rtol=0, atol=2e-5 * np.abs(found).max())
 
 
 @pytest.mark.parametrize(

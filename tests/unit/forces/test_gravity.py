@@ -210,14 +210,6 @@ def test_a_new_compilation_rounds_like_the_cached_one(tmp_path):
     assert runs[0].stdout == runs[1].stdout != "", runs[0].stderr
 
 
-def test_threads_do_not_change_the_bits():
-    code = f"from {__name__} import fingerprint as f; print(*(f(n, k) for n in (9, 500, 1000) for k in (1, 2, 3, 4)))"
-    run = python(code, NUMBA_NUM_THREADS="4")
-    assert run.stdout.split() == [fingerprint(9, 1)] * 4 + [fingerprint(500, 1)] * 4 + [fingerprint(1000, 1)] * 4, (
-        run.stderr
-    )
-
-
 def by_mpmath(mp, force, x, m, dx, dm):
     """Accelerations of the deviations: mixed differences of a(x + p u + q w + p q s, m + p m_u + q m_w)."""
     n, count = len(m), 2

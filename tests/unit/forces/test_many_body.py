@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.many_body.entries import hermite
 from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
+from kickdrift.forces.many_body.tables import COULOMB, hermite
 from kickdrift.forces.many_body.tersoff import SiliconOf1988
 from kickdrift.forces.slopes.variations import varied
 from kickdrift.systemfile.reading import loads
@@ -47,7 +47,7 @@ def mixed_weber(i: dict, j: dict, k: dict) -> dict:
 
 
 def mixed_tersoff(i: dict, j: dict, k: dict) -> dict:
-    ends = {key: 0.5 * (i[key] + k[key]) for key in ("R", "D")}
+    ends = {key: 0.5 * (i[key] + k[key]) for key in ("R", "D")}  # those of the bond i-k-k
     bond = {key: 0.5 * (i[key] + j[key]) for key in ("A", "B", "lambda1", "lambda2", "beta", "n")}
     return i | ends | bond | {"gamma": 1.0 + 0.1 * j["R"], "cos_theta0": -0.1 * k["R"], "m": j["m"]}
 
@@ -57,6 +57,9 @@ TERSOFFS = triples(
     {"Si": CARBON, "C": CARBON | {"R": 2.6, "D": 0.3, "A": 2000.0, "n": 0.8, "beta": 1e-2, "m": 1.0, "lambda3": 0.4}},
     mixed_tersoff,
 )
+
+ENDS = {key: each | {"R": each["R"] - 0.1 * key.startswith("Si-C-S")} for key, each in TERSOFFS.items()}  # of a triple
+ENDS["C-C-C"] = ENDS["C-C-C"] | {"D": 0.0}  # a sharp cutoff
 
 
 def copper_tables(points: int = 300) -> dict:
@@ -75,11 +78,17 @@ def copper_tables(points: int = 300) -> dict:
     }  # fmt: skip
 
 
-def written(path, tables: dict, elements: tuple[str, ...], fs: bool = False) -> str:
-    """Write tables as setfl, or as Finnis and Sinclair's form. The density is listed by the atom that it comes from."""
-    n = len(tables["embedding"]["Cu"])
+def written(path, tables: dict, elements: tuple[str, ...], form: str = "alloy") -> str:
+    """Write tables as funcfl, setfl, or a form with densities of pairs, listed by the atom that they come from."""
+    n, fs = len(tables["embedding"]["Cu"]), form != "alloy"
+    sizes = f"{n} {tables['drho']!r} {n} {tables['dr']!r} {tables['cutoff']!r}"
+    if form == "funcfl":
+        rows = (tables["embedding"]["Cu"], tables["charge"], tables["density"]["Cu", "Cu"])
+        numbers = " ".join(f"{value:.17E}".replace("E", "D") for value in np.concatenate(rows))  # Fortran's
+        path.write_text(f"copper\r\n29 63.546 3.615 fcc\r\n{sizes}\r\n" + numbers.replace(" ", "\r\n"))
+        return str(path)
     lines = ["", "", "", f"{len(elements)} {' '.join(elements)}"]
-    lines += [f"{n} {tables['drho']!r} {n} {tables['dr']!r} {tables['cutoff']!r}"]
+    lines += [f"{sizes} {tables['first'] + (n - 1) * tables['drho']!r}" if form == "he" else sizes]
     for a in elements:
         rows = [tables["embedding"][a]]
         rows += [tables["density"][b, a] for b in elements] if fs else [tables["density"][a, a]]
@@ -95,6 +104,29 @@ def alloyed(tables: dict) -> dict:
     return tables | {"density": {(a, b): tables["density"][b, b] for a, b in tables["density"]}}
 
 
+def charged(tables: dict) -> tuple[dict, dict]:
+    """Tables whose pair energy is that of two charges, and what LAMMPS keeps: all points but the last."""
+    tables = tables | {"cutoff": tables["cutoff"] - 2 * tables["dr"]}
+    charge = np.sqrt(np.abs(tables["rphi"]["Cu", "Cu"]) / COULOMB)
+    kept = {
+        "embedding": {"Cu": tables["embedding"]["Cu"][:-1]},
+        "density": {("Cu", "Cu"): tables["density"]["Cu", "Cu"][:-1]},
+        "rphi": {("Cu", "Cu"): COULOMB * charge[:-1] ** 2},
+    }  # fmt: skip
+    return tables | {"charge": charge}, tables | kept
+
+
+def below_zero(tables: dict) -> dict:
+    """Tables whose embedding energies begin at a negative density."""
+    rho = np.arange(len(tables["embedding"]["Cu"])) * tables["drho"] - 5.0
+    energies = {name: factor * 0.01 * (rho - 3.0) ** 2 for name, factor in (("Cu", 1.0), ("Ag", 0.7))}
+    return tables | {"first": -5.0, "embedding": energies}
+
+
+def at_oracle(tables: dict, d, s) -> complex:
+    return oracle.embedded_atom(d, s, tables)
+
+
 def case(name: str, folder):
     """A force, its species, and its energy as a function of separations and species."""
     if name == "stillinger-weber":
@@ -105,15 +137,25 @@ def case(name: str, folder):
         return kd.Tersoff(), ["Si"], lambda d, s: oracle.tersoff(d, s, {"Si-Si-Si": CARBON})
     if name == "tersoff, two":
         return kd.Tersoff(TERSOFFS), ["Si", "C"], lambda d, s: oracle.tersoff(d, s, TERSOFFS)
-    tables, fs = copper_tables(), name.endswith("fs")
-    if not fs:
+    if name == "tersoff, ends":
+        return kd.Tersoff(ENDS), ["Si", "C"], lambda d, s: oracle.tersoff(d, s, ENDS)
+    tables, form = copper_tables(), name.split()[-1] if name.endswith(("fs", "he", "funcfl")) else "alloy"
+    if form == "funcfl":
+        tables, kept = charged(tables)
+        return kd.EmbeddedAtom(written(folder / "a.eam", tables, ("Cu",), form)), ["Cu"], partial(at_oracle, kept)
+    if form == "alloy":
         tables = alloyed(tables)
+    if form == "he":
+        tables = below_zero(tables)
     elements = ("Cu",) if name == "eam" else ("Cu", "Ag")
-    file = written(folder / f"a.eam.{'fs' if fs else 'alloy'}", tables, elements, fs)
+    file = written(folder / f"a.eam.{form}", tables, elements, form)
     return kd.EmbeddedAtom(file), list(elements), lambda d, s: oracle.embedded_atom(d, s, tables)
 
 
-CASES = ["stillinger-weber", "stillinger-weber, two", "tersoff", "tersoff, two", "eam", "eam, two", "eam, two, fs"]
+CASES = [
+    "stillinger-weber", "stillinger-weber, two", "tersoff", "tersoff, two", "tersoff, ends", "eam", "eam, two",
+    "eam, two, fs", "eam, two, he", "eam, funcfl",
+]  # fmt: skip
 
 
 def particles(species: list[str], box, force, n: int = 40) -> kd.System:
@@ -365,7 +407,12 @@ def test_a_system_that_does_not_fit_is_refused():
             r"entries has no parameters for Si-Si-Ge",
         ),
         (lambda: kd.EmbeddedAtom("no.eam.alloy"), r"eam: file: no.eam.alloy: no such file"),
-        (lambda: kd.EmbeddedAtom("Cu_u3.eam"), r"expected a name that ends in .eam.alloy or .eam.fs, got 'Cu_u3.eam'"),
+        (lambda: kd.EmbeddedAtom("Cu.meam"), r"a name that ends in .eam, .eam.alloy, .eam.fs, .eam.he, got 'Cu.meam'"),
+        (
+            lambda: kd.Tersoff(elements={"C": "Si"}, entries={"C-C-C": CARBON}),
+            r"species 'C', called 'Si', has no param",
+        ),
+        (lambda: kd.StillingerWeber(elements="Si"), r"elements: expected names by species, such as .*, got 'Si'"),
         (
             lambda: two(example(kd.EmbeddedAtom), species=["Cu", "Ag"]),
             r"eam: species 'Ag' has no parameters in \S*Cu_zhou2004.eam.alloy, which has Cu",
@@ -392,15 +439,43 @@ def test_a_file_of_a_potential_is_a_regular_file(tmp_path, monkeypatch, name):
 
 def test_a_file_that_is_no_potential_is_refused(tmp_path):
     (tmp_path / "a.eam.alloy").write_text("one\ntwo\nthree\nfour\n")
-    with pytest.raises(InputError, match=r"eam: file: \S*a.eam.alloy: ASE finds no potential in it"):
+    with pytest.raises(InputError, match=r"eam: file: \S*a.eam.alloy: no potential of the form eam/alloy: "):
         kd.EmbeddedAtom(str(tmp_path / "a.eam.alloy"))
+    cut = written(tmp_path / "a.eam.fs", copper_tables(20), ("Cu",), "fs")
+    (tmp_path / "a.eam.fs").write_text((tmp_path / "a.eam.fs").read_text()[:-40])
+    with pytest.raises(InputError, match=r"no potential of the form eam/fs: the file ends too early"):
+        kd.EmbeddedAtom(cut)
     (tmp_path / "a.sw").write_text("Si Si Si 1 2 3\n")
     with pytest.raises(InputError, match=r"a.sw: expected entries of three elements and 11 numbers, got 6 words"):
         kd.StillingerWeber(file=str(tmp_path / "a.sw"))
 
 
-def test_without_ase_the_message_says_what_to_install(monkeypatch):
-    file = example(kd.EmbeddedAtom).file
-    monkeypatch.setitem(sys.modules, "ase.calculators.eam", None)
-    with pytest.raises(InputError, match=r"eam: files of potentials are read by ASE: pip install 'kickdrift\[ase\]'"):
-        kd.EmbeddedAtom(file)
+def test_numbers_that_a_line_has_more_than_its_table_are_left_out(tmp_path):
+    """As in NiO.eam.fs, whose lines end with numbers that belong to no table."""
+    file = written(tmp_path / "a.eam.fs", copper_tables(20), ("Cu", "Ag"), "fs")
+    lines = (tmp_path / "a.eam.fs").read_text().splitlines()
+    (tmp_path / "b.eam.fs").write_text("\n".join([*lines[:-1], f"{lines[-1]} 7.0 8.0  # more"]))
+    np.testing.assert_array_equal(
+        kd.EmbeddedAtom(file).potential.rphi, kd.EmbeddedAtom(str(tmp_path / "b.eam.fs")).potential.rphi
+    )
+
+
+def test_species_may_have_other_names_than_in_the_parameters(tmp_path):
+    entries = {key.replace("Si", "Si(D)"): each for key, each in TERSOFFS.items()}
+    system = particles(["Si", "C"], None, kd.Tersoff(TERSOFFS))
+    named = system.with_forces([kd.Tersoff(entries, elements={"Si": "Si(D)"})])
+    np.testing.assert_array_equal(kd.Simulation(named, dt=0.001).forces(), kd.Simulation(system, dt=0.001).forces())
+    (tmp_path / "named.toml").write_text(named.to_toml())
+    assert kd.load(str(tmp_path / "named.toml")).forces == named.forces
+
+
+def test_triples_that_differ_by_their_digits_alone_are_taken(tmp_path):
+    """As in CdTeZnSeHgS0.sw: the product of lambda and epsilon counts, to the file's digits."""
+    one = WEBERS["Si-Si-Xx"]
+    rounded = one | {"lambda_": one["lambda_"] * 2, "epsilon": one["epsilon"] / 2 * (1 + 3e-8)}
+    system = particles(["Si", "Xx"], None, kd.StillingerWeber(WEBERS))
+    changed = system.with_forces([kd.StillingerWeber(WEBERS | {"Si-Si-Xx": rounded})])
+    near, exact = (kd.Simulation(each, dt=0.001).forces() for each in (changed, system))
+    np.testing.assert_allclose(near, exact, atol=1e-7 * np.abs(exact).max())
+    with pytest.raises(InputError, match=r"entries Si-Si-Xx and Si-Xx-Si differ in lambda_ times epsilon or"):
+        kd.Simulation(system.with_forces([kd.StillingerWeber(WEBERS | {"Si-Si-Xx": one | {"lambda_": 1.0}})]), dt=0.001)

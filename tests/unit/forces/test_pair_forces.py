@@ -370,7 +370,7 @@ def test_face_centred_cubic_crystal():
 def test_a_species_with_one_particle():
     x, box = fluid(np.random.default_rng(3), 300)
     pair = {"A": {"epsilon": 1.0, "sigma": 1.0}, "B": {"epsilon": 1.1, "sigma": 0.97}}
-    force = LennardJones(cutoff=CUTOFF, truncation="force-shift", species=pair)
+    force = LennardJones(cutoff=CUTOFF, truncation="shift", species=pair)
     for at in (0, 150, 299):
         species = ["A"] * 300
         species[at] = "B"

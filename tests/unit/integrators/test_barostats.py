@@ -11,10 +11,13 @@ from scipy import stats
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.integrators import integrator
+from kickdrift.integrators.asked import settled
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting.barostats.barostat import check_pressed
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import LiveBox, in_box
+from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.systemfile.reading import loads
 from tests.long import rest
 from tests.systems import SPECIES, liquid, needed
@@ -157,13 +160,16 @@ def test_the_same_bits_however_a_run_is_cut(barostat, coupling):
     assert again.box_varies
 
 
-@pytest.mark.parametrize(("barostat", "name"), [("mtk", "nose-hoover"), ("c-rescale", "csvr")])
-def test_energy_less_heat_and_work_is_conserved_to_second_order(barostat, name):
+@pytest.mark.parametrize(
+    ("barostat", "name", "own"),
+    [("mtk", "nose-hoover", {}), ("mtk", "nose-hoover", {"pressure_every": 4}), ("c-rescale", "csvr", {})],
+)
+def test_energy_less_heat_and_work_is_conserved_to_second_order(barostat, name, own):
     errors, x = [], liquid(64, 1.6)
     law = kd.LennardJones(cutoff=1.6, truncation="switch", switch_start=1.2)
     system = kd.System(x.state.positions, x.state.velocities, box=x.box, forces=[law])
     for dt in (0.004, 0.002):
-        options = options_of(barostat, name) | ({} if barostat == "mtk" else {"compressibility": 0.05})
+        options = options_of(barostat, name) | ({} if barostat == "mtk" else {"compressibility": 0.05}) | own
         sim = kd.Simulation(system, name, dt, **options)
         report = sim.run(round(1.6 / dt), every=round(0.016 / dt))
         totals = np.array([sample.energies.total for sample in sim.record.samples])
@@ -321,6 +327,19 @@ def test_doubtful_choices_are_warnings():
     assert "pressure_tau = 0.02 is 5 steps; use 10 steps or more" in warned
     assert any("pressure_tau = 0.02 is 0.5 actions of the barostat; use 5 or more" in line for line in warned)
     assert any("the virial lacks this impulse" in line for line in warned)
+    given = {**needed("nose-hoover"), "pressure": 1.0, "barostat": "mtk", "pressure_tau": 0.1, "pressure_every": 10}
+    warned = kd.Simulation(system, "nose-hoover", 0.004, **given).run(20).warnings
+    assert any("pressure_tau = 0.1 is 2.5 actions of the barostat; use 5 or more" in line for line in warned)
+
+
+def test_another_barostat_takes_what_it_knows_of_a_file():
+    """`-o barostat=monte-carlo` leaves the pressure_tau of the file out, since monte-carlo has none."""
+    run = RunDefaults("csvr", 0.004, temperature=1.0, tau=0.5, pressure=1.0, pressure_tau=0.5, compressibility=0.1)
+    options = settled(integrator("csvr"), {"barostat": "monte-carlo"}, run)
+    assert (options.get("pressure_tau"), options.compressibility, options.pressure) == (None, 0.1, 1.0)
+    asked = {"barostat": "monte-carlo", "pressure_tau": 2.0}
+    assert settled(integrator("csvr"), asked, run).pressure_tau == 2.0  # which the run refuses
+    assert settled(integrator("nose-hoover"), {"barostat": "mtk"}, run).get("compressibility") is None
 
 
 def test_pressure_and_compressibility_have_units():

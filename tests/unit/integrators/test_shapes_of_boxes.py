@@ -10,6 +10,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators.asked import parsed
+from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.box.box import Images
 from kickdrift.model.box.cell import cell_of, lengths_and_tilts, live_cell
 from tests.long import rest
@@ -23,6 +25,7 @@ STRESS = np.array([[1.0, 0.25, 0.0], [0.25, -0.5, 0.15], [0.0, 0.15, 0.25]])
 BAROSTATS: dict[str, dict[str, Any]] = {
     "c-rescale": {"pressure_tau": 0.5, "compressibility": 0.2, "pressure_every": 2},
     "mtk": {"pressure_tau": 0.5},
+    "mtk in turns": {"barostat": "mtk", "pressure_tau": 0.5, "pressure_every": 4},
     "monte-carlo": {"compressibility": 0.2, "pressure_every": 2},
 }
 
@@ -112,6 +115,7 @@ def expected(stress: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
         rest("c-rescale", "baoab", False),
         ("mtk", "nose-hoover", True),
         rest("mtk", "nose-hoover", False),
+        ("mtk in turns", "nose-hoover", True),
         ("monte-carlo", "csvr", True),
         rest("monte-carlo", "baoab", False),
     ],
@@ -206,6 +210,27 @@ def test_a_liquid_does_not_hold_the_shape_of_its_box():
     sim = kd.Simulation(start, "csvr", 0.004, **options_of("c-rescale", "csvr", pressure=1.0, pressure_tau=0.1))
     report = sim.run(3000, every=50)
     assert any("a fluid does not hold the shape of its box" in line for line in report.warnings)
+    now = sim.now()
+    tensor = instantaneous_pressure(now, now.state.positions, now.state.velocities)
+    found = sim.record.samples[-1].columns["pressure_tensor"]
+    np.testing.assert_allclose(found, [tensor[place] for place in PARTS], rtol=1e-8, atol=1e-10)
+    assert sim.pressure() == pytest.approx(np.trace(tensor) / 3)
+
+
+def test_a_report_has_each_component_of_the_pressure():
+    stress = (0.5, 0.0, 0.0, 0.0, 0.0, 0.25)
+    given = SOLID | {"pressure": 0.2, "compressibility": 0.03, "tau": 0.1, "pressure_tau": 0.1, "pressure_every": 5}
+    sim = kd.Simulation(crystal(), "csvr", 0.004, **options_of("c-rescale", "csvr", stress=stress, **given))
+    sim.advance(500)
+    report = sim.run(6000, every=10)
+    found = report.tensor
+    assert found.names == ("xx", "yy", "zz", "yz", "xz", "xy")
+    assert found.asked == pytest.approx((-0.3, 0.2, 0.2, 0.0, 0.0, -0.25))
+    assert np.mean(found.means[:3]) == pytest.approx(report.pressure)
+    off = [abs(mean - asked) / error for mean, asked, error in zip(found.means, found.asked, found.errors, strict=True)]
+    assert max(off) < 5.0
+    assert "asked -0.25 ε/σ^3: agrees" in str(report)
+    assert report.as_json()["tensor"]["asked"][5] == -0.25
 
 
 def test_positions_stay_continuous_when_the_box_takes_other_edges(tmp_path):
@@ -240,6 +265,12 @@ def test_wanted_stresses_that_make_no_sense(options, line):
     given = {key: value for key, value in options_of("mtk", "nose-hoover").items() if key not in options} | options
     with pytest.raises(InputError, match=f"^{line}"):
         kd.Simulation(crystal(), "nose-hoover", 0.004, **given)
+
+
+def test_a_stress_on_the_command_line_is_as_in_a_file():
+    numbers = (0.0, 0.0, "1 GPa", 0.0, 0.0, -2.5)
+    for text in ("0,0,1 GPa,0,0,-2.5", '[0, 0, "1 GPa", 0, 0, -2.5]'):
+        assert parsed([f"stress={text}"], {}) == {"stress": numbers}
 
 
 def test_a_box_that_becomes_too_narrow_stops_the_run():

@@ -6,7 +6,9 @@ import pickle
 
 import numpy as np
 import pytest
-from numba.core.compiler import Flags
+from numba import njit
+from numba.core import ir
+from numba.core.compiler import Flags, run_frontend
 
 from kickdrift.jit.compile import driver, in_order, inlined, is_finite, jit, strict
 from kickdrift.jit.inner import _InnerLibrary, overload
@@ -91,3 +93,35 @@ def test_a_call_that_is_resolved_again_keeps_the_flags_around_it():
         return exact(x, y), free(x, y), exact(x, y)
 
     assert both(1e16, 1.0) == (0.0, 1.0, 0.0)
+
+
+def test_a_slice_from_another_shape_is_an_error():
+    @njit
+    def filled(a, b):
+        a[1:] = b
+        return a
+
+    assert filled(np.zeros(3), np.ones(2)).tolist() == [0.0, 1.0, 1.0]
+    with pytest.raises(ValueError, match="cannot assign"):
+        filled(np.zeros(3), np.ones(3))
+
+
+def test_variables_of_statements_are_listed_in_order():
+    def variables(value):
+        if isinstance(value, ir.Var):
+            return [value.name]
+        if isinstance(value, ir.Inst):
+            return variables(value._kws if isinstance(value, ir.Expr) else vars(value))
+        parts = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
+        return [name for part in parts for name in variables(part)]
+
+    def function(a, b, *rest, c=1.0):
+        found = {"first": (a[0:2], [b, c])}
+        for k, each in enumerate(rest):
+            found[k] = max(each, b, key=c) if each > a else print(each, *rest)
+        return found
+
+    statements = [each for block in run_frontend(function).blocks.values() for each in block.body]
+    assert len({name for each in statements for name in variables(each)}) > 20
+    for each in statements:
+        assert [variable.name for variable in each.list_vars()] == variables(each)

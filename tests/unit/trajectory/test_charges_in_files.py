@@ -134,7 +134,7 @@ def test_a_system_is_the_same_in_other_units(units):
 
 def test_lammps_has_the_energies_of_its_units_real(tmp_path):
     pytest.importorskip("lammps")
-    from kickdrift.engines.lammps_world import lammps_class
+    from kickdrift.forces.external.lammps_library import lammps_class
 
     system = loads(BIOMOLECULES.replace('"metal"', '"real"'))
     sim = kd.Simulation(system)

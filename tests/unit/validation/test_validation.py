@@ -249,7 +249,7 @@ def test_each_fault_has_one_place():
     """A planted fault must replace exactly one place of the source."""
     package = Path(kd.__file__).parent
     planted = faults.FAULTS
-    assert len({fault.name for fault in planted}) == len(planted) == 15
+    assert len({fault.name for fault in planted}) == len(planted) == 19
     assert sum(fault.small for fault in planted) == 3
     for fault in planted:
         assert (package / fault.file).read_text(encoding="utf-8").count(fault.text) == 1, fault.name

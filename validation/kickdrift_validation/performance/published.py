@@ -77,7 +77,7 @@ class Lammps(Runner):
     """LAMMPS at the first step of a benchmark, of a style: plain ("") or opt."""
 
     def __init__(self, benchmark: Published, style: str, multiples: Sequence[float]) -> None:
-        from kickdrift.engines.lammps_world import lammps_class
+        from kickdrift.forces.external.lammps_library import lammps_class
 
         self.version, self.style = ENGINES["lammps"].version or "", style
         try:

@@ -4,8 +4,6 @@ Merz & Shirts 2018, PLoS ONE 13, e0202764, doi:10.1371/journal.pone.0202764; Shi
 909, doi:10.1021/ct300688p. The package is imported at the first test.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import warnings

@@ -1,7 +1,5 @@
 """Verdicts on the ensemble of a run and on a force: rows of tests, and the pages that show these rows."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from typing import Any
 

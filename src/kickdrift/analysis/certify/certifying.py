@@ -1,7 +1,5 @@
 """`ensemble_checks`: whether runs sample the ensemble of their heat bath."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Deviations from a motion, under way together: those of MEGNO, and orthonormal ones of Lyapunov spectra."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -13,14 +13,7 @@ import numpy as np
 
 from kickdrift.analysis.chaos.frames import MovingFrame, carrier, checked_seed, frame_of, length_of
 from kickdrift.analysis.chaos.report import ChaosReport, report_of
-from kickdrift.analysis.tangents.deviations import (
-    LARGEST,
-    LARGEST_OF_PROBLEM,
-    cadence,
-    direction,
-    first_deviation,
-    scale_of,
-)
+from kickdrift.analysis.tangents import deviations
 from kickdrift.batch.members import common, members_of
 from kickdrift.batch.sampling import run_lanes
 from kickdrift.display.showing import following
@@ -61,7 +54,7 @@ def growths(
 ) -> Growths:
     """Run systems with deviations from these seeds for times ``lengths``."""
     name, method, own, steps_of = common(tuple(systems), integrator, dt, options)
-    taken = [cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
+    taken = [deviations.cadence(length, h) for length, h in zip(lengths, steps_of, strict=True)]
     (steps, every), n = taken[0], len(systems[0])
     for k, (mine, _) in enumerate(taken):
         if mine != steps:
@@ -70,13 +63,13 @@ def growths(
             )
     phase = np.array([system.state.phase for system in systems])
     accelerations, begin = _measured_in_lanes(members_of(systems, steps_of, phase))
-    scale = scale_of(phase, accelerations)
-    drawn = np.array([first_deviation(n, seed) for seed in seeds]) * scale
+    scale = deviations.scale_of(phase, accelerations)
+    drawn = np.array([deviations.first_deviation(n, seed) for seed in seeds]) * scale
     members = members_of(systems, steps_of, np.concatenate([phase, drawn], axis=-1))
     stepper = method.in_lanes(members, own)
     counts = np.full(-(-steps // every), every, np.int64)
     counts[-1] = steps - (len(counts) - 1) * every
-    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), LARGEST)
+    watch = Deviations(to_lanes(1.0 / scale[..., 0, 0]), deviations.LARGEST)
     looks, exponents = run_lanes(stepper, counts, 0, watch)
     sizes, count = looks[:, 0, : len(systems)], len(systems)
     scaled = np.cumsum(exponents[:, :count], axis=0) - exponents[:, :count]  # before each look
@@ -146,11 +139,13 @@ def megno(
     asked, given = unpacked(integrator, {"dt": dt, **options})
     length = length_of(system, time)
     n = len(system)
-    first = direction(n, seed) if isinstance(system, Problem) else first_deviation(n, seed)
+    first = deviations.direction(n, seed) if isinstance(system, Problem) else deviations.first_deviation(n, seed)
     frame = frame_of(system, asked, given, threads, first.reshape(-1, 1))
     with compiling_for(frame.sim.integration.purpose), following(progress, "running") as told:
         begin = frame.energy()
-        times, growth = _growth(frame, length, LARGEST_OF_PROBLEM if isinstance(system, Problem) else LARGEST, told)
+        times, growth = _growth(
+            frame, length, deviations.LARGEST_OF_PROBLEM if isinstance(system, Problem) else deviations.LARGEST, told
+        )
         end = frame.energy()
     phase = frame.sim.integration.y[:, :, :n] if isinstance(system, System) else None
     chosen = None if frame.sim.method.chooses_steps else frame.sim.dt
@@ -226,7 +221,7 @@ def _growth(
     """Run. Return times since the start, and ln of the deviation's length at these times. A deviation that grows or
     falls by ``largest`` is scaled back."""
     start, sim = frame.time, frame.sim
-    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else cadence(length, sim.dt or length)
+    steps, every = (MOST_STEPS, 1) if sim.method.chooses_steps else deviations.cadence(length, sim.dt or length)
     times, growth, scaled, exponent = [0.0], [0.0], 0.0, 0
 
     def visit(_: Any) -> bool:

@@ -1,7 +1,5 @@
 """Lennard-Jones energy benchmark: energy errors of integrators at the same step and at the same cost."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -11,8 +11,6 @@ fluctuations of the fine path: d<A> / d<K> = cov(A, E) / cov(K, E). For every fa
 stretches; this one makes short stretches do.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Ladder of one method: runs at steps or tolerances from coarse to fine; and the error of one step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log
@@ -9,18 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.analysis.compare import reference
 from kickdrift.analysis.compare.pilot import SHORT, OutOfTime, Subject, follow, state_at, vector, warm_up
-from kickdrift.analysis.compare.reference import (
-    EPSILON,
-    TIGHT,
-    Reference,
-    compared,
-    distance,
-    natural_scale,
-    reference_method,
-    relative_energy,
-    tolerances,
-)
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.asked import Integrator, method_of
 from kickdrift.integrators.runge_kutta.scipy_methods import SciPyMethod
@@ -30,7 +18,7 @@ from kickdrift.run.simulation import Simulation
 from kickdrift.statistics.drift import Growth, energy_growth, position_growth
 
 ANY = 1e3  # rtol and atol that make an adaptive method accept any step
-ROUNDING = 50 * EPSILON  # smaller local errors are only rounding
+ROUNDING = 50 * reference.EPSILON  # smaller local errors are only rounding
 LARGE = 0.1  # larger errors do not follow the order yet
 FITTED = 4  # finest points in the fit
 FLAT = 0.7  # part of the slopes before; a smaller slope shows rounding
@@ -46,7 +34,14 @@ class LocalErrors:
     """Errors of one step from a few points of a solution: root mean square over the points."""
 
     def __init__(
-        self, subject: Subject, start: Any, plan: Reference, length: float, points: int, name: str, threads: int
+        self,
+        subject: Subject,
+        start: Any,
+        plan: reference.Reference,
+        length: float,
+        points: int,
+        name: str,
+        threads: int,
     ) -> None:
         self.subject, self.threads, self.floor = subject, threads, ROUNDING
         self.starts = [start][:points]
@@ -56,9 +51,13 @@ class LocalErrors:
             self.starts += [state_at(start, plan.y[k], start.time + length * k / samples) for k in chosen]
             self._scale = plan.scale
         else:
-            self._scale = natural_scale(subject, vector(start)[None])
+            self._scale = reference.natural_scale(subject, vector(start)[None])
         self._reference = Simulation(
-            subject, name, threads=threads, precision="double", **tolerances(subject, start, TIGHT[name][0][0], name)
+            subject,
+            name,
+            threads=threads,
+            precision="double",
+            **reference.tolerances(subject, start, reference.TIGHT[name][0][0], name),
         )
 
     def of(self, which: str | Integrator, step: float) -> float | None:
@@ -83,7 +82,7 @@ class LocalErrors:
         self._reference.state = start
         self._reference.run(until=sim.time, every=2**40)  # an adaptive method need not take dt as its first step
         difference = vector(sim.state) - vector(self._reference.state)
-        return float(distance(compared(self.subject, difference), self._scale))
+        return float(reference.distance(reference.compared(self.subject, difference), self._scale))
 
 
 def slope(steps: Sequence[float], errors: Sequence[float | None], floor: float) -> float | None:
@@ -152,7 +151,7 @@ class Bench:
     """Ladders of one subject."""
 
     def __init__(
-        self, subject: Subject, start: Any, plan: Reference, length: float, samples: int, evaluations: float,
+        self, subject: Subject, start: Any, plan: reference.Reference, length: float, samples: int, evaluations: float,
         accuracy: float | None, threads: int, share: float, stiff: bool,
     ) -> None:  # fmt: skip
         self.subject, self.start, self.plan = subject, start, plan
@@ -160,7 +159,9 @@ class Bench:
         self.threads, self.share = threads, share
         self.enough = max(0.1 * (accuracy or 0.0), plan.error)
         points = 0 if stiff else LOCAL_POINTS if plan.y is not None and not isinstance(subject, System) else 1
-        self._local = LocalErrors(subject, start, plan, length, points, reference_method(subject, stiff), threads)
+        self._local = LocalErrors(
+            subject, start, plan, length, points, reference.reference_method(subject, stiff), threads
+        )
         self._finest: Floats | None = None  # solution for the count of oscillations
 
     def ladder(self, which: Integrator, progress: Callable[[int], Any]) -> list[Row]:
@@ -185,7 +186,7 @@ class Bench:
 
     def _knobs(self, method: Any) -> list[dict[str, Any]]:
         if method.adaptive:
-            return [tolerances(self.subject, self.start, rtol, method.name) for rtol in RTOLS]
+            return [reference.tolerances(self.subject, self.start, rtol, method.name) for rtol in RTOLS]
         per_step = method.evaluations or 10  # 10 for an implicit method's iterations
         coarsest = max(1, round(COARSEST * self.evaluations / per_step / self.samples))
         return [{"steps": self.samples * coarsest * 2**rung} for rung in range(RUNGS)]
@@ -211,7 +212,7 @@ class Bench:
             return Row(**of, step=step, failure="the error is not finite")  # type: ignore[arg-type]
         believed = error > BELIEVED * self.plan.error
         if self.plan.measure == "energy":
-            growth = energy_growth(track.times, track.energies, relative_energy(track))
+            growth = energy_growth(track.times, track.energies, reference.relative_energy(track))
         else:
             growth = position_growth(track.times, errors)
         if error < USELESS:

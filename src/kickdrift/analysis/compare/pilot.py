@@ -1,7 +1,5 @@
 """Pilot runs: a solution at evenly spaced times, its cost, a time limit, and resonance of multiple time steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,8 +1,6 @@
 """Cheapest integrator and step for a wanted accuracy and length, by the evidence of a comparison; or the reason why the
 comparison cannot tell."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, exp, floor, isfinite, log, log10
 from statistics import median

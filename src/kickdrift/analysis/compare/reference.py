@@ -1,7 +1,5 @@
 """Reference for the errors of a comparison, and its own error: a closed form, a tight run, or the energy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import log

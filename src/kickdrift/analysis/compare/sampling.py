@@ -1,7 +1,5 @@
 """Comparison of heat baths on a user's own system: how far means at a step are from those at a step of zero."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, log, sqrt

@@ -1,7 +1,5 @@
 """Stiffness, from the eigenvalues of the Jacobian along a solution."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any

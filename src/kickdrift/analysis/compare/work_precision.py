@@ -1,7 +1,5 @@
 """Work against precision: the methods that a comparison runs, and the error of each over a ladder, with its cost."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import log10

@@ -5,8 +5,6 @@ differences of order 4. So any force has a stress here, also a user's own or a c
 and the particles alike, and the particles then move to their minimum of energy.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -126,8 +124,8 @@ def elastic_constants(system: System, strain: float = 1e-3, threads: int = 1) ->
         raise InputError("elastic_constants: expected a System of particles")
     if system.dimensions != 3 or not all(system.box.periodic_axes):
         raise InputError("elastic_constants: needs a box that is periodic along all three axes")
-    if system.constraints is not None:
-        raise InputError("elastic_constants: relaxes particles freely, so it would break the constraints")
+    if system.tied_by:
+        raise InputError(f"elastic_constants: relaxes particles freely, so it would break the {system.tied_by}")
     if outside := system.acting("external"):
         raise InputError(f"elastic_constants: force {outside[0]!r} acts from outside, so the crystal has no stress")
     most = positive("elastic_constants: strain", strain)

@@ -1,7 +1,5 @@
 """Counts of pairs of particles by distance: the compiled loop of the radial distribution function."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

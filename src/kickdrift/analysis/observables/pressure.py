@@ -1,7 +1,5 @@
 """Pressure tensor at a run's frames, from the forces between pairs of particles."""
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 

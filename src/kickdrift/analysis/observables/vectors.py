@@ -1,7 +1,5 @@
 """Input of the observables: the frames of a run's file, or arrays, in pieces that fit into memory."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Orbits of a run's bodies: elements over time, and paths for figures."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -6,8 +6,6 @@ section 6.7, doi:10.1017/CBO9781139174817). Primed quantities are those of the o
 of the circle stays empty while the angle crosses its centre again and again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ modes are near the true vectors; the frequencies are not near the true frequenci
 and frequency analysis finds its frequency (Laskar 1990, doi:10.1016/0019-1035(90)90084-M).
 """
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

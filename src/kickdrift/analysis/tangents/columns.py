@@ -1,7 +1,5 @@
 """The numbers that a motion is differentiated by: coordinates and velocities, masses, parameters, orbital elements."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Deviation vectors for MEGNO: their start, their scale, and the cadence of samples."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.model.checks.limits import steps_in

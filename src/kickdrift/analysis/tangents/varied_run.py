@@ -1,7 +1,5 @@
 """A run of a System together with deviations from it, one for each number that the end is differentiated by."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -27,8 +27,6 @@ def refusal(job: Job) -> str | None:
         return f"{given}: {TAKES}"
     if system.box.triclinic:
         return "box: it leans, and the device has boxes with perpendicular edges"
-    if isinstance(system.forces[0], PairForce) and len(system.species) > 1:
-        return "species: the device has one species"
     if job.options.precision == MIXED and isinstance(system.forces[0], PairForce) and not all(system.box.periodic_axes):
         return "precision: on the device, mixed needs a box that is periodic along each axis"
     if job.options.precision == MIXED and system.units.name == "si":

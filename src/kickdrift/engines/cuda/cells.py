@@ -1,25 +1,27 @@
-"""Particles in the order of cells, and their neighbours, on the device.
+"""Particles in the order of cells, on the device.
 
-A cell has its edges no shorter than the range of the list, so that the neighbours of a particle are in 27 cells. Along
-open axes, particles beyond the first and the last cell belong to these. Atomic counters place the particles in a cell
-in any order. No result depends on this order, because forces are sums of whole numbers.
+Cells form lines along the last axis. Lines are no thinner than the range of the list, so that the neighbours of a
+particle are in nine lines. `FINE` cells of a line are as long as the range. Along open axes, particles beyond the first
+and the last cell belong to these. Atomic counters place the particles in a cell in any order. No result depends on this
+order, because forces are sums of whole numbers.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda.law_code import Code, on_device
-from kickdrift.engines.cuda.places import Places
 from kickdrift.model.state import Floats
 
 MOST_CELLS = 1 << 24
-SEARCHING = 1 if config.ENABLE_CUDASIM else 32  # threads that search the neighbours of one particle: a warp
+FINE = 4
+CHUNK = 32  # cells that one thread sums
+SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
 
 
 class Grid(NamedTuple):
@@ -41,7 +43,7 @@ def grid_of(edges: Floats, positions: Floats, reach: float) -> Grid:
     corner, length = np.zeros(3), edges.copy()
     for axis in np.flatnonzero(edges == 0):
         corner[axis], length[axis] = positions[axis].min(), np.ptp(positions[axis])
-    counts = np.maximum(1, np.floor(length / reach)).astype(np.int64)
+    counts = np.maximum(1, np.floor(length / reach * [1, 1, FINE])).astype(np.int64)
     while np.prod(counts.astype(float)) > MOST_CELLS:
         counts = np.maximum(1, counts // 2)
     inverse = np.where(length > 0, counts / np.where(length > 0, length, 1.0), 0.0)
@@ -76,41 +78,59 @@ def counting_of(grid: Grid) -> Code:
     return count
 
 
-@lru_cache(maxsize=1)
-def scan_of(threads: int) -> Code:
-    """Kernel of one block that writes ``starts`` (m + 1,), the sums of the counts (m,) before each cell. It then sets
-    the counts, the marks and the largest number of neighbours to zero."""
-
-    @cuda.jit
-    def scan(counts, starts, marks, most):
-        t = cuda.threadIdx.x
-        sums = cuda.shared.array(threads, np.int32)
-        size = (counts.size + threads - 1) // threads
-        first, end = min(t * size, counts.size), min((t + 1) * size, counts.size)
+@cuda.jit
+def add_chunks(counts: Any, sums: Any) -> None:
+    """Write the sum of each `CHUNK` counts."""
+    t = cuda.grid(1)
+    if t < sums.size:
         total = 0
-        for k in range(first, end):
+        for k in range(t * CHUNK, min((t + 1) * CHUNK, counts.size)):
             total += counts[k]
         sums[t] = total
-        cuda.syncthreads()
-        if t == 0:
-            most[0] = 0
-            for k in range(marks.size):
-                marks[k] = 0.0
-            before = 0
-            for k in range(threads):
-                own = sums[k]
-                sums[k] = before
-                before += own
-            starts[counts.size] = before
-        cuda.syncthreads()
+
+
+@cuda.jit
+def scan(sums: Any, marks: Any, most: Any) -> None:
+    """Replace the sums by the sums before each, in one block. Set the marks and the most neighbours to zero."""
+    t = cuda.threadIdx.x
+    shares = cuda.shared.array(SCAN, np.int32)
+    size = (sums.size + SCAN - 1) // SCAN
+    first, end = min(t * size, sums.size), min((t + 1) * size, sums.size)
+    total = 0
+    for k in range(first, end):
+        total += sums[k]
+    shares[t] = total
+    cuda.syncthreads()
+    if t == 0:
+        most[0] = 0
+        for k in range(marks.size):
+            marks[k] = 0.0
+        before = 0
+        for k in range(SCAN):
+            own = shares[k]
+            shares[k] = before
+            before += own
+    cuda.syncthreads()
+    before = shares[t]
+    for k in range(first, end):
+        own = sums[k]
+        sums[k] = before
+        before += own
+
+
+@cuda.jit
+def start_cells(counts: Any, sums: Any, starts: Any) -> None:
+    """Write the number of particles before each cell (m + 1,), and set the counts (m,) to zero."""
+    t = cuda.grid(1)
+    if t < sums.size:
         before = sums[t]
-        for k in range(first, end):
+        for k in range(t * CHUNK, min((t + 1) * CHUNK, counts.size)):
             own = counts[k]
             starts[k] = before
             counts[k] = 0
             before += own
-
-    return scan
+        if t == sums.size - 1:
+            starts[counts.size] = before
 
 
 @lru_cache(maxsize=8)
@@ -131,82 +151,9 @@ def moving_of(write: Code) -> Code:
     return move
 
 
-def votes_of() -> Code:
-    """Device function that returns the threads of a warp that have a hit, as bits."""
-    if config.ENABLE_CUDASIM:
-        return lambda hit: 1 if hit else 0
-    return on_device(lambda hit: np.uint32(cuda.ballot_sync(0xFFFFFFFF, hit)))
-
-
-@lru_cache(maxsize=8)
-def search_of(grid: Grid, places: Places, reach: float) -> Code:
-    """Kernel that writes the neighbours of each particle within ``reach`` to rows, their numbers, and the largest.
-
-    A warp searches for one particle: each of its threads looks at another candidate. Cells along the last axis are one
-    run of particles, or two where they go around the box."""
-    (na, nb, nc), _, _, (pa, pb, pc) = grid
-    read, apart, votes = places.read, places.apart, votes_of()
-    square = np.float32(reach**2 * 1.00001) if places.single else np.float64(reach**2)
-    plane, line, warp = np.uint32(nb * nc), np.uint32(nc), np.uint32(SEARCHING)
-    whole = pc and nc < 4
-    around = pc and nc > 3
-
-    def beside_of(count, periodic):
-        def beside(c, d):
-            k = np.int32(np.int32(c) + d - 1) if count > 2 else np.int32(d)
-            if periodic and k < 0:
-                k = np.int32(count - 1)
-            if periodic and k >= count:
-                k = np.int32(0)
-            return k
-
-        return on_device(beside)
-
-    beside_a, beside_b = beside_of(na, pa), beside_of(nb, pb)
-
-    @cuda.jit
-    def search(placed, homes, starts, near, counts, most):
-        t = np.uint32(cuda.grid(1))
-        i, lane = np.uint32(t // warp), np.uint32(t % warp)
-        if i < counts.size:
-            own, cell = read(placed, i), np.uint32(homes[i])
-            a = np.uint32(cell // plane)
-            rest = np.uint32(cell - a * plane)
-            b = np.uint32(rest // line)
-            c = np.int32(rest - b * line)
-            first, last = np.int32(max(c - 1, 0)), np.int32(min(c + 1, nc - 1))
-            if whole:
-                first, last = np.int32(0), np.int32(nc - 1)
-            runs = 2 if around and (c == 0 or c == nc - 1) else 1
-            other = np.int32(nc - 1 - c)
-            earlier, found, room = np.uint32((1 << lane) - 1), np.int32(0), np.int32(near.shape[1])
-            row = near[i]
-            for da in range(min(na, 3)):
-                ka = beside_a(a, da)
-                if ka < 0 or ka >= na:
-                    continue
-                for db in range(min(nb, 3)):
-                    kb = beside_b(b, db)
-                    if kb < 0 or kb >= nb:
-                        continue
-                    base = np.int32(np.int32(ka * nb + kb) * nc)
-                    for run in range(runs):
-                        low, high = (other, other) if run == 1 else (first, last)
-                        j, end = np.uint32(starts[np.uint32(base + low)]), np.uint32(starts[np.uint32(base + high + 1)])
-                        while j < end:
-                            candidate, hit = np.uint32(j + lane), False
-                            if candidate < end and candidate != i:
-                                dx, dy, dz = apart(own, read(placed, candidate))
-                                hit = dx * dx + dy * dy + dz * dz < square
-                            hits = votes(hit)
-                            place = np.int32(found + cuda.popc(np.uint32(hits & earlier)))
-                            if hit and place < room:
-                                row[np.uint32(place)] = candidate
-                            found = np.int32(found + cuda.popc(hits))
-                            j = np.uint32(j + warp)
-            if lane == 0:
-                counts[i] = min(found, room)
-                if found > most[0]:
-                    cuda.atomic.max(most, 0, found)
-
-    return search
+@cuda.jit
+def write_kinds(ids: Any, kinds: Any, placed: Any) -> None:
+    """Write the species of the particles, in the caller's order, to their places."""
+    i = cuda.grid(1)
+    if i < ids.size:
+        placed[4 * i + 3] = kinds[ids[i]]

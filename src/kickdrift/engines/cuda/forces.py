@@ -8,31 +8,30 @@ from typing import Any, Protocol
 import numpy as np
 from numba import config, cuda
 
-from kickdrift.engines.cuda import gravity, pair_sum
-from kickdrift.engines.cuda.cells import SEARCHING, counting_of, grid_of, moving_of, scan_of, search_of
+from kickdrift.engines.cuda import cells, gravity, pair_sum
 from kickdrift.engines.cuda.device import check_room, processors
 from kickdrift.engines.cuda.launches import Launches, zeros
 from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
 from kickdrift.engines.cuda.motion import placing_of
 from kickdrift.engines.cuda.particles import Particles
 from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
+from kickdrift.engines.cuda.search import list_shape, room_of, search_of
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-SKIN = 0.3  # of the cutoff
-SCAN = 32 if config.ENABLE_CUDASIM else 1024  # threads of the scan
+SKIN = 0.24  # of the cutoff
 LEAST_ROOM = 32  # neighbours
 STATE_BYTES = 260  # of a particle, without neighbours
-MOST = 2**27 - 1  # particles: kernels count threads in 32 bits, and a search has 32 for each particle
+MOST = 2**31 - 1  # particles: their numbers have 32 bits
 
 
 def lanes_for(n: int) -> int:
     """Threads of one particle: few particles need many threads to keep the device busy."""
     if config.ENABLE_CUDASIM:
         return 1
-    return 16 if n < 50_000 else 8 if n < 300_000 else 4
+    return 16 if n < 50_000 else 4 if n < 300_000 else 1
 
 
 class DeviceForces(Protocol):
@@ -59,20 +58,23 @@ class PairForces:
 
     def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
         force: Any = system.forces[0]
-        kind, cutoff = system.species[0], float(force.cutoff)
+        cutoff, mixture = float(force.cutoff), len(system.species) > 1
         self._launches, self._reach = launches, (1.0 + skin) * cutoff
         self._lanes = lanes or lanes_for(len(system))
         self.half_skin = 0.499 * skin * cutoff
         self._edges = np.where(system.box.periodic_axes, np.diag(system.box.matrix), 0.0)
         self._inverse_masses = 1.0 / system.coherent_masses
         self._tail = force.tail_corrections(system)
-        self._places, self._exact = places_of(self._edges, single), places_of(self._edges, False)
+        self._places, self._exact = (places_of(self._edges, each, mixture) for each in (single, False))
         self.write = self._places.write
-        law = pair_sum.Law(truncated_law(force, kind, single), cutoff, *grains(force, kind))
+        self._kinds = cuda.to_device(system.species_index.astype(np.int32)) if mixture else None
+        terms, table = truncated_law(force, system.species, single)
+        law = pair_sum.Law(terms, len(system.species), cutoff, *grains(force, system.species))
         self._forces = pair_sum.forces_of(law, self._places, self._lanes)
-        law = law._replace(terms=truncated_law(force, kind, False))
-        self._measure = pair_sum.measure_of(law, self._exact)
-        self._scan, self._moving = scan_of(SCAN), moving_of(self.write)
+        terms, exact_table = truncated_law(force, system.species, False)
+        self._measure = pair_sum.measure_of(law._replace(terms=terms), self._exact, self._lanes)
+        self._table, self._exact_table = cuda.to_device(table), cuda.to_device(exact_table)
+        self._moving = cells.moving_of(self.write)
 
     def upload(self, phase: Floats) -> Particles:
         n = phase.shape[2]
@@ -82,11 +84,13 @@ class PairForces:
         check_room(n, STATE_BYTES + 4 * room)
         particles = Particles(self._launches, phase, self._inverse_masses)
         particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
-        self._grid = grid_of(self._edges, phase[0], self._reach)
-        self._count, self._search = counting_of(self._grid), search_of(self._grid, self._places, self._reach)
+        self._grid = cells.grid_of(self._edges, phase[0], self._reach)
+        self._count = cells.counting_of(self._grid)
+        self._search = search_of(self._grid, self._places, self._reach, self._lanes)
         self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
         self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
-        self._near, self._most = cuda.device_array((n, room), np.uint32), zeros(1, np.int32)
+        self._sums, self._most = zeros(-(-self._grid.size // cells.CHUNK), np.int32), zeros(1, np.int32)
+        self._near = cuda.device_array(list_shape(n, room, self._lanes), np.uint32)
         self.prepare(particles)
         return particles
 
@@ -98,38 +102,46 @@ class PairForces:
 
     def prepare(self, particles: Particles) -> None:
         self._launches.repeat("list", lambda: self.listed(particles))
-        while (most := int(self._launches.read(self._most)[0])) > self._near.shape[1]:
+        while (most := int(self._launches.read(self._most)[0])) > room_of(self._near, self._lanes):
             self._launches.forget()
-            self._near = cuda.device_array((particles.n, 8 * math.ceil(1.1 * most / 8)), np.uint32)
+            self._near = cuda.device_array(list_shape(particles.n, math.ceil(1.1 * most), self._lanes), np.uint32)
             self.listed(particles)
 
     def listed(self, particles: Particles) -> None:
         """Sort the particles, and search their neighbours."""
         p, over = particles, self._launches.over
         over(p.n, self._count, p.x, self._cells, self._numbers, self._sizes)
-        self._launches.grid(1, SCAN, self._scan, self._sizes, self._starts, p.marks, self._most)
+        over(self._sums.size, cells.add_chunks, self._sizes, self._sums)
+        self._launches.grid(1, cells.SCAN, cells.scan, self._sums, p.marks, self._most)
+        over(self._sums.size, cells.start_cells, self._sizes, self._sums, self._starts)
         found = self._homes, p.at, p.placed
         over(p.n, self._moving, self._cells, self._numbers, self._starts, *p.arrays, *p.spare.arrays, *found)
         p.settle()
+        self._name_species(p, p.placed)
         self.search(p)
+
+    def _name_species(self, particles: Particles, placed: Any) -> None:
+        if self._kinds is not None:
+            self._launches.over(particles.n, cells.write_kinds, particles.ids, self._kinds, placed)
 
     def search(self, particles: Particles) -> None:
         """Write the neighbours of particles in the order of the cells."""
-        n, lists = particles.n, (self._homes, self._starts, self._near, self.found, self._most)
-        self._launches.over(n * SEARCHING, self._search, particles.placed, *lists)
+        lists = self._homes, self._starts, self._near, self.found, self._most
+        self._launches.over(particles.n, self._search, particles.placed, *lists)
 
     def evaluate(self, particles: Particles) -> None:
         p = particles
-        self._launches.over(
-            p.n * self._lanes, self._forces, p.placed, self._near, self.found, p.weights, p.a, p.marks
-        )  # fmt: skip
+        lists = p.placed, self._near, self.found
+        self._launches.over(p.n * self._lanes, self._forces, *lists, p.weights, self._table, p.a, p.marks)
 
     def measure(self, particles: Particles) -> tuple[Floats, float, float]:
         p, rows, placed = particles, cuda.device_array((5, particles.n), np.float64), particles.placed
         if self._places.single:
             placed = cuda.device_array(*room_for(self._exact, p.n))
             self._launches.over(p.n, placing_of(self._exact.write), p.x, placed)
-        self._launches.over(p.n, self._measure, placed, self._near, self.found, p.weights, p.ids, rows, p.marks)
+            self._name_species(p, placed)
+        lists = placed, self._near, self.found
+        self._launches.over(p.n, self._measure, *lists, p.weights, self._exact_table, p.ids, rows, p.marks)
         found = self._launches.read(rows)
         return found[:3], float(found[3].sum()) + self._tail[0], float(found[4].sum()) + self._tail[1]
 

@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.engines.cuda.law_code import Code, on_device
-from kickdrift.engines.cuda.words import two_at
+from kickdrift.engines.cuda.words import loaded, store
 from kickdrift.model.state import Floats
 
 PARTS = 2.0**32
+SLACK = 4  # places after the last particle, which a search reads
+ROUNDED = {"contract", "arcp", "nsz"}  # what float32 arithmetic may do; nan stays nan
 
 
 class Places(NamedTuple):
@@ -26,8 +28,8 @@ class Places(NamedTuple):
     ----------
     single : whether displacements are float32
     write : device function (places, i, x, y, z) that writes a position
-    read : device function (places, i) that returns three numbers
-    apart : device function of two such triples that returns the displacement of the nearest images
+    read : device function (places, i) that returns three numbers, and that of the species
+    apart : device function of two such positions that returns the displacement of the nearest images
     """
 
     single: bool
@@ -35,10 +37,17 @@ class Places(NamedTuple):
     read: Code
     apart: Code
 
+    @property
+    def rounding(self) -> Any:
+        """What arithmetic with displacements may do."""
+        return ROUNDED if self.single else False
 
-def places_of(edges: Floats, single: bool) -> Places:
-    """Form of positions in a box with perpendicular edges (3,), zero along open axes; ``single`` needs all three."""
-    return _wrapped(*(float(edge) for edge in edges)) if single else _plain(*(float(edge) for edge in edges))
+
+def places_of(edges: Floats, single: bool, mixture: bool) -> Places:
+    """Form of positions in a box with perpendicular edges (3,), zero along open axes; ``single`` needs all three. In a
+    mixture, a write keeps the number of the species."""
+    a, b, c = (float(edge) for edge in edges)
+    return _wrapped(a, b, c, mixture) if single else _plain(a, b, c)
 
 
 @lru_cache(maxsize=8)
@@ -49,9 +58,9 @@ def _plain(a: float, b: float, c: float) -> Places:
         places[4 * i], places[4 * i + 1], places[4 * i + 2] = x, y, z
 
     def read(places, i):
-        x, y = two_at(places, np.uint32(4 * i))
-        z, _ = two_at(places, np.uint32(4 * i + 2))
-        return x, y, z
+        x, y = loaded(places, np.uint32(2 * i))
+        z, kind = loaded(places, np.uint32(2 * i + 1))
+        return x, y, z, kind
 
     def apart(p, q):
         dx, dy, dz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
@@ -77,20 +86,22 @@ def nearest(value: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _wrapped(a: float, b: float, c: float) -> Places:
+def _wrapped(a: float, b: float, c: float, mixture: bool) -> Places:
     inverse_a, inverse_b, inverse_c = 1.0 / a, 1.0 / b, 1.0 / c
     part_a, part_b, part_c = (np.float32(edge / PARTS) for edge in (a, b, c))
 
     def part(share):
-        return np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF
+        return np.int32(np.uint32(np.int64((share - math.floor(share)) * 4294967296.0) & 0xFFFFFFFF))
 
-    def write(places, i, x, y, z):
-        places[2 * i] = part_of(x * inverse_a) | (part_of(y * inverse_b) << 32)
-        places[2 * i + 1] = part_of(z * inverse_c)
+    def write_three(places, i, x, y, z):
+        places[4 * i], places[4 * i + 1] = part_of(x * inverse_a), part_of(y * inverse_b)
+        places[4 * i + 2] = part_of(z * inverse_c)
+
+    def write_four(places, i, x, y, z):
+        store(places, np.uint32(i), part_of(x * inverse_a), part_of(y * inverse_b), part_of(z * inverse_c), np.int32(0))
 
     def read(places, i):
-        xy, z = two_at(places, np.uint32(2 * i))
-        return np.int32(xy), np.int32(xy >> 32), np.int32(z)
+        return loaded(places, i)
 
     def apart(p, q):
         return (
@@ -100,9 +111,9 @@ def _wrapped(a: float, b: float, c: float) -> Places:
         )
 
     part_of = on_device(part)
-    return Places(True, on_device(write), on_device(read), on_device(apart))
+    return Places(True, on_device(write_three if mixture else write_four), on_device(read), on_device(apart))
 
 
 def room_for(places: Places, n: int) -> Any:
-    """Type and shape of the array of n positions."""
-    return (2 * n, np.int64) if places.single else (4 * n, np.float64)
+    """Shape and type of the array of n positions."""
+    return 4 * (n + SLACK), np.int32 if places.single else np.float64

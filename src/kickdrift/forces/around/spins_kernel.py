@@ -1,7 +1,5 @@
 """The compiled force on bodies alone, whose System also has spins."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

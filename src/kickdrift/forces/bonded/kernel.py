@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.lists.along import ALL
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, inlined, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import named_numbers
 from kickdrift.model.box.cell import Cell, along, cell_of, follow, leaning_image, least_height
 from kickdrift.model.molecules.relatives import LONGEST
@@ -94,25 +94,17 @@ def bind(force: BondedPotential, system: Subject) -> Any:
     )
 
 
-def law_of(law: Any, table: Any, which: Any, item: int) -> Any:
+@by_type(forceinline=True)
+def law_of(law, table, which, item):
     """Return the parameters of the law of an item."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(law_of, forceinline=True)
-def _law_of(law, table, which, item):
     if isinstance(table, types.NoneType):
         return lambda law, table, which, item: law
     return lambda law, table, which, item: named_numbers(law, table, which[item])
 
 
-def energy_and_slope(law: Any, value: float) -> tuple[float, float]:
+@by_type(forceinline=True)
+def energy_and_slope(law, value):
     """Return the energy and the slope of a law."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(energy_and_slope, forceinline=True)
-def _energy_and_slope(law, value):
     compiled = law.instance_class.compiled_law
 
     def terms(law, value):
@@ -122,13 +114,9 @@ def _energy_and_slope(law, value):
     return terms
 
 
-def room_for(room: Any, x: Any) -> Any:
+@by_type(forceinline=True)
+def room_for(room, x):
     """Room for the numbers of a block: the force's own, or for positions that are duals room for duals."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(room_for, forceinline=True)
-def _room_for(room, x):
     if x.dtype == types.float64:
         return lambda room, x: room
     return lambda room, x: np.empty(room.shape, x.dtype)
@@ -150,12 +138,9 @@ def clear_along(along):
         along[:] = 0.0
 
 
-def note_along(along: Any, axis: int, pull: Any, d: Any) -> None:
+@by_type(forceinline=True)
+def note_along(along, axis, pull, d):
     """Subtract a pull along an axis times the displacement d (3,) from the virial, if it is asked."""
-
-
-@overload(note_along, forceinline=True)
-def _note_along(along, axis, pull, d):
     if isinstance(along, types.NoneType):
         return lambda along, axis, pull, d: None
     if along.ndim == ALL:

@@ -108,6 +108,7 @@ class BondedForce(Grouped):
     limited: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
     may_overlap: ClassVar[bool] = True
+    on_sites: ClassVar[bool] = True
     external: ClassVar[bool] = False
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.sites import around, weighed
 from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, measure, table_of
 from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
 from kickdrift.forces.laws.law import not_compiled
@@ -67,9 +68,7 @@ def in_live_box(force: BoundForce, lengths: Floats, shortest: Floats, along: Flo
         force = force.with_list(**live_list(force.pairs, lengths, shortest))
     elif hasattr(force.parts, "cell"):
         force = type(force)(force.parts._replace(cell=live_cell(force.parts.cell, lengths)))
-    if along is not None and hasattr(force.parts, "along"):
-        force = type(force)(force.parts._replace(along=along))
-    return force
+    return force if along is None else force.with_along(along)
 
 
 def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, ...]:
@@ -125,7 +124,10 @@ class BoundForces:
         pairs = [isinstance(force, ListedForce) for force in system.forces]
         if mixed and not any(pairs):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
-        self.forces = bound(system, threads, mixed)
+        sites = getattr(system, "virtual_sites", None) is not None
+        self.forces = bound(weighed(system) if sites else system, threads, mixed)
+        if sites:
+            self.forces = around(system, self.forces)
         self._varies = live is not None
         self.along: Floats | None = None
         if live is not None:
@@ -141,8 +143,7 @@ class BoundForces:
 
     def _follow(self, lengths: Floats, shortest: Floats, form: tuple[int, ...]) -> None:
         """Put all forces in a box with its edges in this memory. A virial along the axes has this form, if any."""
-        parts = [force.parts for force in self.forces]
-        rows = [len(getattr(each, "sums", (0,))) if hasattr(each, "along") else 0 for each in parts]
+        rows = [force.rows_along for force in self.forces]
         ends = np.cumsum(rows)
         self.along = np.zeros((sum(rows), *form)) if form else None
         self.forces = tuple(

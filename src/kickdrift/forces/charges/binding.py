@@ -95,6 +95,17 @@ class ChargedKernel(BesidePairs):
             far = far._replace(cell=live_cell(far.cell, changes["live"]))
         return ChargedKernel(self.parts._replace(far=far), self.own.with_list(**changes))
 
+    @property
+    def rows_along(self) -> int:
+        """See BoundForce: rows of the far part, then rows of the near part."""
+        return BoundForce(self.parts.far).rows_along + self.own.rows_along
+
+    def with_along(self, along: Floats) -> ChargedKernel:
+        """See BoundForce."""
+        far = BoundForce(self.parts.far)
+        own: Any = self.own.with_along(along[far.rows_along :])
+        return ChargedKernel(self.parts._replace(far=far.with_along(along[: far.rows_along]).parts), own)
+
 
 def bind(force: Charges, system: Subject, threads: int) -> BoundForce:
     """Bind Coulomb's law to a System, without the near part if a pair force has that."""

@@ -47,6 +47,16 @@ KEYS: dict[str, tuple[str, ...]] = {  # of each method
     REACTION_FIELD: ("cutoff", "surroundings"),
     DAMPED_SHIFTED: ("cutoff", "alpha"),
 }
+ESTIMATE = "Kolafa & Perram 1992, doi:10.1080/08927029208049126"
+SLAB = "Yeh & Berkowitz 1999, doi:10.1063/1.479595"
+SOURCES: dict[str, str] = {  # of each method
+    EWALD: "Ewald 1921, doi:10.1002/andp.19213690304",
+    PME: "Essmann et al. 1995, doi:10.1063/1.470117; Wang, Dommert & Holm 2010, doi:10.1063/1.3446812; "
+    "Ballenegger 2011, doi:10.1063/1.3555122",
+    DIRECT: "",
+    REACTION_FIELD: "Tironi et al. 1995, doi:10.1063/1.469273",
+    DAMPED_SHIFTED: "Fennell & Gezelter 2006, doi:10.1063/1.2206581",
+}
 LONGEST = 0.45  # cutoff that Ewald's sum chooses, in least heights of the box, so that a list of pairs has a skin
 NEUTRAL = 1e-6  # of the largest charge: a larger sum of all charges counts as a net charge
 
@@ -107,6 +117,7 @@ class Coulomb(Grouped):
     name: ClassVar[str] = "coulomb"
     stands_for: ClassVar[str] = "the forces between charges"
     thermal: ClassVar[bool] = True
+    on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"cutoff": "length", "alpha": "inverse length", "waves": "inverse length"}
 
     def __post_init__(self) -> None:
@@ -215,9 +226,16 @@ class Coulomb(Grouped):
         """See Grouped: charges follow the box."""
         return ""
 
-    def fixes_shape(self, system: Subject) -> str:
+    def sources(self, system: Subject) -> str:
+        """What this force uses for a System, as references apart by semicolons."""
+        if self.method not in ALL_IMAGES:
+            return SOURCES[self.method]
+        used = [SOURCES[EWALD], *([SOURCES[PME]] if self.split(system).mesh else []), ESTIMATE]
+        return "; ".join([*used, *([SLAB] if slab.is_slab(system.box) else [])])
+
+    def stated_error(self) -> float:
         """See Grouped."""
-        return "charges give only their whole virial"
+        return self.accuracy if self.method in ALL_IMAGES else 0.0
 
     def scaled_charges(self, system: Subject) -> Floats:
         """Charges (n,) times the root of Coulomb's constant over the permittivity."""

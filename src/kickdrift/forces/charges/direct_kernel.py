@@ -72,7 +72,7 @@ def direct_forces(force, t, x, v, a, sums):
     for k in range(3):
         for i in range(x.shape[1]):
             a[k, i] += force.forces[k, i] * force.inverse_masses[i]
-    found = leave_out(force, x, a)
+    found = leave_out(force, x, a, None)
     if sums is not None:
         sums[0] += energy + found[0]
         sums[1] += virial + found[1]

@@ -7,15 +7,18 @@ waves shares the product of the first two tables, and the waves n and -n of a co
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
+from kickdrift.forces.bonded.kernel import clear_along, note_along
 from kickdrift.forces.charges.waves import Waves
 from kickdrift.forces.lists.clusters import chunk_count
 from kickdrift.forces.seam.kernel import OK, kernel
-from kickdrift.jit.compile import as_written, jit, never_inline
+from kickdrift.jit.compile import as_written, jit, never_inline, strict
+from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.functions import lane_sine_cosine, lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.memory import aligned, load, store
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -26,6 +29,7 @@ from kickdrift.model.state import Floats
 
 SIZE = 128  # particles in a block
 COEFFICIENTS = 8  # numbers of two waves for the forces
+LEANS = ((2, 1), (1, 0), (2, 0))  # an edge vector, and the axis before its own along which it leans
 TINY = 1e-2  # of alpha r, below which differences of erf lose digits
 
 
@@ -39,6 +43,8 @@ class Far(NamedTuple):
     inverse_masses: NDArray[np.float64]  # (n,)
     cell: Cell
     waves: Waves
+    tilts: Floats  # (3,) see `tilts_of`
+    edges: Floats  # (3, 3) edge vectors of now, see `take_edges`
     inverse: NDArray[np.float64]  # (3, 3) fractional coordinates are positions times this matrix
     amplitude: NDArray[np.float64]  # (waves, 2) 4 pi exp(-k^2 / 4 alpha^2) / (k^2 volume)
     falling: NDArray[np.float64]  # (waves, 2) 1 - k^2 / 2 alpha^2, the virial of a wave over its energy
@@ -50,6 +56,7 @@ class Far(NamedTuple):
     pairs: NDArray[np.int64]  # (m, 2) pairs that the near part leaves out or scales
     factors: NDArray[np.float64]  # (m,)
     chunks: Chunks
+    along: Any = None  # virial for a barostat, one row; see `lists.along`
 
 
 def bind(
@@ -77,6 +84,8 @@ def bind(
         inverse_masses=1.0 / masses,
         cell=cell_of(box),
         waves=waves,
+        tilts=tilts_of(box),
+        edges=np.zeros((3, 3)),
         inverse=np.zeros((3, 3)),
         amplitude=np.zeros((count, 2)),
         falling=np.zeros((count, 2)),
@@ -100,6 +109,8 @@ def far_body(force, t, x, v, a, sums):
 def add_far(force, x, a, sums):
     """Add the accelerations (3, n) to a and, unless ``sums`` is None, energy and virial to sums. Return a status."""
     energy, virial = force.alone, 0.0
+    if sums is not None:
+        clear_along(force.along)
     if force.alpha > 0.0:
         volume = measure_box(force)
         energy += force.background / volume
@@ -110,9 +121,15 @@ def add_far(force, x, a, sums):
             found = collect_densities(force)
             energy += found[0]
             virial += found[1]
+            if sums is not None:
+                note_waves(force.along, force)
             each_chunk(force, force.chunks, "chunk_far_forces")
             add_forces(force, a)
-        found = leave_out(force, x, a)
+        if sums is None:
+            found = leave_out(force, x, a, None)
+        else:
+            note_even(force.along, force.background / volume)
+            found = leave_out(force, x, a, force.along)
         energy += found[0]
         virial += found[1]
     if sums is not None:
@@ -121,12 +138,35 @@ def add_far(force, x, a, sums):
     return OK
 
 
+def tilts_of(box: Box) -> Floats:
+    """Tilts (3,) cy / by, bx / ax and cx / ax of a box, each over the edge that can change it by 1; zero along open
+    axes."""
+    matrix, edges = box.matrix, np.diag(box.matrix)
+    return np.array([matrix[row, k] / edges[k] if edges[k] > 0.0 else 0.0 for row, k in LEANS])
+
+
+@strict
+def take_edges(matrix, tilts, edges):
+    """edges <- edge vectors of the lattice of ``matrix`` that lean most nearly by ``tilts``, those of the first box.
+
+    So waves and meshes keep their numbers when a barostat takes other edges of the same lattice."""
+    never_inline()
+    edges[:] = matrix
+    for place in range(3):
+        row, k = LEANS[place]
+        count = math.floor(edges[row, k] / edges[k, k] - tilts[place] + 0.5)
+        if count != 0:
+            for m in range(k + 1):
+                edges[row, m] -= count * edges[k, m]
+
+
 @jit
 def invert(force):
-    """Write the inverse of the edge vectors of the box of now. Return its volume."""
+    """Write edge vectors of the box of now and their inverse. Return the volume."""
     never_inline()
     follow(force.cell)
-    matrix, inverse = force.cell.matrix, force.inverse
+    take_edges(force.cell.matrix, force.tilts, force.edges)
+    matrix, inverse = force.edges, force.inverse
     for k in range(3):
         inverse[k, k] = 1.0 / matrix[k, k]
     inverse[1, 0] = -matrix[1, 0] * inverse[0, 0] * inverse[1, 1]
@@ -265,6 +305,61 @@ def collect_densities(force):
     return energy, virial
 
 
+def note_even(virials: Any, each: float) -> None:
+    """Add a virial that is the same along each axis, if it is asked."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(note_even)
+def _note_even(virials, each):
+    if isinstance(virials, types.NoneType):
+        return lambda virials, each: None
+
+    def note(virials, each):
+        note_along(virials, 0, -each, (1.0, 0.0, 0.0))
+        note_along(virials, 1, -each, (0.0, 1.0, 0.0))
+        note_along(virials, 2, -each, (0.0, 0.0, 1.0))
+
+    return note
+
+
+def note_waves(virials: Any, force: Any) -> None:
+    """Add the virial of the waves along each axis, if it is asked. Their densities are in the coefficients of the
+    forces (Heyes 1994, doi:10.1103/PhysRevB.49.755)."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(note_waves)
+def _note_waves(virials, force):
+    if isinstance(virials, types.NoneType):
+        return lambda virials, force: None
+
+    def note(virials, force):
+        never_inline()
+        waves, inverse, total, wave = force.waves, force.inverse, 0.0, np.empty(3)
+        for c in range(waves.columns.shape[0]):
+            for k in range(waves.first[c], waves.first[c + 1]):
+                row = force.coefficients[k]
+                for side in range(2):
+                    amplitude, sign = force.amplitude[k, side], 1.0 - 2.0 * side
+                    if amplitude == 0.0:
+                        continue
+                    re, im = 0.5 * (row[0] + sign * row[2]), 0.5 * (row[1] - sign * row[3])
+                    energy, k2 = (re * re + im * im) / amplitude, 0.0
+                    n = sign * (k - waves.first[c])
+                    for m in range(3):
+                        each = inverse[m, 0] * waves.columns[c, 0] + inverse[m, 1] * waves.columns[c, 1]
+                        wave[m] = 2.0 * math.pi * (each + inverse[m, 2] * n)
+                        k2 += wave[m] * wave[m]
+                    pull = energy * (2.0 / k2 + 0.5 / (force.alpha * force.alpha))
+                    for m in range(3):
+                        note_along(virials, m, pull * wave[m], wave)
+                    total += energy
+        note_even(virials, total)
+
+    return note
+
+
 @chunk_task
 def chunk_far_forces(force, chunk):
     """Write the forces on the particles of a chunk in the place of their fractional coordinates."""
@@ -324,8 +419,9 @@ def add_forces(force, a):
 
 
 @jit
-def leave_out(force, x, a):
-    """Take the far part of pairs that are left out or scaled from the accelerations. Return energy and virial."""
+def leave_out(force, x, a, virials):
+    """Take the far part of pairs that are left out or scaled from the accelerations. Add their virial along each axis
+    to ``virials``, if it is asked. Return energy and virial."""
     never_inline()
     energy, virial, d = 0.0, 0.0, np.empty(3)
     for e in range(force.pairs.shape[0]):
@@ -345,6 +441,7 @@ def leave_out(force, x, a):
         for k in range(3):
             a[k, i] += product * g * d[k] * force.inverse_masses[i]
             a[k, j] -= product * g * d[k] * force.inverse_masses[j]
+            note_along(virials, k, -product * g * d[k], d)
     return energy, virial
 
 

@@ -5,8 +5,6 @@ parts at ``at + step k``, the imaginary parts ``apart`` further. The transform i
 backward one has the other sign: the caller exchanges real and imaginary parts, with ``at + apart`` and ``-apart``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

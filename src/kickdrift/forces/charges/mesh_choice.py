@@ -2,8 +2,6 @@
 
 Costs are fixed numbers, measured once. So the choice depends on the system alone, and not on the machine."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import lru_cache

@@ -6,8 +6,6 @@ Holm 2010, doi:10.1063/1.3446812). A charge also pushes itself, as far as it see
 2011, doi:10.1063/1.3555122).
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

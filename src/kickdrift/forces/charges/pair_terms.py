@@ -4,8 +4,6 @@ Each slot of the list has its particle's charge. Charges are scaled so that the 
 times length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -22,7 +20,7 @@ from kickdrift.forces.pairs.kernel import PairKernel, add_forces, compute_for
 from kickdrift.forces.pairs.lanes import pair_terms
 from kickdrift.forces.pairs.upkeep import brings_terms, fill_tables
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes.functions import inverse_sqrt, lanes_like, multiply_add
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import broadcast, load, load_like
@@ -83,13 +81,9 @@ def _terms_within(laws, at, places, r2):
     return terms
 
 
-def own_terms(laws: Any, i: int, place: int, r2: Any) -> Any:
+@by_type
+def own_terms(laws, i, place, r2):
     """Return the terms of the pair law alone, zero beyond its own cutoff; None without one."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(own_terms)
-def _own_terms(laws, i, place, r2):
     if isinstance(laws[0].types[0], types.NoneType):
         return lambda laws, i, place, r2: None
 
@@ -100,13 +94,9 @@ def _own_terms(laws, i, place, r2):
     return terms
 
 
-def own_terms_within(laws: Any, at: int, places: int, r2: Any) -> Any:
+@by_type(prefer_literal=True)
+def own_terms_within(laws, at, places, r2):
     """Return the terms of the pair law alone among a cluster's particles, likewise."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(own_terms_within, prefer_literal=True)
-def _own_terms_within(laws, at, places, r2):
     if isinstance(laws[0].types[0], types.NoneType):
         return lambda laws, at, places, r2: None
 
@@ -124,13 +114,9 @@ def below(inside, terms):
     return select(inside, energy, 0.0), select(inside, force_over_r, 0.0)
 
 
-def with_charges(laws: Any, own: Any, product: Any, r2: Any) -> Any:
+@by_type
+def with_charges(laws, own, product, r2):
     """Return the terms ``own`` plus the terms of two charges with this ``product``."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(with_charges)
-def _with_charges(laws, own, product, r2):
     alone = isinstance(own, types.NoneType)
 
     def charged(laws, own, product, r2):
@@ -152,23 +138,16 @@ def radial_terms(radial, r2):
     return energy, multiply_add(inverse * inverse - slope, inverse, polynomial(radial.pull, s))
 
 
-def inverse_root(r2: Any) -> Any:
+@by_type
+def inverse_root(r2):
     """Return 1 / r."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(inverse_root)
-def _inverse_root(r2):
     return (lambda r2: inverse_sqrt(r2)) if r2 == lanes_type else (lambda r2: 1.0 / math.sqrt(r2))
 
 
-def polynomial(blocks: Any, s: Any) -> Any:
+@by_type
+def polynomial(blocks, s):
     """Return the polynomial with these blocks of eight coefficients, lowest power first."""
-    raise NotImplementedError("for compiled code")
 
-
-@overload(polynomial)
-def _polynomial(blocks, s):
     def powers(blocks, s):
         s2 = s * s
         return higher(blocks, s, s2, s2 * s2)
@@ -176,13 +155,9 @@ def _polynomial(blocks, s):
     return powers
 
 
-def higher(blocks: Any, s: Any, s2: Any, s4: Any) -> Any:
+@by_type
+def higher(blocks, s, s2, s4):
     """Return the polynomial, given also the second and fourth power of s."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(higher)
-def _higher(blocks, s, s2, s4):
     if len(blocks) == 1:
         return lambda blocks, s, s2, s4: eight_terms(blocks[0], s, s2, s4)
     return lambda blocks, s, s2, s4: multiply_add(

@@ -6,8 +6,6 @@ erf(a r) / r is an entire function of r^2. So its Chebyshev series converges fas
 2013, Approximation Theory and Approximation Practice, theorem 8.2).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

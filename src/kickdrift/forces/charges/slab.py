@@ -5,8 +5,6 @@ slab in vacuum (Yeh & Berkowitz 1999, doi:10.1063/1.479595). What is left falls 
 between images and the longest period L of the plane (Arnold, de Joannis & Holm 2002, doi:10.1063/1.1491955).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

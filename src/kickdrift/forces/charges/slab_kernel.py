@@ -1,7 +1,5 @@
 """The far part of the charges of a slab in compiled code: that of its longer box, and the field of the dipole."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

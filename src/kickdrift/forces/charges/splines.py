@@ -1,7 +1,5 @@
 """B-splines that spread charges over a mesh, and the order of the mesh's columns (Essmann et al. 1995)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The waves of Ewald's far part: which ones, in columns along the third axis of the reciprocal lattice."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -22,7 +22,7 @@ from numba.extending import intrinsic
 from kickdrift.errors import InputError
 from kickdrift.jit.cache.described import Description
 from kickdrift.jit.cache.package_files import UnknownSource
-from kickdrift.jit.inner import inner, overload
+from kickdrift.jit.inner import by_type, inner
 from kickdrift.jit.numba_private import NumbaWarning
 from kickdrift.model.problem import Partial
 from kickdrift.model.state import Floats
@@ -198,12 +198,9 @@ def _culprit(error: Exception) -> str:
     return " ".join([*telling[:1], *where[:1]]) or type(error).__name__
 
 
-def write(out: Any, values: Any) -> None:
+@by_type
+def write(out, values):
     """out <- the values that a user's function returned (array, list, tuple or number)."""
-
-
-@overload(write)
-def _write(out, values):
     if isinstance(values, types.Number):
 
         def number(out, values):

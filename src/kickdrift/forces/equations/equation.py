@@ -8,12 +8,10 @@ list of whole numbers without fractions, and fixes the values of outer names whe
 would be silently wrong.
 """
 
-from __future__ import annotations
-
 import ctypes
 import warnings
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from llvmlite import ir
@@ -23,11 +21,8 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.equations.code import FAILED, PARAMETERS, TIME, CompileError, code_of
 from kickdrift.forces.seam.kernel import OK, RAISED, kernel
+from kickdrift.model.problem import Function, Problem
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.model.problem import Function, Problem
-
 
 _POINTER = ctypes.POINTER(ctypes.c_double)
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, _POINTER, _POINTER)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,8 +10,8 @@ from ase import Atoms
 from ase.calculators.calculator import all_changes
 
 from kickdrift.errors import InputError
-from kickdrift.forces.external.kernel import Host
 from kickdrift.forces.external.python import in_voigt
+from kickdrift.forces.external.renewed import RenewedHost
 from kickdrift.forces.external.turns import Question, asked
 from kickdrift.forces.seam.named import takes_batches
 from kickdrift.model.state import Floats
@@ -21,70 +20,26 @@ from kickdrift.model.units.file_units import Scale
 from kickdrift.text import shown
 
 MOVED = ["positions"]
-_BEGUN: weakref.WeakKeyDictionary[Any, Begun] = weakref.WeakKeyDictionary()  # by calculator
 
 
-class Begun:
-    """Where a calculator last began anew: at the reference of a host, or at a sample of that host."""
-
-    host: weakref.ref[CalculatorHost] | None = None
-    at_sample = False
-
-    def by(self, host: CalculatorHost, at_sample: bool) -> bool:
-        """Whether this host made it begin, there."""
-        return self.host is not None and self.host() is host and self.at_sample == at_sample
-
-    def note(self, host: CalculatorHost | None, at_sample: bool = False) -> None:
-        """Note where the calculator has begun; None for nowhere that is known."""
-        self.host, self.at_sample = None if host is None else weakref.ref(host), at_sample
-
-
-class CalculatorHost(Host):
+class CalculatorHost(RenewedHost):
     """Atoms whose positions compiled code writes, and the calculator that takes these atoms."""
 
     def __init__(self, calculator: Any, atoms: Any, stress: bool, units: Scale, *given: Any, **more: Any) -> None:
-        super().__init__(*given, **more)
+        super().__init__(calculator, *given, **more)
         self._calculator, self._atoms, self._stress, self._scale = calculator, atoms, stress, units
         self._open = not atoms.pbc.any()
         atoms.arrays["positions"] = self.parts.positions  # no copy: this memory is the atoms'
         self._properties = ["energy", "forces", *(["stress"] if stress else [])]
-        self._begun = _BEGUN.setdefault(calculator, Begun())
 
-    def answer(self, time: float, aside: bool) -> None:
-        """See Host. A far place makes the calculator begin anew, there; a near one does so at the reference if
-        another user of the calculator has moved it. Another box is far from any place."""
-        self._follow_box()
-        begun = self._begun
-        if self.follows_sample:
-            self.begin_here()
-            begun.note(self if begun.by(self, at_sample=True) else None)
-            return
-        if self.far:
-            if not aside:
-                self.begin_here()
-            begun.note(None)
-            self._calculate(anew=True)
-            begun.note(self, at_sample=aside)
-            return
-        if not begun.by(self, at_sample=False):
-            begun.note(None)
-            here = self.parts.positions.copy()
-            try:
-                self.parts.positions[...] = self.parts.reference
-                self._calculate(anew=True)
-            finally:
-                self.parts.positions[...] = here
-            begun.note(self)
-        self._calculate(anew=False)
-
-    def _follow_box(self) -> None:
-        """Give the atoms the box of now."""
+    def follow_box(self) -> None:
+        """See RenewedHost."""
         before = self.box
         if self.box_now is not before:
             self._atoms.cell[...] = self.box.matrix / self._scale.length
 
-    def _calculate(self, anew: bool) -> None:
-        """Let the calculator begin anew or go on, at the present positions."""
+    def calculate(self, anew: bool) -> None:
+        """See RenewedHost."""
         calculator, atoms = self._calculator, self._atoms
         if anew:
             reset = getattr(calculator, "reset", None)
@@ -117,7 +72,7 @@ class BatchHost(CalculatorHost):
 
     def answer(self, time: float, aside: bool) -> None:
         """See Host."""
-        self._follow_box()
+        self.follow_box()
         key = (id(self._calculator), tuple(self._properties))
         self._store(asked(Question(key, self._together, self._atoms)))
 

@@ -24,7 +24,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.lists.along import ALL
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED, kernel
 from kickdrift.jit.compile import is_finite, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.model.box.box import Box
 from kickdrift.model.box.cell import Cell, cell_of, follow, lengths_and_tilts
 from kickdrift.model.box.edges import lower
@@ -129,12 +129,9 @@ def external_forces(force, t, x, v, a, sums):
     return OK
 
 
-def put_along(along: Any, answer: Any) -> None:
+@by_type
+def put_along(along, answer):
     """Write the virial along each axis, if it is asked."""
-
-
-@overload(put_along)
-def _put_along(along, answer):
     if isinstance(along, types.NoneType):
         return lambda along, answer: None
 

@@ -5,8 +5,6 @@ thread that began them evaluates all questions together, always in the order of 
 and a program such as a neural network is called from one thread alone.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple, TypeVar

@@ -8,24 +8,21 @@ This module does not import numba, so reading and checking a system file stays f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bonded.own_pairs import NOT_NEGATIVE, POSITIVE, OwnPairs
 from kickdrift.forces.bonded.shipped import HarmonicBond
 from kickdrift.forces.laws.field_law import field_law
 from kickdrift.forces.seam.arguments import (
     Vector,
     check_alike,
     check_in_plane,
-    check_massive,
     check_place_in_plane,
-    is_one,
-    items,
-    number,
 )
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.model.checks.arguments import checked_arguments
@@ -249,7 +246,7 @@ class LinearDrag(NamedTuple):
 
 @checked_arguments
 @dataclass(frozen=True)
-class Springs(Field):
+class Springs(OwnPairs):
     """Springs: U = k (r - l)^2 / 2 for each given pair of particles, with r the distance between nearest images.
 
     Attributes
@@ -269,91 +266,27 @@ class Springs(Field):
     length: float | Sequence[float] = 0.0
 
     name: ClassVar[str] = "springs"
-    kind: ClassVar[str] = "bonds"
     Parameters: ClassVar[Any] = HarmonicBond.Parameters  # type: ignore[attr-defined]
+    takes: ClassVar[Mapping[str, str]] = {"stiffness": POSITIVE, "length": NOT_NEGATIVE}
     limited: ClassVar[bool] = False  # a spring may stretch over more than half the box
-    external: ClassVar[bool] = False
-    joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
     dimensions: ClassVar[dict[str, str]] = {"stiffness": "stiffness", "length": "length"}
-
-    def __post_init__(self) -> None:
-        pairs = tuple(_pair(k, pair) for k, pair in enumerate(items(self.name, "pairs", self.pairs)))
-        if not pairs:
-            raise InputError(f"{self.name}: expected one pair or more, got none")
-        seen: set[tuple[int, int]] = set()
-        for i, j in pairs:
-            if i == j:
-                raise InputError(f"{self.name}: pair {[i, j]} joins a particle to itself")
-            if (min(i, j), max(i, j)) in seen:
-                raise InputError(f"{self.name}: pair {[i, j]} is given twice")
-            seen.add((min(i, j), max(i, j)))
-        object.__setattr__(self, "pairs", pairs)
-        for key, least in (("stiffness", "positive"), ("length", "zero or more")):
-            given = getattr(self, key)
-            one = is_one(given)
-            values = tuple(number(self.name, key, v) for v in ([given] if one else items(self.name, key, given)))
-            if not one and len(values) != len(pairs):
-                raise InputError(f"{self.name}: {key}: expected one number or {len(pairs)}, got {len(values)}")
-            for value in values:
-                if value < 0 or (value == 0 and least == "positive"):
-                    raise InputError(f"{self.name}: {key} must be {least}, got {value}")
-            object.__setattr__(self, key, values[0] if one else values)
-
-    def __str__(self) -> str:
-        count = len(self.pairs)
-        described = [f"1 pair {list(self.pairs[0])}" if count == 1 else f"{count} pairs"]
-        for key in ("stiffness", "length"):
-            values = np.unique(getattr(self, key))
-            described.append(f"{key}={values[0]}" if len(values) == 1 else f"{key}={values[0]} to {values[-1]}")
-        return f"Springs({', '.join(described)})"
 
     def check(self, system: Subject) -> None:
         """Refuse pairs of particles that do not exist, have no mass or begin at the same place."""
-        n, ids = len(system), np.array(self.pairs)
-        for i, j in ids[(ids >= n).any(axis=1)]:
-            raise InputError(
-                f"{self.name}: pair {[int(i), int(j)]}: there is no particle {max(i, j)}; ids are 0 to {n - 1}"
-            )
-        check_massive(self.name, system, ids.flat)
-        lengths = np.broadcast_to(np.array(self.length), len(ids))
+        super().check(system)
+        lengths = np.broadcast_to(np.array(self.length), len(self.pairs))
         named, height = system.box.narrowest
         if lengths.max() >= 0.5 * height:
             raise InputError(
                 f"{self.name}: length {lengths.max():.6g} must be under half the {named}, {0.5 * height:.6g}"
             )
-        x = system.state.positions
-        apart = system.box.minimum_image(x[ids[:, 0]] - x[ids[:, 1]])
-        for k in np.flatnonzero((lengths > 0) & ~apart.any(axis=1)):
+        for k in np.flatnonzero((lengths > 0) & ~self.separations(system).any(axis=1)):
+            i, j = self.pairs[int(k)]
             raise InputError(
-                f"{self.name}: particles {ids[k, 0]} and {ids[k, 1]} are at the same place, where their spring "
+                f"{self.name}: particles {i} and {j} are at the same place, where their spring "
                 f"of length {lengths[k]:.6g} has no direction"
             )
-
-    def items(self, system: Subject) -> tuple[np.ndarray, list[Any], np.ndarray]:
-        """The pairs (m, 2), the different laws, and the law of each pair (m,)."""
-        pairs = np.array(self.pairs, dtype=np.int64)
-        values = np.column_stack([np.broadcast_to(v, len(pairs)) for v in (self.stiffness, self.length)])
-        laws, which = np.unique(values, axis=0, return_inverse=True)
-        return pairs, [self.Parameters(*law) for law in laws.tolist()], which.reshape(-1).astype(np.int64)
 
     def half_height(self, system: Subject) -> float:
         """See Grouped: the largest length at rest."""
         return float(np.max(self.length))
-
-    def fixes_box(self, system: Subject) -> str:
-        """See Grouped: springs scale with the box."""
-        return ""
-
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """See Field."""
-        from kickdrift.forces.bonded.kernel import bind
-
-        return bind(self, system)
-
-
-def _pair(number: int, values: Any) -> tuple[int, int]:
-    given = [] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
-    whole = all(isinstance(i, int | np.integer) and not isinstance(i, bool) and i >= 0 for i in given)
-    if len(given) != 2 or not whole:
-        raise InputError(f"springs: pairs[{number}]: expected the ids of two particles, got {shown(values)}")
-    return int(given[0]), int(given[1])

@@ -4,8 +4,6 @@ Eight systems with equal numbers of bodies stand side by side, body by body and 
 and no operation mixes lanes. So no system affects another, and a system's bits do not depend on its lane.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ partly empty, and a last cluster with a single body (Sun and eight planets) wast
 of accelerations, and these are summed in one order, so threads do not change the bits.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -74,7 +74,7 @@ def acceleration_and_slope(sources, i):
 
 
 FEW = 3  # so few columns go number by number
-PAIR, APART = 6 * WIDTH, 4 * WIDTH  # numbers for eight bodies and one source; for a deviation of these
+SIZE, APART = 6 * WIDTH, 4 * WIDTH  # numbers for eight bodies and one source; for a deviation of these
 
 
 class ByBodies(NamedTuple):
@@ -85,7 +85,7 @@ class ByBodies(NamedTuple):
     places: NDArray[np.float64]  # (3 slots,) positions
     own: NDArray[np.float64]  # (directions 3 slots,) deviations
     found: NDArray[np.float64]  # (directions 3 slots,) their accelerations
-    pairs: NDArray[np.float64]  # (sources PAIR,) separation d, 1 / r^3, G m / r^3 and 3 / r^2
+    pairs: NDArray[np.float64]  # (sources SIZE,) separation d, 1 / r^3, G m / r^3 and 3 / r^2
     apart: NDArray[np.float64]  # (first sources APART,) deviation u of the separation, and d . u; for order 2 alone
 
 
@@ -98,7 +98,7 @@ def by_bodies(gm: NDArray[np.float64], varied_gm: NDArray[np.float64], direction
     sources = np.flatnonzero(massive)
     own, found = (aligned((WIDTH * -(-directions // WIDTH) * 3 * slots,)) for _ in range(2))
     apart = aligned((first * len(sources) * APART if directions > first else 0,))
-    return ByBodies(sources, slots, aligned((3 * slots,)), own, found, aligned((len(sources) * PAIR,)), apart)
+    return ByBodies(sources, slots, aligned((3 * slots,)), own, found, aligned((len(sources) * SIZE,)), apart)
 
 
 @in_order
@@ -194,7 +194,7 @@ def fill_pairs(force, b):
     room = force.by_bodies
     pairs, own = room.pairs, load3(room.places, b, room.slots)
     for s in range(room.sources.size):
-        j, at = room.sources[s], s * PAIR
+        j, at = room.sources[s], s * SIZE
         d = numbers3(room.places, j, room.slots) - own
         inverse = inverse_sqrt(dot(d, d) + force.softening2)
         inverse = select(lane_numbers() == float(j - b), splat(0.0), inverse)  # the body itself
@@ -213,7 +213,7 @@ def fill_first(force, room, b, column, directions, keep):
     base = 3 * column * slots
     mine, total = load3(own, base + b, slots), thrice(splat(0.0))
     for s in range(count):
-        j, at = room.sources[s], s * PAIR
+        j, at = room.sources[s], s * SIZE
         d, u = load3(pairs, at, WIDTH), numbers3(own, base + j, slots) - mine
         along = dot(u, d)
         total = total + load(pairs, at + 4 * WIDTH) * (u - (load(pairs, at + 5 * WIDTH) * along) * d)
@@ -234,7 +234,7 @@ def fill_second(force, room, b, one, two, column, directions):
     base, apart = 3 * column * slots, room.apart
     mine, total = load3(own, base + b, slots), thrice(splat(0.0))
     for s in range(count):
-        j, at, left, right = room.sources[s], s * PAIR, (one * count + s) * APART, (two * count + s) * APART
+        j, at, left, right = room.sources[s], s * SIZE, (one * count + s) * APART, (two * count + s) * APART
         d, square = load3(pairs, at, WIDTH), load(pairs, at + 5 * WIDTH)
         u, ud = load3(apart, left, WIDTH), load(apart, left + 3 * WIDTH)
         w, wd = load3(apart, right, WIDTH), load(apart, right + 3 * WIDTH)

@@ -1,7 +1,5 @@
 """Compiled body laws: one call for all bodies, on one thread."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +12,7 @@ from kickdrift.jit.compile import as_written, inlined, never_inline
 from kickdrift.jit.duals.dual import DUAL
 from kickdrift.jit.duals.operators import dual_vector, dual_zeros, vector_at
 from kickdrift.jit.handle import Handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes import law_operators as law_operators  # teaches numba vectors' products
 from kickdrift.jit.lanes.memory import flat
 from kickdrift.jit.lanes.vector3 import numbers3, vector3
@@ -50,12 +48,9 @@ def body_forces(force, t, x, v, a, sums):
     return OK
 
 
-def law_of_bodies(p: Any, x: Any, v: Any, m: Any, t: float, a: Any) -> Any:
+@by_type
+def law_of_bodies(p, x, v, m, t, a):
     """Add the law's accelerations to ``a``; return what the law returns."""
-
-
-@overload(law_of_bodies)
-def _law_of_bodies(p, x, v, m, t, a):
     law = (p.kind if isinstance(p, Handle) else p).instance_class.compiled_law
     return lambda p, x, v, m, t, a: law(p, x, v, m, t, a)
 
@@ -87,12 +82,10 @@ def _vector(numbers):
     return lambda numbers: vector3(numbers[0], numbers[1], numbers[2])
 
 
-def add_found(found: Any, sums: Any) -> None:
+@by_type
+def add_found(found, sums):
     """Add an energy; energy and virial; or energy, virial and pairs. None adds nothing."""
 
-
-@overload(add_found)
-def _add_found(found, sums):
     def none(found, sums):
         return None
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, in_order, jit, never_inline
 from kickdrift.jit.handle import Handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the vectors and lanes that a law takes
 from kickdrift.jit.lanes.functions import lane_numbers, lane_sum, lanes_like, plus, splat
 from kickdrift.jit.lanes.masks import select
@@ -106,13 +106,9 @@ def field_forces(force, t, x, v, a, sums):
     return OK
 
 
-def nearest_images(images: Any, x: Any) -> Any:
+@by_type(forceinline=True)
+def nearest_images(images, x):
     """Positions x (3, n), or their images nearest to the law's place."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(nearest_images, forceinline=True)
-def _nearest_images(images, x):
     if isinstance(images, types.NoneType):
         return lambda images, x: x
 
@@ -143,12 +139,9 @@ def clocked(force, t):
     return clock_of(force.law, t)
 
 
-def clock_of(law: Any, t: float) -> Any:
+@by_type
+def clock_of(law, t):
     """The time, or what the law's class makes of it."""
-
-
-@overload(clock_of)
-def _clock_of(law, t):
     clock = (law.kind if isinstance(law, Handle) else law).instance_class.compiled_clock
     return (lambda law, t: clock(parameters_at(law, 0), t)) if clock else (lambda law, t: t)
 
@@ -166,12 +159,9 @@ def accelerated(force, i, x, v, a, t):
     return law_added(parameters_at(force.law, i), x, v, m, t, a, force.inverse_masses, i)
 
 
-def law_added(p: Any, x: Any, v: Any, m: Any, t: Any, a: Any, inverse_masses: Any, i: int) -> Any:
+@by_type
+def law_added(p, x, v, m, t, a, inverse_masses, i):
     """Energies of the law for these parameters, and ``a`` with the law's accelerations."""
-
-
-@overload(law_added)
-def _law_added(p, x, v, m, t, a, inverse_masses, i):
     law, fused = p.instance_class.compiled_law, p.instance_class.fused_law
     if not _returns_energy(law, p, x, v, m, t):
 
@@ -217,12 +207,9 @@ def scaled(energy, m, inverse_masses):
     return energy
 
 
-def vector_like(push: Any, like: Any) -> Any:
+@by_type
+def vector_like(push, like):
     """A vector, or three numbers, as a vector of lanes."""
-
-
-@overload(vector_like)
-def _vector_like(push, like):
     if isinstance(push, Vector3):
         if push.of == lanes_type:
             return lambda push, like: push

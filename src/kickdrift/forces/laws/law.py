@@ -4,8 +4,6 @@
 between calls, and every error is one line that quotes the law. This module does not import numba.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import dis
 import inspect
@@ -78,7 +76,7 @@ def _home(value: Any) -> str:
     return str(owner.__name__ if isinstance(owner, ModuleType) else type(owner).__module__)
 
 
-PAIR = "energy and force over r"  # the values that a law returns
+RETURNED = "energy and force over r"  # the values that a law returns
 DISTANCES = (0.35, 0.5, 0.65, 0.8, 0.95)  # of the cutoff, where a law's force is compared with its energy
 STEP = 1e-3  # of a distance, for the differences; their error is about 1e-8 of Lennard-Jones' slope
 SLOPE_TOLERANCE = 1e-4
@@ -118,7 +116,7 @@ def check_law(name: str, law: Any, r: float) -> None:
         or len(found) != 2
         or not all(map(is_result, found))
     ):
-        raise InputError(f"{name}: {at}, must return two numbers, {PAIR}; it returned {shown(found)}")
+        raise InputError(f"{name}: {at}, must return two numbers, {RETURNED}; it returned {shown(found)}")
     if not np.isfinite(np.array(found, dtype=float)).all():
         raise InputError(f"{name}: {at}, must return finite numbers; it returned {shown(tuple(map(float, found)))}")
 

@@ -16,7 +16,8 @@ from numba import types
 
 from kickdrift.forces.lists.pair_rows import in_float64
 from kickdrift.jit.inner import overload
-from kickdrift.jit.lanes.functions import lane_sum, splat
+from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
+from kickdrift.jit.lanes.vectors import lanes_type
 
 ALL = 3  # dimensions of an array for the virial across the axes too
 
@@ -48,16 +49,40 @@ def _add_along(total, fx, fy, fz, dx, dy, dz):
 
         def all_six(total, fx, fy, fz, dx, dy, dz):
             xx, yy, zz, yz, xz, xy = total
-            xx, yy, zz = xx + in_float64(fx * dx), yy + in_float64(fy * dy), zz + in_float64(fz * dz)
-            return xx, yy, zz, yz + in_float64(fy * dz), xz + in_float64(fx * dz), xy + in_float64(fx * dy)
+            xx, yy, zz = add_product(fx, dx, xx), add_product(fy, dy, yy), add_product(fz, dz, zz)
+            return xx, yy, zz, add_product(fy, dz, yz), add_product(fx, dz, xz), add_product(fx, dy, xy)
 
         return all_six
 
     def each(total, fx, fy, fz, dx, dy, dz):
         sum_x, sum_y, sum_z = total
-        return sum_x + in_float64(fx * dx), sum_y + in_float64(fy * dy), sum_z + in_float64(fz * dz)
+        return add_product(fx, dx, sum_x), add_product(fy, dy, sum_y), add_product(fz, dz, sum_z)
 
     return each
+
+
+def add_product(a: Any, b: Any, total: Any) -> Any:
+    """Return the sum, eight lanes of float64, with the products of the lanes a and b."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(add_product)
+def _add_product(a, b, total):
+    if a == b == lanes_type:
+        return lambda a, b, total: multiply_add(a, b, total)
+    return lambda a, b, total: total + in_float64(a * b)
+
+
+def trace_of(total: Any, virial: Any) -> Any:
+    """Return the virial as the sum of those along the axes; ``virial`` itself if nobody asks for these."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(trace_of)
+def _trace_of(total, virial):
+    if isinstance(total, types.NoneType):
+        return lambda total, virial: virial
+    return lambda total, virial: total[0] + total[1] + total[2]
 
 
 def store_along(total: Any, along: Any, c: int) -> None:

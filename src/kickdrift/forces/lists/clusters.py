@@ -1,7 +1,5 @@
 """Particles in clusters of eight: sorted into columns over the x-y plane and by z in each column, then padded."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

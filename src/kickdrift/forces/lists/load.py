@@ -28,11 +28,13 @@ from kickdrift.forces.lists.clusters import (
     copy,
     load_vector,
     skins,
+    store_vector,
     unsigned,
 )
 from kickdrift.forces.lists.pair_rows import copy_to_single
 from kickdrift.jit.compile import jit, never_inline, strict
 from kickdrift.jit.lanes.functions import lane_max, lane_numbers, lane_sum, splat
+from kickdrift.jit.lanes.gathering import lane_round
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import chunk_task
@@ -70,16 +72,21 @@ def adopt_leaning(pairs):
         return
     if live.size > LENGTHS and not alike(then, m):
         pairs.counts[BUILT] = 0
+    per_a, per_b, per_c = per_edge(then[0, 0]), per_edge(then[1, 1]), per_edge(then[2, 2])
     for cluster in range(pairs.counts[N_CLUSTERS]):
-        for p in range(STRIDE * cluster, STRIDE * cluster + WIDTH):
-            x, y, z = offset[p], offset[p + WIDTH], offset[p + 2 * WIDTH]
-            of_c = np.rint(z / then[2, 2]) if then[2, 2] > 0.0 else 0.0
-            of_b = np.rint((y - of_c * then[2, 1]) / then[1, 1]) if then[1, 1] > 0.0 else 0.0
-            of_a = np.rint((x - (of_c * then[2, 0] + of_b * then[1, 0])) / then[0, 0]) if then[0, 0] > 0.0 else 0.0
-            offset[p] = of_c * m[2, 0] + of_b * m[1, 0] + of_a * m[0, 0]
-            offset[p + WIDTH] = of_c * m[2, 1] + of_b * m[1, 1]
-            offset[p + 2 * WIDTH] = of_c * m[2, 2]
+        x, y, z = load_vector(offset, cluster)
+        of_c = lane_round(z * per_c)
+        of_b = lane_round((y - of_c * then[2, 1]) * per_b)
+        of_a = lane_round((x - (of_c * then[2, 0] + of_b * then[1, 0])) * per_a)
+        x = of_c * m[2, 0] + of_b * m[1, 0] + of_a * m[0, 0]
+        store_vector(offset, cluster, x, of_c * m[2, 1] + of_b * m[1, 1], of_c * m[2, 2])
     resize_bricks(pairs, bricks, live)
+
+
+@strict
+def per_edge(edge):
+    """One over an edge; zero along an open axis."""
+    return 1.0 / edge if edge > 0.0 else 0.0
 
 
 @strict

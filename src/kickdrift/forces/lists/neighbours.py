@@ -8,8 +8,6 @@ Distances are those between nearest images: a cutoff is at most half the height 
 only image within the cutoff.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

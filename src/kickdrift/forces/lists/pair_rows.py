@@ -13,9 +13,7 @@ of columns within reach: each moves on by one cluster when the sum does. The pro
 the sum jumps from one to the next.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -35,7 +33,7 @@ from kickdrift.forces.lists.clusters import (
 from kickdrift.forces.lists.row_lanes import Wide
 from kickdrift.forces.lists.sums import force_memory, thread_memory
 from kickdrift.jit.compile import as_written, jit
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import in_eight, lane_numbers, multiply_add
 from kickdrift.jit.lanes.masks import less_than_next, lowest_bit, select
 from kickdrift.jit.lanes.memory import (
@@ -67,14 +65,10 @@ PLACES = (
 )  # distances in the table between shifts and between rows, for rows of four particles
 
 
-def working_arrays(zero: Any, pairs: Any, chunks: Any, c: int, thread: int) -> Any:
+@by_type
+def working_arrays(zero, pairs, chunks, c, thread):
     """Return positions, forces and reactions of chunk c, an empty table and room for a cluster's row forces, in the
     precision of the pairs; the forces are float64, and so are row forces unless rows have tiles."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(working_arrays)
-def _working_arrays(zero, pairs, chunks, c, thread):
     if zero.vector.element == F64:
 
         def double(zero, pairs, chunks, c, thread):
@@ -120,13 +114,9 @@ def copy_to_single(pairs, begin, end):
             store_narrow(pairs.x_single, p, load(pairs.x, p) - pairs.origin[k])
 
 
-def particle_of(zero: Any, place: int) -> int:
+@by_type
+def particle_of(zero, place):
     """Return the index in its cluster of a row's (first) particle, from the row's place in the table."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(particle_of)
-def _particle_of(zero, place):
     if zero == single_type:
         per_shift, per_row = PLACES
         return lambda zero, place: ROW * (place % per_shift // per_row)
@@ -139,13 +129,11 @@ def slot_of(other):
     return other // STRIDE * WIDTH + other % STRIDE
 
 
-def fill_table(table: Any, pairs: Any, cluster: int, used: int, zero: Any) -> None:
+@by_type(forceinline=True)
+def fill_table(table, pairs, cluster, used, zero):
     """Fill the table with a cluster's positions minus each shift in use; a look-up is cheaper than a subtraction in
     each step."""
 
-
-@overload(fill_table, forceinline=True)
-def _fill_table(table, pairs, cluster, used, zero):
     def double(table, pairs, cluster, used, zero):
         shifts = pairs.shifts
         x, y, z = load_vector(pairs.x, cluster)
@@ -189,12 +177,10 @@ def store_fours(table, at, value):
     store(table, at + 2 * STRIDE, four_of(value, 1))
 
 
-def displacements(zero: Any, x: Any, table: Any, other: int, place: int) -> Any:
+@by_type
+def displacements(zero, x, table, other, place):
     """Return the displacements from the neighbours whose x begin at ``other`` to the row at ``place``."""
 
-
-@overload(displacements)
-def _displacements(zero, x, table, other, place):
     def one(zero, x, table, other, place):
         dx = broadcast(table, place, zero) - load_like(x, other, zero)
         dy = broadcast(table, place + WIDTH, zero) - load_like(x, other + WIDTH, zero)
@@ -208,12 +194,9 @@ def _displacements(zero, x, table, other, place):
     return four if zero == single_type else one
 
 
-def subtract_reactions(reactions: Any, other: int, g: Any, dx: Any, dy: Any, dz: Any) -> None:
+@by_type
+def subtract_reactions(reactions, other, g, dx, dy, dz):
     """Add g times the displacements to the reactions on the neighbours whose x begin at ``other``."""
-
-
-@overload(subtract_reactions)
-def _subtract_reactions(reactions, other, g, dx, dy, dz):
     per_row = ROW if g == single_type else 1
 
     def add(reactions, other, g, dx, dy, dz):
@@ -226,12 +209,10 @@ def _subtract_reactions(reactions, other, g, dx, dy, dz):
     return add
 
 
-def in_float64(value: Any) -> Any:
+@by_type
+def in_float64(value):
     """Return eight lanes of float64: 16 lanes are summed in pairs, four lanes are padded with four zeros."""
 
-
-@overload(in_float64)
-def _in_float64(value):
     def two(value):
         low, high = halves(value)
         return low + high
@@ -239,12 +220,10 @@ def _in_float64(value):
     return two if value == single_type else (lambda value: in_eight(value))
 
 
-def clear(reactions: Any, cluster: int, zero: Any) -> None:
+@by_type
+def clear(reactions, cluster, zero):
     """Set the reactions on a cluster to zero, unless they are already, or the forces themselves hold them."""
 
-
-@overload(clear)
-def _clear(reactions, cluster, zero):
     def single(reactions, cluster, zero):
         for k in range(3):
             store(reactions, STRIDE * cluster + WIDTH * k, zero)
@@ -254,15 +233,13 @@ def _clear(reactions, cluster, zero):
     return single
 
 
-def add_reactions(forces: Any, reactions: Any, cluster: int, zero: Any) -> None:
+@by_type
+def add_reactions(forces, reactions, cluster, zero):
     """Add the reactions on a cluster to its forces, unless the forces themselves hold them.
 
     The reactions of tiles then become zero for the next evaluation: they are three times as large as the forces, and
     now in the cache."""
 
-
-@overload(add_reactions)
-def _add_reactions(forces, reactions, cluster, zero):
     def single(forces, reactions, cluster, zero):
         for k in range(3):
             p = STRIDE * cluster + WIDTH * k
@@ -281,13 +258,9 @@ def _add_reactions(forces, reactions, cluster, zero):
     return tiles if zero == single_type else single
 
 
-def rows_in_one_loop(lanes: Any) -> int | None:
+@by_type
+def rows_in_one_loop(lanes):
     """Return the number of rows that one loop goes through, all of a cluster, or None if each row has a loop."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(rows_in_one_loop)
-def _rows_in_one_loop(lanes):
     return (lambda lanes: WIDTH) if lanes.instance_class is Wide else (lambda lanes: None)
 
 
@@ -306,12 +279,10 @@ def of_row(sums, place, before):
     return zero_unless_same(x, change), zero_unless_same(y, change), zero_unless_same(z, change)
 
 
-def store_row_force(row_sums: Any, row: int, fx: Any, fy: Any, fz: Any) -> None:
+@by_type
+def store_row_force(row_sums, row, fx, fy, fz):
     """Store the forces on a row's particles, with the lanes not yet summed."""
 
-
-@overload(store_row_force)
-def _store_row_force(row_sums, row, fx, fy, fz):
     def one(row_sums, row, fx, fy, fz):
         store_vector(row_sums, row, in_float64(fx), in_float64(fy), in_float64(fz))
 
@@ -324,15 +295,12 @@ def _store_row_force(row_sums, row, fx, fy, fz):
     return four if fx == single_type else one
 
 
-def row_forces(row_sums: Any, axis: int, start: Any, first: int, zero: Any) -> Any:
+@by_type
+def row_forces(row_sums, axis, start, first, zero):
     """Return one component of the forces on a cluster's particles, eight of float64, from what its rows have stored.
 
     The rows begin at ``start[first]``, ``start[first + 1]`` …"""
-    raise NotImplementedError("for compiled code")
 
-
-@overload(row_forces)
-def _row_forces(row_sums, axis, start, first, zero):
     def four(row_sums, axis, start, first, zero):
         at = 2 * WIDTH * axis
         return sums_in_quarters(load_single(row_sums, at), load_single(row_sums, at + 2 * STRIDE))
@@ -383,11 +351,8 @@ def fetch_streams(found, pairs, x, reactions, cluster, zero):
             fetch_reactions(reactions, front, zero)
 
 
-def fetch_reactions(reactions: Any, cluster: int, zero: Any) -> None:
+@by_type
+def fetch_reactions(reactions, cluster, zero):
     """Ask for the reactions on a cluster, which are four for each particle if rows have tiles."""
-
-
-@overload(fetch_reactions)
-def _fetch_reactions(reactions, cluster, zero):
     size = ROW * STRIDE if zero == single_type else STRIDE
     return lambda reactions, cluster, zero: fetch_to_write(reactions, size * cluster, size)

@@ -4,10 +4,7 @@ The list has two levels. The outer list has the clusters near each cluster (see 
 of particles or of tiles (both in `particle_rows`), and is made again from the outer list between two searches.
 """
 
-from __future__ import annotations
-
 from math import ceil, floor
-from typing import Any
 
 from kickdrift.forces.lists.clusters import (
     BUILT,
@@ -40,7 +37,7 @@ from kickdrift.forces.lists.special_pairs import place_special
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK
 from kickdrift.jit.compile import is_finite, jit, never_inline
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import flat
 from kickdrift.jit.threads.chunks import chunk_task, each_chunk
 
@@ -265,12 +262,9 @@ def prune_chunk(pairs, c):
     keep_positions(pairs, c, pairs.inner_reference)
 
 
-def make_rows(block: Any, pairs: Any, c: int) -> None:
+@by_type
+def make_rows(block, pairs, c):
     """Make chunk c's rows, of tiles or of particles."""
-
-
-@overload(make_rows)
-def _make_rows(block, pairs, c):
     if block.instance_class is Tiles:
         return lambda block, pairs, c: write_tiles(pairs, c)
     return lambda block, pairs, c: particle_rows(pairs, c)

@@ -7,8 +7,6 @@ A row of tiles, for mixed precision with 16 lanes, is half a cluster, four parti
 that have a particle in reach. All rows of a chunk belong to the chunk's own clusters.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.lists.clusters import (

@@ -9,8 +9,6 @@ reach, and one particle against a cluster in mixed precision.
 The choice is a type, one of the classes below. The loop is compiled and the list's rows are made for this type.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from numba.extending import intrinsic

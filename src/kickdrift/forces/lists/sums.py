@@ -1,7 +1,5 @@
 """Forces in the clusters of all chunks, summed in one order and added to the particles' accelerations."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from numba import types
@@ -9,7 +7,7 @@ from numba import types
 from kickdrift.forces.lists.clusters import LANES, N_CLUSTERS, chunk_clusters, load_vector, store_vector, unsigned
 from kickdrift.jit.compile import as_written, inlined, jit, never_inline
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.threads.chunks import chunk_task, each_chunk
 
@@ -42,13 +40,9 @@ def add_accelerations(force, a):
     add_collected(force, collected_mean(force.mixed, force.pairs, force.chunks), a)
 
 
-def collected_mean(mixed: Any, pairs: Any, chunks: Any) -> Any:
+@by_type
+def collected_mean(mixed, pairs, chunks):
     """Return None; in mixed precision, sum the chunks' forces and return the mean acceleration."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(collected_mean)
-def _collected_mean(mixed, pairs, chunks):
     if isinstance(mixed, types.NoneType):
         return lambda mixed, pairs, chunks: None
 
@@ -59,13 +53,9 @@ def _collected_mean(mixed, pairs, chunks):
     return mean
 
 
-def no_mean_yet(mixed: Any) -> Any:
+@by_type
+def no_mean_yet(mixed):
     """Return None; in mixed precision, a mean acceleration of zero."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(no_mean_yet)
-def _no_mean_yet(mixed):
     return (lambda mixed: None) if isinstance(mixed, types.NoneType) else lambda mixed: (0.0, 0.0, 0.0)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -20,6 +20,7 @@ class ManyBodyForce(ListedForce, Grouped):
     """A force whose energy depends on the neighbourhood of each particle; its numbers are in eV and angstroms."""
 
     name: ClassVar[str]
+    elements: Mapping[str, str] | None
 
     @property
     def stands_for(self) -> str:  # type: ignore[override]
@@ -32,8 +33,8 @@ class ManyBodyForce(ListedForce, Grouped):
         raise NotImplementedError
 
     @property
-    def elements(self) -> tuple[str, ...]:
-        """Names of the species with parameters."""
+    def known(self) -> tuple[str, ...]:
+        """Names that the parameters use."""
         raise NotImplementedError
 
     @property
@@ -45,6 +46,31 @@ class ManyBodyForce(ListedForce, Grouped):
         """Return the law's parts for compiled code: parameters of these species, as yet without workspace."""
         raise NotImplementedError
 
+    def named(self, species: Iterable[str]) -> tuple[str, ...]:
+        """Names of these species in the parameters. Raises an InputError that names a species without any."""
+        names = tuple((self.elements or {}).get(each, each) for each in species)
+        for each, name in zip(species, names, strict=True):
+            if name not in self.known:
+                called = "" if name == each else f", called {name!r},"
+                raise InputError(
+                    f"{self.name}: species {each!r}{called} has no parameters in {self.source}, which has "
+                    f"{', '.join(self.known)}"
+                )
+        return names
+
+    def check_elements(self) -> None:
+        """Refuse ``elements`` that are no names, or that the parameters lack."""
+        if self.elements is None:
+            return
+        texts = isinstance(self.elements, Mapping) and [*self.elements, *self.elements.values()]
+        if not texts or not all(isinstance(each, str) for each in texts):
+            raise InputError(
+                f"{self.name}: elements: expected names by species, such as {{'Si': 'Si(D)'}}, got "
+                f"{shown(self.elements)}"
+            )
+        object.__setattr__(self, "elements", dict(self.elements))
+        self.named(self.elements)
+
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support."""
         if system.units.name != "metal":
@@ -54,12 +80,7 @@ class ManyBodyForce(ListedForce, Grouped):
             )
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
-        for species in system.species:
-            if species not in self.elements:
-                raise InputError(
-                    f"{self.name}: species {species!r} has no parameters in {self.source}, which has "
-                    f"{', '.join(self.elements)}"
-                )
+        self.named(system.species)
         if system.topology is not None and len(system.topology.scaled.pairs):
             raise InputError(f"{self.name}: acts on all particles; a topology can leave out or scale only pair forces")
         system.box.check_cutoff(self.name, self.cutoff)
@@ -105,6 +126,7 @@ class TabledForce(ManyBodyForce):
             _, second, third = triple.split("-")
             if second == third:  # other entries leave numbers of pairs unused
                 self.check_pair(f"{self.name}: {triple}", numbers)
+        self.check_elements()
 
     @property
     def table(self) -> Mapping[str, Mapping[str, float]]:
@@ -113,8 +135,8 @@ class TabledForce(ManyBodyForce):
         return self.entries
 
     @property
-    def elements(self) -> tuple[str, ...]:
-        """Species with parameters."""
+    def known(self) -> tuple[str, ...]:
+        """Names that the entries use."""
         return elements_of(self.table)
 
     @property

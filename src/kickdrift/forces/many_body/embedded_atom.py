@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.many_body.entries import Potential, read_setfl
+from kickdrift.forces.many_body.tables import Potential, read_potential, style_of_file
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.text import shown
 
@@ -23,20 +24,22 @@ class EmbeddedAtom(ManyBodyForce):
     Source: Daw & Baskes 1984, doi:10.1103/PhysRevB.29.6443; with densities for each pair of elements (eam.fs) Finnis &
     Sinclair 1984, doi:10.1080/01418618408244210.
 
-    The tables are joined by the same cubics as in LAMMPS. The optional package ASE reads the file. Species are the
-    file's elements, and units are ``metal``.
+    The tables are joined by the same cubics as in LAMMPS. Species are the file's elements, and units are ``metal``.
 
     Attributes
     ----------
     file : str
-        Name of an ``.eam.alloy`` or ``.eam.fs`` file, kept as an absolute path. In a system file, the name is relative
-        to that file.
+        Name of a file ``.eam.alloy``, ``.eam.fs``, ``.eam.he`` or ``.eam`` (one element, funcfl), kept as an absolute
+        path. In a system file, the name is relative to that file.
     digest : str
         SHA-256 of the file, kept with a run: a file that has changed is refused. Default: of the file as it is.
+    elements : {species: element}, optional
+        The file's name of a species that is called otherwise here.
     """
 
     file: str
     digest: str = ""
+    elements: Mapping[str, str] | None = None
 
     name: ClassVar[str] = "eam"
     dimensions: ClassVar[dict[str, str]] = {}
@@ -44,12 +47,13 @@ class EmbeddedAtom(ManyBodyForce):
     def __post_init__(self) -> None:
         if not isinstance(self.file, str) or "\0" in self.file:
             raise InputError(f"{self.name}: file: expected the name of a file, got {shown(self.file)}")
-        potential = read_setfl(self.name, self.file)
+        potential = read_potential(self.name, self.file)
         if self.digest and self.digest != potential.digest:
             raise InputError(f"{self.name}: file: {self.file} has changed: its SHA-256 is not {shown(self.digest)}")
         object.__setattr__(self, "file", os.path.abspath(self.file))  # found again by a run that goes on elsewhere
         object.__setattr__(self, "digest", potential.digest)
         object.__setattr__(self, "_potential", potential)
+        self.check_elements()
 
     @property
     def potential(self) -> Potential:
@@ -63,9 +67,14 @@ class EmbeddedAtom(ManyBodyForce):
         return self.potential.cutoff
 
     @property
-    def elements(self) -> tuple[str, ...]:
+    def known(self) -> tuple[str, ...]:
         """Elements in the file."""
         return self.potential.elements
+
+    @property
+    def style(self) -> str:
+        """LAMMPS' pair style of the file."""
+        return style_of_file(self.name, self.file)
 
     @property
     def source(self) -> str:
@@ -78,7 +87,7 @@ class EmbeddedAtom(ManyBodyForce):
         from kickdrift.jit.lanes.memory import aligned
 
         found = self.potential
-        these = [found.elements.index(name) for name in species]
+        these = [found.elements.index(name) for name in self.named(species)]
         density, rphi = (table[np.ix_(these, these)] for table in (found.density, found.rphi))
         parts = [density, rphi] if len(these) == 1 else [density, rphi, density.swapaxes(0, 1)]
         joined = np.concatenate(parts, axis=-1)
@@ -91,7 +100,9 @@ class EmbeddedAtom(ManyBodyForce):
             1.0 / found.dr,
             by_density,
             1.0 / found.drho,
-            by_density.shape[1] * found.drho,
+            found.first_density,
+            found.lowest_density,
+            found.first_density + by_density.shape[1] * found.drho,
             densities=np.zeros((0, 0)),
             at=np.zeros(0),
             shifted=np.zeros((0, 0)),

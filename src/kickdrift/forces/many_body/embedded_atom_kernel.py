@@ -51,7 +51,9 @@ class EmbeddedAtomLaw(NamedTuple):
     per_length: float  # 1 over an interval of distances
     by_density: NDArray[np.float64]  # (species, intervals, 4) embedding energies
     per_density: float
-    highest: float  # density from which the embedding energy continues as a line
+    first: float  # density where the table begins
+    lowest: float  # density below which the embedding energy continues as a line
+    highest: float  # density from which it does
     densities: NDArray[np.float64]  # (chunks, slots) from the pairs of each chunk
     at: NDArray[np.float64]  # (4 slots,) x, y, z and slope of the embedding energy of each slot
     shifted: NDArray[np.float64]  # (chunks, 32 * 27) see `shift_cluster`
@@ -184,12 +186,13 @@ def embedding(law, c, cluster, filled):
     """Write the slopes of a cluster's embedding energies over the species in ``law.at``, and return the energies."""
     table, row, density = law.by_density, law.row[c], load(law.densities[c], WIDTH * cluster)
     last = float(table.shape[1] - 1)
-    p = density * law.per_density
+    p = (density - law.first) * law.per_density
     interval = lane_floor(value_of(p))
     interval = select(interval < last, interval, last)  # nan too: no index is out of range
     interval = select(interval > 0.0, interval, 0.0)
     p = p - interval
     p = select(p > 1.0, 0.0 * p + 1.0, p)
+    p = select(density < law.lowest, 0.0 * p, p)
     kind = splat(0.0)
     if table.shape[0] > 1:
         for lane in range(WIDTH):
@@ -202,6 +205,7 @@ def embedding(law, c, cluster, filled):
     for lane in range(WIDTH):
         law.at[ROW * (WIDTH * cluster + lane) + 3] = row[lane]
     value = select(density > law.highest, value + slope * (density - law.highest), value)
+    value = select(density < law.lowest, value + slope * (density - law.lowest), value)
     return select(lane_numbers() < float(filled), value, 0.0)
 
 

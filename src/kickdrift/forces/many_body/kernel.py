@@ -26,7 +26,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import as_written, jit, never_inline
 from kickdrift.jit.duals.lanes import load, store, value_of
 from kickdrift.jit.handle import Handle, handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.gathering import ROW, rows_of
 from kickdrift.jit.lanes.memory import broadcast
@@ -90,12 +90,9 @@ def law_body(cls: type, tables: tuple[str, ...], pairs_once: bool = False) -> Ca
     return register
 
 
-def run_law(law: Any, force: Any, chunks: Chunks) -> None:
+@by_type
+def run_law(law, force, chunks):
     """Run the body of the law's class."""
-
-
-@overload(run_law)
-def _run_law(law, force, chunks):
     return LAWS[(law.kind if isinstance(law, Handle) else law).instance_class]
 
 

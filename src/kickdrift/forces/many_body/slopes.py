@@ -5,8 +5,6 @@ a spline between two points of its table, they are those of the side of the part
 bits of the kernel's own forces, so the first deviation brings the forces on the particles along.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

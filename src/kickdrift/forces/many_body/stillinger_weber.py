@@ -14,6 +14,8 @@ from kickdrift.errors import InputError
 from kickdrift.forces.many_body.base import TabledForce
 from kickdrift.model.checks.arguments import checked_arguments
 
+DIGITS = 1e-6  # the rounding of products of numbers in files
+
 
 class SiliconOf1985(NamedTuple):
     """Stillinger & Weber 1985, doi:10.1103/PhysRevB.31.5262, table I, with epsilon 50 kcal/mol in eV and sigma in
@@ -50,10 +52,13 @@ class StillingerWeber(TabledForce):
         in the middle. Pairs use the entry i-j-j, as in LAMMPS. ``tol`` is read and ignored. Default: silicon.
     file : str, optional
         A file ``*.sw`` in LAMMPS' form; its numbers become the entries.
+    elements : {species: name}, optional
+        The entries' name of a species that is called otherwise here, such as {"Si": "Si(D)"}.
     """
 
     entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None = None
     file: str | None = None
+    elements: Mapping[str, str] | None = None
 
     name: ClassVar[str] = "stillinger-weber"
     dimensions: ClassVar[dict[str, str]] = {}
@@ -80,9 +85,10 @@ class StillingerWeber(TabledForce):
         from kickdrift.forces.many_body.stillinger_weber_kernel import StillingerWeberLaw
         from kickdrift.jit.lanes.memory import aligned
 
-        count = len(species)
+        names = self.named(species)
+        count = len(names)
         by_pair, by_triple = aligned((count, count, 8)), aligned((count, count, count, 4))
-        for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
+        for (a, i), (b, j) in itertools.product(enumerate(names), repeat=2):
             n = self.entry(i, j, j)
             pair = [n[key] for key in ("epsilon", "sigma", "a", "A", "B", "p", "q")]
             if pair != [self.entry(j, i, i)[key] for key in ("epsilon", "sigma", "a", "A", "B", "p", "q")]:
@@ -91,12 +97,16 @@ class StillingerWeber(TabledForce):
             by_pair[a, b] = (
                 reach * sigma, sigma, n["gamma"] * sigma, A * epsilon, B * sigma**p, sigma**q, p, q,
             )  # fmt: skip
-            for c, k in enumerate(species):
+            for c, k in enumerate(names):
                 m, other = self.entry(i, j, k), self.entry(i, k, j)
-                weight, cosine = m["lambda_"] * m["epsilon"], m["cos_theta0"]
+                both = np.array([(each["lambda_"] * each["epsilon"], each["cos_theta0"]) for each in (m, other)])
+                if not np.allclose(both[0], both[1], DIGITS, DIGITS):
+                    raise InputError(
+                        f"{self.name}: entries {i}-{j}-{k} and {i}-{k}-{j} differ in lambda_ times epsilon or in "
+                        "cos_theta0, so the energy would depend on the order of neighbours"
+                    )
+                weight, cosine = 0.5 * both.sum(0)
                 by_triple[a, b, c] = weight, weight * cosine, weight * cosine**2, weight * (1.0 - cosine) ** 2
-                if (other["lambda_"] * other["epsilon"], other["cos_theta0"]) != (weight, cosine):
-                    raise InputError(f"{self.name}: entries {i}-{j}-{k} and {i}-{k}-{j} differ")
         return StillingerWeberLaw(
             by_pair.reshape(-1, 8),
             by_triple.reshape(-1, 4),

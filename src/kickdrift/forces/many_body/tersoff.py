@@ -16,6 +16,7 @@ from kickdrift.model.checks.arguments import checked_arguments
 
 PAIR_KEYS = ("A", "lambda1", "B", "lambda2", "beta", "n", "R", "D")
 TINY = 1e-16  # change of a bond that float64 cannot hold
+SHARP = 1e-30  # angstroms in place of D = 0
 
 
 class SiliconOf1988(NamedTuple):
@@ -58,10 +59,13 @@ class Tersoff(TabledForce):
         Default: silicon of 1988, which later papers call Si(B) or T2.
     file : str, optional
         A file ``*.tersoff`` in LAMMPS' form; its numbers become the entries.
+    elements : {species: name}, optional
+        The entries' name of a species that is called otherwise here, such as {"Si": "Si(D)"}.
     """
 
     entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None = None
     file: str | None = None
+    elements: Mapping[str, str] | None = None
 
     name: ClassVar[str] = "tersoff"
     dimensions: ClassVar[dict[str, str]] = {}
@@ -79,10 +83,10 @@ class Tersoff(TabledForce):
 
     def check_pair(self, where: str, numbers: Mapping[str, float]) -> None:
         """See TabledForce."""
-        for key in (*PAIR_KEYS, "c"):
+        for key in (*PAIR_KEYS, "c"):  # D may be zero: a sharp cutoff
             if numbers[key] < 0:
                 raise InputError(f"{where}: {key} must not be negative, got {numbers[key]:g}")
-        for key in ("n", "d", "R", "D"):
+        for key in ("n", "d", "R"):
             if numbers[key] <= 0:
                 raise InputError(f"{where}: {key} must be positive, got {numbers[key]:g}")
         if numbers["D"] >= numbers["R"]:
@@ -93,27 +97,31 @@ class Tersoff(TabledForce):
         from kickdrift.forces.many_body.tersoff_kernel import TersoffLaw
         from kickdrift.jit.lanes.memory import aligned
 
-        count = len(species)
+        names = self.named(species)
+        count, ends = len(names), False
         by_pair, by_triple = aligned((count, count, 12)), aligned((count, count, count, 8))
-        for (a, i), (b, j) in itertools.product(enumerate(species), repeat=2):
+        for (a, i), (b, j) in itertools.product(enumerate(names), repeat=2):
             n = self.entry(i, j, j)
-            by_pair[a, b, :8] = [n[key] for key in PAIR_KEYS]
+            by_pair[a, b, :8] = [n[key] for key in PAIR_KEYS[:-1]] + [n["D"] or SHARP]
             by_pair[a, b, 8] = (2.0 * n["n"] * TINY) ** (1.0 / n["n"])
-            for c, k in enumerate(species):
+            for c, k in enumerate(names):
                 m, own = self.entry(i, j, k), self.entry(i, k, k)
                 where = f"{self.name}: {i}-{j}-{k}"
                 if m["m"] not in (1.0, 3.0):
                     raise InputError(f"{where}: m must be 1 or 3, got {m['m']:g}")
                 if m["d"] <= 0:
                     raise InputError(f"{where}: d must be positive, got {m['d']:g}")
-                if (m["R"], m["D"]) != (own["R"], own["D"]):
-                    raise InputError(f"{where}: R and D must be those of {i}-{k}-{k}, {own['R']:g} and {own['D']:g}")
-                by_triple[a, b, c, :6] = m["gamma"], m["c"] ** 2, m["d"] ** 2, m["cos_theta0"], m["lambda3"], m["m"]
+                ends |= (m["R"], m["D"]) != (own["R"], own["D"])
+                by_triple[a, b, c] = (
+                    m["gamma"], m["c"] ** 2, m["d"] ** 2, m["cos_theta0"],
+                    m["lambda3"], m["m"], m["R"], m["D"] or SHARP,
+                )  # fmt: skip
         return TersoffLaw(
             by_pair.reshape(-1, 12),
             by_triple.reshape(-1, 8),
             count,
             bool(by_triple[..., 4].any()),
+            ends,
             bonds=np.zeros((0, 0)),
             others=np.zeros((0, 0)),
             forces=np.zeros((0, 0)),

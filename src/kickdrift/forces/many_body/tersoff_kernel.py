@@ -47,9 +47,10 @@ class TersoffLaw(NamedTuple):
     """Parameters of each pair and triple of species, of float32 in mixed precision, and workspace."""
 
     by_pair: NDArray[Any]  # (species^2, 12) A, lambda1, B, lambda2, beta, n, R, D, least beta zeta, 0, 0, 0
-    by_triple: NDArray[Any]  # (species^3, 8) gamma, c^2, d^2, cos_theta0, lambda3, m, 0, 0
+    by_triple: NDArray[Any]  # (species^3, 8) gamma, c^2, d^2, cos_theta0, lambda3, m, R, D
     species: int
     stretched: bool  # whether some lambda3 is not zero
+    ends: bool  # whether a triple's R and D are not those of its ends' bond
     bonds: NDArray[Any]  # (chunks, room * 11 * 8)
     others: NDArray[Any]  # (chunks, room * 4 * 8)
     forces: NDArray[np.float64]  # (chunks, 4 slots) from the terms of each chunk: x, y, z and 0 for each slot
@@ -118,18 +119,11 @@ def find_bonds(force, bonds, places, count, most):
         here = count > float(j)
         dx, dy, dz, kind = separations(rows, rows.at, places, WIDTH * (j + 1), x, y, z)
         kind = in_precision_of(table, value_of(kind))
-        r2 = in_precision_of(table, select(here, dx * dx + dy * dy + dz * dz, force.cutoff**2))
+        r2 = in_precision_of(table, select(here, dx * dx + dy * dy + dz * dz, 4.0 * force.cutoff**2))
         inverse = inverse_sqrt(r2)
         r = r2 * inverse
         _, _, middle, half = row_numbers(table, kind + own * float(force.law.species), 4)
-        away = (r - middle) / half
-        outer = ~here | (away >= 1.0)
-        inner = away > -1.0
-        fc, slope = zero + 1.0, 0.0 * r
-        if any_lane(inner):
-            sine, cosine = lane_sine_cosine(0.5 * math.pi * select(inner & ~outer, away, 1.0))
-            fc = select(inner, 0.5 - 0.5 * sine, 1.0)
-            slope = select(inner, -0.25 * math.pi / half * cosine, 0.0)
+        fc, slope = smooth_end(r, middle, half)
         at = j * BOND
         store(bonds, at + NX, in_precision_of(table, -dx) * inverse)
         store(bonds, at + NY, in_precision_of(table, -dy) * inverse)
@@ -137,12 +131,25 @@ def find_bonds(force, bonds, places, count, most):
         store(bonds, at + R, r)
         store(bonds, at + INVERSE, inverse)
         store(bonds, at + KIND, kind)
-        store(bonds, at + FC, select(outer, 0.0 * fc, fc))
-        store(bonds, at + SLOPE_FC, select(outer, 0.0 * slope, slope))
+        store(bonds, at + FC, fc)
+        store(bonds, at + SLOPE_FC, slope)
         store(bonds, at + GX, zero)
         store(bonds, at + GY, zero)
         store(bonds, at + GZ, zero)
     return own
+
+
+@as_written
+def smooth_end(r, middle, half):
+    """Return the cutoff function and its slope: 1 before middle - half, 0 after middle + half."""
+    away = (r - middle) / half
+    outer, inner = away >= 1.0, away > -1.0
+    fc, slope = 0.0 * r + 1.0, 0.0 * r
+    if any_lane(inner):
+        sine, cosine = lane_sine_cosine(0.5 * math.pi * select(inner & ~outer, away, 1.0))
+        fc = select(inner, 0.5 - 0.5 * sine, 1.0)
+        slope = select(inner, -0.25 * math.pi / half * cosine, 0.0)
+    return select(outer, 0.0 * fc, fc), select(outer, 0.0 * slope, slope)
 
 
 @as_written
@@ -165,6 +172,9 @@ def sum_others(law, own, bonds, others, j, most):
         angle = gamma * (1.0 + c2 / d2 * away * away * share)  # without the difference of two large numbers
         slope_angle = -2.0 * gamma * c2 * away * share * share
         fc, slope_fc = load(bonds, at + FC), load(bonds, at + SLOPE_FC)
+        if law.ends:
+            _, _, middle, half = row_numbers(law.by_triple, row, 4)
+            fc, slope_fc = smooth_end(load(bonds, at + R), middle, half)
         if law.stretched:
             lambda3, power, _, _ = row_numbers(law.by_triple, row, 4)
             stretch = lambda3 * (r - load(bonds, at + R))

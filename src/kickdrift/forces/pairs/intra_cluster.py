@@ -1,9 +1,5 @@
 """Pairs within a cluster of eight: lanes against rotated lanes, or tiles of four against four."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from numba import types
 
@@ -11,10 +7,10 @@ from kickdrift.forces.lists.along import add_along
 from kickdrift.forces.lists.clusters import SHIFTS, STRIDE, load_vector, table_place
 from kickdrift.forces.lists.pair_rows import displacements
 from kickdrift.forces.lists.special_pairs import is_inside
-from kickdrift.forces.pairs.lanes import is_held, pair_terms, terms_at, without_registers
+from kickdrift.forces.pairs.lanes import has_registers, pair_terms, terms_at, without_registers
 from kickdrift.forces.pairs.upkeep import Tables, brings_terms, is_small
 from kickdrift.jit.compile import as_written
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import multiply_add, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.single import off_diagonal
@@ -24,16 +20,12 @@ from kickdrift.jit.lanes.vectors import WIDTH, single_type
 UNSHIFTED = SHIFTS // 2
 
 
-def own_pairs(zero: Any, laws: Any, pairs: Any, cluster: int, cutoff2: float, along: Any) -> Any:
+@by_type
+def own_pairs(zero, laws, pairs, cluster, cutoff2, along):
     """Return the forces among a cluster's eight particles, with energy, virial and number of pairs, and the virial
     ``along`` each axis with that of these pairs (see `add_along`).
 
     Rows of tiles have these forces already; the sums are in float64."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(own_pairs)
-def _own_pairs(zero, laws, pairs, cluster, cutoff2, along):
     if zero == single_type:
 
         def sums_alone(zero, laws, pairs, cluster, cutoff2, along):
@@ -45,14 +37,10 @@ def _own_pairs(zero, laws, pairs, cluster, cutoff2, along):
     return lambda zero, laws, pairs, cluster, cutoff2, along: intra_cluster(laws, pairs.x, cluster, cutoff2, along)
 
 
-def row_start(zero: Any, laws: Any, pairs: Any, table: Any, cluster: int, row: int, cutoff2: float) -> Any:
+@by_type
+def row_start(zero, laws, pairs, table, cluster, row, cutoff2):
     """Return the forces that a row's sums begin with, not yet summed over lanes. ``zero`` and ``table`` are as in
     `pair_rows`. A row of tiles begins with the forces of its cluster on it."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(row_start)
-def _row_start(zero, laws, pairs, table, cluster, row, cutoff2):
     if zero != single_type:
         return lambda zero, laws, pairs, table, cluster, row, cutoff2: (zero, zero, zero)
 
@@ -97,14 +85,10 @@ def intra_cluster(laws, x, cluster, cutoff2, along):
     return sx, sy, sz, energies, virials, counts, along
 
 
-def pairs_apart(laws: Any, at: int, own: Any, cutoff2: float, places: int, along: Any, part: float) -> Any:
+@by_type(prefer_literal=True)
+def pairs_apart(laws, at, own, cutoff2, places, along, part):
     """Return the forces on the eight particles from slot ``at`` on by the particles ``places`` further on, with energy,
     virial, number of pairs, and ``along`` with ``part`` of the virial along each axis."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(pairs_apart, prefer_literal=True)
-def _pairs_apart(laws, at, own, cutoff2, places, along, part):
     if not isinstance(places, types.IntegerLiteral):
         return None
 
@@ -122,18 +106,15 @@ def _pairs_apart(laws, at, own, cutoff2, places, along, part):
     return meets
 
 
-def terms_within(laws: tuple[Any, ...], at: int, places: int, r2: Any) -> Any:
+@by_type(prefer_literal=True)
+def terms_within(laws, at, places, r2):
     """Return energy and force over r of the eight particles from slot ``at`` on with the particles ``places`` further
     on."""
-
-
-@overload(terms_within, prefer_literal=True)
-def _terms_within(laws, at, places, r2):
     if brings_terms(laws[0]):
         return None
     if isinstance(laws[3], types.NoneType):
         return lambda laws, at, places, r2: pair_terms(laws, at, at, r2)
-    if is_held(laws[3]):
+    if has_registers(laws[3]):
         return lambda laws, at, places, r2: terms_within(without_registers(laws), at, places, r2)
     if is_small(laws[3]):
 

@@ -3,8 +3,6 @@
 Truncations are cut, shift, force-shift and switch. Each works on numbers and on SIMD lanes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -17,7 +15,7 @@ from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import dual, dual_fields, of_lanes
 from kickdrift.jit.duals.operators import dual_like
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lanes_like
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import named_lanes
@@ -85,12 +83,9 @@ class Switch(NamedTuple):
         return energy * s, force_over_r * s + energy * slope
 
 
-def positive(u: Any) -> Any:
+@by_type
+def positive(u):
     """Return u, or zero where u is negative."""
-
-
-@overload(positive)
-def _positive(u):
     if isinstance(u, Lanes):
         return lambda u: select(u > 0.0, u, 0.0)
     if of_lanes(u):
@@ -98,12 +93,9 @@ def _positive(u):
     return lambda u: max(u, 0.0)
 
 
-def truncated(truncation: Any, at_cutoff: Any, r2: Any, energy: Any, force_over_r: Any) -> Any:
+@by_type
+def truncated(truncation, at_cutoff, r2, energy, force_over_r):
     """Return energy and force over r of a truncated law, below its cutoff."""
-
-
-@overload(truncated)
-def _truncated(truncation, at_cutoff, r2, energy, force_over_r):
     apply = as_written(truncation.instance_class.apply)
     return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(
         truncation, at_cutoff, r2, energy, force_over_r
@@ -118,28 +110,25 @@ class LawSlope(NamedTuple):
     cutoff2: float
 
 
-def pair_terms(laws: tuple[Any, ...], i: int, place: int, r2: Any) -> Any:
+@by_type
+def pair_terms(laws, i, place, r2):
     """Return truncated energy and force over r of the particle in slot i with the particles whose x begin at ``place``.
 
     With 16 lanes, i + 1, i + 2 and i + 3 take part as well. The cutoff is not yet applied."""
-
-
-@overload(pair_terms)
-def _pair_terms(laws, i, place, r2):
     if brings_terms(laws[0]):
         return None
     if isinstance(laws[3], types.NoneType):
         return lambda laws, i, place, r2: truncated_terms(laws[0], laws[1], laws[2], r2)
-    if is_held(laws[3]):
+    if has_registers(laws[3]):
         if r2 != laws[3].types[2][0].lanes:  # other lanes than those of the loop, or duals
             return lambda laws, i, place, r2: pair_terms(without_registers(laws), i, place, r2)
 
-        def of_held(laws, i, place, r2):
+        def of_registers(laws, i, place, r2):
             _, _, truncation, (tables, law, at_cutoff) = laws
             where = places_of(tables.row, i, tables.code, place, r2)
             return truncated_terms(placed(law, where), placed(at_cutoff, where), truncation, r2)
 
-        return of_held
+        return of_registers
     return lambda laws, i, place, r2: terms_at(laws, where_of(laws[3], i, place, r2), r2)
 
 
@@ -151,7 +140,7 @@ def terms_at(laws, where, r2):
     return truncated_terms(parameters, parameters_of(like_at_cutoff, tables, rows_of(like), where, r2), truncation, r2)
 
 
-class Held(NamedTuple):
+class InRegisters(NamedTuple):
     """Tables of a mixture, and the parameters of all its pairs of species in registers."""
 
     tables: Any
@@ -159,17 +148,14 @@ class Held(NamedTuple):
     at_cutoff: Any
 
 
-def is_held(tables: Any) -> bool:
+def has_registers(tables: Any) -> bool:
     """Tell of the type of a mixture's tables whether their numbers are in registers."""
-    return isinstance(tables, types.NamedTuple) and tables.instance_class is Held
+    return isinstance(tables, types.NamedTuple) and tables.instance_class is InRegisters
 
 
-def in_registers(laws: tuple[Any, ...], zero: Any) -> Any:
+@by_type
+def in_registers(laws, zero):
     """Return the laws with the tables of a mixture in registers, if they fit, for a loop with the lanes of ``zero``."""
-
-
-@overload(in_registers)
-def _in_registers(laws, zero):
     if not is_small(laws[3]) or _slope(laws[0]):
         return lambda laws, zero: laws
 
@@ -178,7 +164,7 @@ def _in_registers(laws, zero):
         where = places_of(tables.row, 0, tables.code, 0, zero)
         law = parameters_of(like, tables, 0, where, zero)
         at_cutoff = parameters_of(like_at_cutoff, tables, rows_of(like), where, zero)
-        return like, like_at_cutoff, truncation, Held(tables, law, at_cutoff)
+        return like, like_at_cutoff, truncation, InRegisters(tables, law, at_cutoff)
 
     return held
 
@@ -194,24 +180,17 @@ def _slope(like: Any) -> bool:
     return bool(like.instance_class is LawSlope)
 
 
-def rows_of(like: Any) -> int:
+@by_type
+def rows_of(like):
     """Number of a law's rows in the tables."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(rows_of)
-def _rows_of(like):
     rows = 2 * len(like.types[0]) if _slope(like) else len(like)
     return lambda like: rows
 
 
-def truncated_terms(parameters: Any, at_cutoff: Any, truncation: Any, r2: Any) -> Any:
+@by_type
+def truncated_terms(parameters, at_cutoff, truncation, r2):
     """Return truncated energy and force over r at squared distances, which may be duals of lanes. For a `LawSlope`
     return their derivatives by its number."""
-
-
-@overload(truncated_terms)
-def _truncated_terms(parameters, at_cutoff, truncation, r2):
     of_slope = _slope(parameters)
     law = (parameters.types[0] if of_slope else parameters).instance_class.compiled_law
     like_r2 = dual_like if of_slope or of_lanes(r2) else lanes_like
@@ -232,14 +211,11 @@ def _truncated_terms(parameters, at_cutoff, truncation, r2):
     return slopes if of_slope else terms
 
 
-def pair_slopes(laws: tuple[Any, ...], i: int, place: int, r2: Any) -> tuple[Any, Any]:
+@by_type
+def pair_slopes(laws, i, place, r2):
     """Return the truncated force over r of the pairs of `pair_terms`, and twice its derivative by the squared
     distance."""
-    raise NotImplementedError("for compiled code")
 
-
-@overload(pair_slopes)
-def _pair_slopes(laws, i, place, r2):
     def slopes(laws, i, place, r2):
         _, force_over_r = pair_terms(laws, i, place, dual(r2, lanes_like(2.0, r2)))
         return force_over_r.value, force_over_r.slope
@@ -247,14 +223,10 @@ def _pair_slopes(laws, i, place, r2):
     return slopes
 
 
-def where_of(tables: Any, i: int, place: int, r2: Any) -> Any:
+@by_type
+def where_of(tables, i, place, r2):
     """Return where the parameters of the pairs of `pair_terms` are in the tables: places in small tables, else the
     species of i, or with 16 lanes the species of the four slots from i on, and the slot of the others."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(where_of)
-def _where_of(tables, i, place, r2):
     if is_small(tables):
         if of_lanes(r2):
             return lambda tables, i, place, r2: places_of(tables.row, i, tables.code, place, r2.value)
@@ -269,12 +241,9 @@ def _where_of(tables, i, place, r2):
     return lambda tables, i, place, r2: (tables.row[i], slot_of(place))
 
 
-def parameters_of(like: Any, tables: Any, first: int, where: Any, r2: Any) -> Any:
+@by_type
+def parameters_of(like, tables, first, where, r2):
     """Return parameters, in the form of ``like``, from the rows of the tables from ``first`` on; see `where_of`."""
-
-
-@overload(parameters_of)
-def _parameters_of(like, tables, first, where, r2):
     if _slope(like):
         count = len(like.types[0])
 
@@ -299,12 +268,9 @@ def _parameters_of(like, tables, first, where, r2):
     return lambda like, tables, first, where, r2: named_lanes(like, tables.table[first:], *where, r2)
 
 
-def lanes_of(parameters: Any) -> Any:
+@by_type
+def lanes_of(parameters):
     """Return parameters as lanes."""
-
-
-@overload(lanes_of)
-def _lanes_of(parameters):
     if isinstance(parameters[0], Tabled):
         return lambda parameters: all_taken(parameters)
     return lambda parameters: parameters

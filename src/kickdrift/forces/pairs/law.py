@@ -62,6 +62,7 @@ class PairForce(ListedForce, Grouped):
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
     name: ClassVar[str]
+    on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:

@@ -1,9 +1,5 @@
 """The sum of a pair force, with energy and virial where a sample comes; see `forces.seam.samples`."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from numba import types
 
 from kickdrift.forces.lists.clusters import BUILT, LANES, unsigned
@@ -11,7 +7,7 @@ from kickdrift.forces.lists.sums import Gathering, mean_acceleration
 from kickdrift.forces.seam.samples import SUMMED, sums_expected
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.threads.chunks import each_chunk
 from kickdrift.model.box.cell import differs
 
@@ -49,13 +45,9 @@ def gather_again(force, a):
     each_chunk(handle(gathering), force.chunks, "gather_chunk")
 
 
-def mean_again(mixed: Any, pairs: Any) -> Any:
+@by_type
+def mean_again(mixed, pairs):
     """Return None; in mixed precision, the mean acceleration from the sums of all chunks."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(mean_again)
-def _mean_again(mixed, pairs):
     if isinstance(mixed, types.NoneType):
         return lambda mixed, pairs: None
     return lambda mixed, pairs: mean_acceleration(mixed, pairs)

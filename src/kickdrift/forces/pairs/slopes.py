@@ -8,8 +8,6 @@ the forces (see `variation`).
 A truncation that lets the force jump at the cutoff has no derivative there. Pairs on each side of the jump have theirs.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,7 +58,7 @@ from kickdrift.forces.pairs.variation import (
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.seam.samples import SUMMED
 from kickdrift.jit.compile import as_written, jit, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, entry, flat, load_like, store, sums_of_rows
@@ -113,13 +111,9 @@ def add_slopes(force, wanted, t, x, v, a, sums):
 PairSlopesKernel.add = add_slopes
 
 
-def add_along(alone: Any, force: Any, wanted: bool, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+@by_type
+def add_along(alone, force, wanted, t, x, v, a, sums):
     """Add the accelerations of the particles and their deviations, whose masses are constant. Return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_along)
-def _add_along(alone, force, wanted, t, x, v, a, sums):
     if isinstance(alone, types.NoneType):
         return lambda alone, force, wanted, t, x, v, a, sums: add_several(force, wanted, t, x, v, a, sums)
     return lambda alone, force, wanted, t, x, v, a, sums: add_one(force, wanted, t, x, v, a, sums)

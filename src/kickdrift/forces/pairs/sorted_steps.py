@@ -5,8 +5,8 @@ particles, brings them to their places in the list, and notes how far they moved
 goes through memory once, in its order, beside the sum. Particles change to this order where steps begin, and back where
 they end. A search for a new list needs the user's order too.
 
-The machine code does not depend on the law. It is compiled when a run first needs such steps. It calls the force by its
-address.
+The machine code does not depend on the law. It is compiled when a run first needs such steps, and calls the force by
+its address.
 
 A sweep rounds like kicks, drifts and copies one after the other. So all runs have the same bits.
 """

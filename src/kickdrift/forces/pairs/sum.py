@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kickdrift.forces.lists.along import add_along, store_along, zeros_along
+from kickdrift.forces.lists.along import add_along, store_along, trace_of, zeros_along
 from kickdrift.forces.lists.clusters import N_CLUSTERS, SHIFT_BITS, STRIDE, chunk_clusters, load_vector, store_vector
 from kickdrift.forces.lists.pair_rows import (
     add_reactions,
@@ -238,6 +238,6 @@ def sum_pairs(force, sums, deviation, together, c, thread):
             hand_over(pairs, force.chunks, forces, cluster, c)
     if sums is not None:
         sums[c, 0] = lane_sum(energy_sum)
-        sums[c, 1] = lane_sum(virial_sum)
+        sums[c, 1] = lane_sum(trace_of(along_sum, virial_sum))
         sums[c, 2] = lane_sum(pair_count)
         store_along(along_sum, force.along, c)

@@ -1,7 +1,5 @@
 """Force of a pair law at many distances at once, by the engine's own code."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,14 +1,12 @@
 """Upkeep of a pair force's list, and of the parameters of each pair of species in the list's order."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE, ClusterList
+from kickdrift.forces.lists.clusters import OUTER_BUILDS, STRIDE
 from kickdrift.forces.lists.list_code import refresh
 from kickdrift.forces.lists.pair_rows import slot_of
 from kickdrift.forces.lists.row_lanes import RowLanes, Wide, WideSingle
@@ -16,7 +14,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.seam.samples import SUMMED
 from kickdrift.jit.compile import features, jit
 from kickdrift.jit.handle import Handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.tabled import ENTRIES
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -92,12 +90,9 @@ def refresh_force(force, x):
     return status
 
 
-def spread(tables: Any, pairs: ClusterList) -> None:
+@by_type
+def spread(tables, pairs):
     """After a sort, write the species, or the parameters of each pair of species, to the slots."""
-
-
-@overload(spread)
-def _spread(tables, pairs):
     if isinstance(tables, types.NoneType):
         return lambda tables, pairs: None
     if brings_terms(tables):

@@ -6,9 +6,7 @@ Special pairs, which the rows of a cluster list do not hold, are varied apart. T
 and their slopes, 3 slots for each deviation, in one row.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -20,7 +18,7 @@ from kickdrift.forces.pairs.intra_cluster import terms_within
 from kickdrift.forces.pairs.lanes import pair_slopes
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals.dual import dual
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sum, rotated, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import broadcast, load_like, store
@@ -163,14 +161,10 @@ def vary_cluster(deviation, laws, x, cluster, cutoff2):
     store_vector(deviation.s, cluster, sx + gx, sy + gy, sz + gz)
 
 
-def apart(laws: Any, at: int, own: Any, u: Any, cutoff2: float, places: int) -> Any:
+@by_type(prefer_literal=True)
+def apart(laws, at, own, u, cutoff2, places):
     """Return the variations of the forces on the eight particles from slot ``at`` on by the particles ``places``
     further on."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(apart, prefer_literal=True)
-def _apart(laws, at, own, u, cutoff2, places):
     if not isinstance(places, types.IntegerLiteral):
         return None
 

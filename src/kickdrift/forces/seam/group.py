@@ -31,11 +31,14 @@ class Grouped:
     stands_for : str
         What the force is a model of, such as "gravity"; "" if it may stand beside any other force. See
         ``model.body_checks``.
+    on_sites : bool
+        Whether the force may act on virtual sites: it is divided by masses, and depends on nothing else of them.
     """
 
     group: int = field(default=0, repr=False)
 
     stands_for: ClassVar[str] = ""
+    on_sites: ClassVar[bool] = False
 
     def half_height(self, system: Subject) -> float:
         """Half the least height that the box must keep for this force."""
@@ -53,6 +56,10 @@ class Grouped:
     def fixes_edges(self, system: Subject) -> str:
         """Why no barostat can change angles and the choice of edges under this force; "" if one can."""
         return ""
+
+    def stated_error(self) -> float:
+        """Relative root-mean-square error of the forces that the user has asked; 0 for an exact sum."""
+        return 0.0
 
     def acting_on(self, system: Subject) -> dict[Any, str] | None:
         """Where the force acts, with a text for each place; None if it acts everywhere."""
@@ -138,9 +145,13 @@ class ListedForce:
 
 def refuse_massless(name: str, system: Subject, what: str = "this force") -> None:
     """Refuse a System with a particle without mass, for a force that accelerates particles by their inverse mass."""
-    massless = np.flatnonzero(system.state.masses == 0)
-    if massless.size:
-        raise InputError(f"{name}: particle {massless[0]} has no mass, and {what} would move it infinitely fast")
+    massless = system.state.masses == 0
+    if system.virtual_sites is not None:
+        massless[system.virtual_sites.particles] = False
+    if massless.any():
+        raise InputError(
+            f"{name}: particle {np.flatnonzero(massless)[0]} has no mass, and {what} would move it infinitely fast"
+        )
 
 
 def reach_of(system: Any) -> float:

@@ -18,6 +18,7 @@ from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
 from kickdrift.jit.inner import overload
 from kickdrift.jit.numba_private import TypingError
+from kickdrift.model.state import Floats
 
 OK, GROW, BLOWN_UP = 0, 1, 2  # status of a force evaluation: done, a list is full, positions make no sense
 RAISED = 4  # Python code inside raised, so no other step is tried; 3 is a stepper's STOPPED
@@ -54,6 +55,15 @@ class BoundForce(Bound):
 
     def _compute_for(self, kind: types.Type) -> Callable[..., int]:
         return compute_for(kind)
+
+    @property
+    def rows_along(self) -> int:
+        """Rows of the virial along each axis that the force gives, see `lists.along`; 0 if it gives none."""
+        return len(getattr(self.parts, "sums", (0,))) if hasattr(self.parts, "along") else 0
+
+    def with_along(self, along: Floats) -> BoundForce:
+        """The same force that sums its virial along each axis to these rows, if it gives one."""
+        return type(self)(self.parts._replace(along=along)) if hasattr(self.parts, "along") else self
 
 
 def compute_for(kind: types.Type) -> Callable[..., int]:

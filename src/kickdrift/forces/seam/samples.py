@@ -7,8 +7,6 @@ evaluation. Forces have the same bits with and without sums, so a sample changes
 A force takes part if its parts have ``looks``, an array of the slots below.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

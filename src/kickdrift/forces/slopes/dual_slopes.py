@@ -1,9 +1,6 @@
 """Exact slopes of laws, called by address: their formulas on duals, along eight deviations at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -20,7 +17,7 @@ from kickdrift.jit.duals import arrays as arrays  # what duals, alone and in arr
 from kickdrift.jit.duals.dual import SLOT, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, vector_at
 from kickdrift.jit.handle import Bound, Handle, handle_at
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.numba_private import cpu_target
 
 NO_DUALS = -1  # status of a force without a formula on duals
@@ -46,13 +43,9 @@ def slopes_of_field(force, t, x, v, a):
     return OK
 
 
-def dual_images(images: Any, x: Any) -> Any:
+@by_type
+def dual_images(images, x):
     """Positions x (3, n) as duals, or their images nearest to the law's place."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(dual_images)
-def _dual_images(images, x):
     if isinstance(images, types.NoneType):
         return lambda images, x: x
 
@@ -73,24 +66,17 @@ def over_mass(push, inverse_masses, i):
     return inverse_masses[i] * push
 
 
-def push_of(p: Any, x: Any, v: Any, m: Any, t: Any) -> Any:
+@by_type
+def push_of(p, x, v, m, t):
     """The force of a law as a dual vector."""
-
-
-@overload(push_of)
-def _push_of(p, x, v, m, t):
     law = p.instance_class.fused_law
     return lambda p, x, v, m, t: dual_vector(law(p, x, v, m, t)[1])
 
 
-def dual_slopes(force: Any, t: float, x: Any, v: Any, a: Any) -> int:
+@by_type
+def dual_slopes(force, t, x, v, a):
     """Add the accelerations of a force at duals x and v to the duals ``a``, all (3, n). Return a status, which is
     NO_DUALS for a force without a formula that takes duals."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(dual_slopes)
-def _dual_slopes(force, t, x, v, a):
     cls = (force.kind if isinstance(force, Handle) else force).instance_class
     code = slopes_of_field if cls is FieldWork else slopes_of_bodies
     if cls is FieldWork or cls in BODIES:

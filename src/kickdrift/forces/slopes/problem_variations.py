@@ -4,8 +4,6 @@ J d comes from the Problem's Jacobian, or from central differences of f along d.
 its unknowns are then the positions of y, the positions of each d, the velocities of y and the velocities of each d.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -20,6 +20,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
+from kickdrift.forces.external.lammps import LammpsForce
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.group import ListedForce
@@ -48,11 +49,13 @@ class Varied:
     def __init__(
         self, force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
     ) -> None:
-        if system.constraints is not None:
-            raise InputError("constraints: motion under constraints has no variational equations yet")
+        if system.tied_by:
+            raise InputError(f"{system.tied_by}: motion under {system.tied_by} has no variational equations yet")
         if isinstance(force, GravityTree):  # its tree makes the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; 'gravity' has them")
-        if isinstance(force, CalculatorForce):  # its memory does so too, and rounding may be that of float32
+        if isinstance(
+            force, CalculatorForce | LammpsForce
+        ):  # its memory does so too, and rounding may be that of float32
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         if isinstance(force, Coulomb):  # as yet
             raise InputError(f"force {force.name!r}: has no variational equations; pair forces without charges do")

@@ -11,8 +11,6 @@ there are no pointers, and the walk needs no stack. Each evaluation builds the t
 order of their ids, so the tree depends only on the present positions.
 """
 
-from __future__ import annotations
-
 import math
 
 from kickdrift.forces.tree.cut import cut_together, divide

@@ -6,8 +6,6 @@ at its share of the node: the box, the numbers next to the middle, the count bel
 the places that the counts of all chunks give. So the order does not depend on the number of threads.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

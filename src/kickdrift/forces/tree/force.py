@@ -71,6 +71,10 @@ class GravityTree(Grouped):
         """Tell whether this force allows particles at the same place at the start."""
         return self.softening > 0
 
+    def stated_error(self) -> float:
+        """See Grouped."""
+        return self.accuracy
+
     def bind(self, system: Subject, threads: int = 1) -> Any:
         """Bind this force to a System: a NamedTuple with a compiled body."""
         from kickdrift.forces.tree.kernel import bind

@@ -3,8 +3,6 @@
 Threads share the groups. Each particle's sum has one order, whatever the number of threads.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Positions wrap around at 2^64, the box edge, so the difference of two positions belongs to their nearest images.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

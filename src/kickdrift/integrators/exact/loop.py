@@ -4,8 +4,6 @@ All floating-point arithmetic here is strict, operation by operation. So an incr
 pair stands in a list.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -22,7 +20,6 @@ from kickdrift.integrators.exact.list import (
     MOMENTUM,
     POSITION,
     WHAT,
-    Particles,
     difference,
     refresh,
     whole,
@@ -31,7 +28,7 @@ from kickdrift.integrators.exact.list import (
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.jit.compile import driver, strict
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 
 # Largest half kick of one pair. Momenta reach to 2^62, so a sum can overflow unseen only with 32 such partners at once.
 # A start's largest momentum is 2^54 to 2^55.
@@ -72,13 +69,9 @@ class ExactGravity(NamedTuple):
 # --- forces ---
 
 
-def add_kicks(force: Any, particles: Particles) -> int:
+@by_type
+def add_kicks(force, particles):
     """Add the half kicks of one force, or of a tuple of forces, to ``particles.kick``. Return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_kicks)
-def _add_kicks(force, particles):
     if isinstance(force, types.BaseNamedTuple):
         return {ExactPairs: pair_kicks, ExactGravity: gravity_kicks}[force.instance_class].py_func
     lines = [f"    status = add_kicks(force[{k}], particles)\n    if status: return status" for k in range(len(force))]
@@ -147,13 +140,9 @@ def gravity_kicks(force, particles):
     return OK
 
 
-def pair_force(law: Any, at_cutoff: Any, truncation: Any, tables: Any, i: int, j: int, r2: float) -> float:
+@by_type
+def pair_force(law, at_cutoff, truncation, tables, i, j, r2):
     """Truncated force over r between particles i and j."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(pair_force)
-def _pair_force(law, at_cutoff, truncation, tables, i, j, r2):
     of_law, apply = strict(law.instance_class.law), strict(truncation.instance_class.apply)
     if isinstance(tables, types.NoneType):
 

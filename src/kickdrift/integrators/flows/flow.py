@@ -3,8 +3,6 @@
 y is (2, 3, n) for particles, positions and velocities; (2, 1, n / 2) for a separable Problem; (1, 1, n) for any other.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

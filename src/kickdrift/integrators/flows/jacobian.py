@@ -1,7 +1,5 @@
 """Jacobian of a right-hand side by differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Flow of a System: the view that integrators have of its particles under their forces, its states and its samples."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,10 +14,12 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
 from kickdrift.integrators.options import APART, FULL
+from kickdrift.looks.columns import VIRIAL
 from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.observers import Looks, Sample
 from kickdrift.looks.record import Record
+from kickdrift.looks.tensor import components
 from kickdrift.model.body_checks import check_plane
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import check_state, no_overflow, unwarned
@@ -62,6 +62,8 @@ class ParticleStates:
     def shared_state(self, y: Floats, time: float, steps: int) -> State:
         """y as a State that shares memory with y and with the System."""
         own = self.subject.state
+        if (sites := self.subject.virtual_sites) is not None:
+            sites.place(y[0])
         return State(y, own.masses, own.ids, self.box, time, steps)
 
     @property
@@ -107,6 +109,8 @@ class ParticleStates:
         for force in self.subject.forces:
             if getattr(force, "reflects", False):
                 force.check(self.subject.at(phase, state.time))  # no particle may be behind it
+        if (sites := self.subject.virtual_sites) is not None:
+            phase = sites.settled(self.subject.box, held, phase)
         return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:
@@ -166,6 +170,7 @@ class ParticleFlow(ParticleStates):
         self._shared = (self._listed or self.forces.sums_before_samples) and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
+        self._seen: tuple[Floats, Floats, float, Floats] | None = None  # positions, edges, virial and its parts
         self.others: BoundForces | None = None  # forces that a method has bound by itself
         self._look_at(system)
         if system.dimensions == 2:
@@ -175,7 +180,8 @@ class ParticleFlow(ParticleStates):
 
     def _forces_aside(self, system: System) -> BoundForces:
         """Forces with lists of their own, for one set of positions."""
-        aside = BoundForces(self._under(system), self.forces.threads, thin=True, live=self.live)
+        free = self.live is not None and self.live.free
+        aside = BoundForces(self._under(system), self.forces.threads, thin=True, live=self.live, apart=free)
         aside.follow(self.forces)
         return aside
 
@@ -231,7 +237,22 @@ class ParticleFlow(ParticleStates):
         if self.live:
             self._desk[CHANGING] = self.live.volume
             self._desk[VOLUMES] = self.subject.dimensions * self.live.volume
-        return self._looks(fresh).call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
+        forces = self._looks(fresh)
+        status = forces.call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
+        if self.live and self.live.free and forces.along is not None:
+            self._seen = y[0].copy(), self.live.lengths.copy(), float(looks.rows[row, VIRIAL]), forces.along.copy()
+        return status
+
+    def pressure_tensor(self, y: Floats, time: float, drags: bool) -> Floats:
+        """Components (6,) of the pressure at y in a box that changes its shape, see `looks.tensor`."""
+        assert self.live is not None
+        if self._seen is None or not (
+            np.array_equal(self._seen[0], y[0]) and np.array_equal(self._seen[1], self.live.lengths)
+        ):  # no sample was taken here
+            self.sample(y, time, 0)
+        assert self._seen is not None
+        _, _, virial, along = self._seen
+        return components(self.subject, y, virial, along, self.live.volume, drags)
 
     def looking(self, fresh: bool) -> Looking | None:
         """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""

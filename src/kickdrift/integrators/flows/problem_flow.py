@@ -1,7 +1,5 @@
 """Flow of a Problem: the view that integrators have of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.errors import InputError

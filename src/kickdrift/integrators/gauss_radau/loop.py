@@ -5,8 +5,6 @@ doi:10.1007/978-94-009-5400-7_17). The iteration to round-off and the compensate
 doi:10.1093/mnras/stu2164).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.bound.table import fill_last

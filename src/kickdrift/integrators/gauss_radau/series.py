@@ -6,8 +6,6 @@ length of each of its rows. Everything is inlined into the loop: passing arrays 
 few bodies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -11,8 +11,6 @@ derivatives (a' in place of a, or a'', and so on) gives the time scale of the mo
 …, is the lower bound of tau. Elsewhere tau is longer, and their rule holds unchanged.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK

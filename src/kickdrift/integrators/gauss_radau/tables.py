@@ -7,8 +7,6 @@ exact to order 15 at the step's end (Hairer, Nørsett & Wanner 1993, II.7, theor
 Everhart 1985, doi:10.1007/978-94-009-5400-7_17).
 """
 
-from __future__ import annotations
-
 from decimal import Decimal, localcontext
 from functools import cache
 from math import comb

@@ -16,15 +16,7 @@ from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.runge_kutta.adaptive import scaled_error
 from kickdrift.integrators.runge_kutta.tableaus import Rows, lower
-from kickdrift.integrators.stepping.step_control import (
-    EPSILON,
-    FLOOR,
-    controller,
-    first_step,
-    rejected_factor,
-    step_factor,
-    tolerances_of,
-)
+from kickdrift.integrators.stepping import step_control
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import Retimed
 from kickdrift.integrators.stepping.stepwise import PythonStepper, check_unknowns, factored
@@ -37,7 +29,9 @@ if TYPE_CHECKING:
 
 
 ROUNDED = 1e-10  # a stalled increment below this fraction of y is rounding; above, the iteration diverges
-LEFT = 1e-3 * EPSILON  # allowed error over y: its sign is the same in each step, and 0.1 of rounding showed as a drift
+LEFT = (
+    1e-3 * step_control.EPSILON
+)  # allowed error over y: its sign is the same in each step, and 0.1 of rounding showed as a drift
 MOST = {"newton": 50, "fixed-point": 100}  # iterations
 SLOW = 10  # from this many iterations on, a new Jacobian pays
 
@@ -249,16 +243,16 @@ class RosenbrockStepper(PythonStepper):
 
     def __init__(self, flow: Flow, tableau: LinearStages, options: Options) -> None:
         super().__init__(flow)
-        self.rtol, self.atol = tolerances_of(flow, options)
+        self.rtol, self.atol = step_control.tolerances_of(flow, options)
         check_unknowns(tableau.name, flow)
         self._tableau, self._first, self._longest = tableau, options.dt, options.longest
-        self._numbers = controller(options.controller).numbers
+        self._numbers = step_control.controller(options.controller).numbers
         self._exponent = 1.0 / (tableau.error_order + 1)
         self._a, self._c = lower(tableau.a), lower(tableau.c)
 
     def _forget(self) -> None:
         self._next = 0.0
-        self._errors = [FLOOR, FLOOR]  # of the last two steps
+        self._errors = [step_control.FLOOR, step_control.FLOOR]  # of the last two steps
         self._begun = self.time
         self._bad: Floats | None = None  # value of f that was not finite in the last attempt
         self._tangent: Tangent | None = None  # at the start of the last step, for samples
@@ -277,7 +271,7 @@ class RosenbrockStepper(PythonStepper):
         while last or h > 10.0 * np.spacing(abs(t)):
             trial, error = self._try(self._f, t, y, h, tangent)
             if error <= 1.0:
-                factor = step_factor.py_func(self._numbers, self._exponent, error, *self._errors)
+                factor = step_control.step_factor.py_func(self._numbers, self._exponent, error, *self._errors)
                 following = h * (min(1.0, factor) if rejected else factor)
                 self._next = max(following, self._next) if last else following
                 self._errors = [error, self._errors[0]]
@@ -285,7 +279,7 @@ class RosenbrockStepper(PythonStepper):
                 self._begun, self.time, self.last_step = t, self.end if last else t + h, h
                 return OK
             last = False
-            h *= rejected_factor.py_func(self._numbers, self._exponent, error)
+            h *= step_control.rejected_factor.py_func(self._numbers, self._exponent, error)
             rejected = True
             self._counts.rejected += 1
         if self._bad is not None:
@@ -296,7 +290,9 @@ class RosenbrockStepper(PythonStepper):
 
     def _first_step(self, derivative: Derivative, f: Floats) -> float | None:
         order, limits = self._tableau.error_order, (self.end, self.clip)
-        return self._first or first_step(derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
+        return self._first or step_control.first_step(
+            derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits
+        )
 
     def _fits(self) -> bool:
         h: float | None = self._next
@@ -348,7 +344,7 @@ def _by_time(derivative: Derivative, t: float, y: Floats, f: Floats, h: float) -
 
     At a start before which f is not finite, use forward differences. Neither goes beyond the step.
     """
-    apart = min(max(EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t)))), h)
+    apart = min(max(step_control.EPSILON ** (1 / 3) * h, 1000.0 * float(np.spacing(abs(t)))), h)
     after, before = t + apart, t - apart
     ahead, behind = derivative(after, y), derivative(before, y)
     if not np.isfinite(behind).all():

@@ -10,16 +10,9 @@ import numpy as np
 from kickdrift.forces.bound.table import fill_derivative
 from kickdrift.forces.seam.kernel import GROW, OK, RAISED
 from kickdrift.integrators.options import Options
+from kickdrift.integrators.stepping import step_control
 from kickdrift.integrators.stepping.chosen_steps import BEFORE, LAST, NEXT, TIME, ChosenSteps
 from kickdrift.integrators.stepping.loops import FRESH, REJECTED, STAGE, STEP, stage_state
-from kickdrift.integrators.stepping.step_control import (
-    FLOOR,
-    controller,
-    first_step,
-    rejected_factor,
-    step_factor,
-    tolerances_of,
-)
 from kickdrift.integrators.stepping.stepper import INNER, STOPPED
 from kickdrift.integrators.stepping.stepping import CompiledSteps
 from kickdrift.jit.compile import driver, jit
@@ -116,7 +109,7 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
         if status == OK:
             error = scaled_error(flat_y, flat_trial, errors, h, flat_k, rtol, atol)
         if error <= 1.0:
-            factor = step_factor(numbers, exponent, error, clock[ERROR], clock[ERROR_BEFORE])
+            factor = step_control.step_factor(numbers, exponent, error, clock[ERROR], clock[ERROR_BEFORE])
             if clock[REJECTED_LAST] != 0.0:
                 factor = min(1.0, factor)
             for i in range(flat_y.size):
@@ -128,7 +121,7 @@ def adaptive_loop(forces, y, before, work, stages, errors, rtol, atol, settings,
             cursor[FRESH] = 1
             cursor[STEP] += 1
         else:
-            clock[NEXT] = h * rejected_factor(numbers, exponent, error)
+            clock[NEXT] = h * step_control.rejected_factor(numbers, exponent, error)
             clock[REJECTED_LAST] = 1.0
             cursor[STAGE] = 1
             cursor[REJECTED] += 1
@@ -178,15 +171,15 @@ class AdaptiveStepper(ChosenSteps):
 
     def __init__(self, flow: Flow, tableau: EmbeddedPair, options: Options) -> None:
         super().__init__(flow, options)
-        self.rtol, self.atol = tolerances_of(flow, options)
-        self._tableau, self._controller = tableau, controller(options.controller)
+        self.rtol, self.atol = step_control.tolerances_of(flow, options)
+        self._tableau, self._controller = tableau, step_control.controller(options.controller)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
         self._begin(y, time, steps)
         self._before = y.copy()
         self._k_done: list[Floats] = []
         self._work = np.zeros((len(self._tableau.b) + 2, *y.shape))
-        self._clock[[ERROR, ERROR_BEFORE]] = FLOOR
+        self._clock[[ERROR, ERROR_BEFORE]] = step_control.FLOOR
 
     @property
     def _stages(self) -> Floats:
@@ -208,7 +201,7 @@ class AdaptiveStepper(ChosenSteps):
 
     def _first_step(self) -> float | None:
         f, order, limits = self._flow.derivative(self.time, self.y), self._tableau.error_order, (self.end, self.clip)
-        h = first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
+        h = step_control.first_step(self._flow.derivative, self.time, self.y, f, order, self.rtol, self.atol, *limits)
         self._extra_evaluations += 2 if h is not None else 0  # else every later step would repeat this
         return h
 

@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 
 # State that a solver keeps from step to step, without its settings (SciPy 1.17).
-POINT = ("t", "y", "t_old", "status", "nfev", "njev", "nlu")
+AT_POINT = ("t", "y", "t_old", "status", "nfev", "njev", "nlu")
 MATRIX = ("h_abs", "h_abs_old", "error_norm_old", "jac_factor", "J")
 RETAKEN = 10_000  # most steps for a sample inside a step; a solution that went astray may ask for any number
 OF_LSODA = "_lsoda_solver._integrator"
 NEXT_OF_LSODA = 11  # index in its rwork of the next step to try (HCUR)
 FIRST_ORDER = {"BDF": 1, "Radau": 3, "LSODA": 1}  # order in the error of a first step
 SOLVER_STATE = {
-    "BDF": (*POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
-    "Radau": (*POINT, *MATRIX, "LU_real", "LU_complex", "current_jac", "f", "Z", "y_old"),
+    "BDF": (*AT_POINT, *MATRIX, "LU", "D", "order", "n_equal_steps"),
+    "Radau": (*AT_POINT, *MATRIX, "LU_real", "LU_complex", "current_jac", "f", "Z", "y_old"),
     "LSODA": (
-        *POINT, "_lsoda_solver.t", "_lsoda_solver._y",
+        *AT_POINT, "_lsoda_solver.t", "_lsoda_solver._y",
         *(f"{OF_LSODA}.{key}" for key in ("rwork", "iwork", "state_doubles", "state_ints", "istate", "success")),
     ),
 }  # fmt: skip

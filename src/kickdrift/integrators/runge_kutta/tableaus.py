@@ -4,8 +4,6 @@
 error estimate (solution less embedded solution), whose last entry belongs to f(t + dt, y_new).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.model.state import Floats

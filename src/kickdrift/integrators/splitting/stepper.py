@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.sites import site_groups
 from kickdrift.forces.pairs.sorted_steps import plan_of
 from kickdrift.integrators.options import PRESSURE
 from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
@@ -148,7 +149,7 @@ class SplittingStepper(FixedStepper):
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
             if not held:
-                stages, further_stages = self.barostat.stages(method)
+                stages, further_stages = self.barostat.stages
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:
@@ -260,4 +261,5 @@ def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
             raise InputError(
                 f"{method.name}: kicks by groups 0 to {method.groups - 1}, and force {force.name} has group = {group}"
             )
-    return np.array(groups, np.int64)
+    beside = site_groups(flow.subject)
+    return np.array([*beside, *groups, *beside], np.int64)

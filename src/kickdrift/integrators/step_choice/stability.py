@@ -8,8 +8,6 @@ Sources: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.2-
 splittings Blanes, Casas & Murua 2008, doi:10.1137/070679764 (the stability of the propagation matrix).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction

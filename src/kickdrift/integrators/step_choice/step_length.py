@@ -3,8 +3,6 @@
 Beyond the limit of stability a run continues without an error, and its result means nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cache

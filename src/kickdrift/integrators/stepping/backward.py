@@ -5,8 +5,6 @@ a step forwards of the mirrored motion is a step backwards of the motion, for ev
 code. A solution y of y' = f(t, y) becomes the solution of y' = -f(-s, y).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import copy
 from typing import Any

@@ -6,8 +6,6 @@ all again, and the barostat decides: it keeps the change, or takes it back. For 
 compiled out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -21,7 +19,7 @@ from kickdrift.forces.bound.table import fill_accelerations
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.jit.compile import inlined, jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.model.state import Floats
 
 _NUMBERS = types.CPointer(types.float64)
@@ -110,13 +108,9 @@ def evaluate(barostat, bound, t, x, v, work, done, cursor):
     return fill_accelerations(bound, t, x, v, work, None, cursor)
 
 
-def keep_felt(felt: Any, work: Any) -> None:
+@by_type
+def keep_felt(felt, work):
     """felt <- accelerations, for a barostat that needs them."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(keep_felt)
-def _keep_felt(felt, work):
     if isinstance(felt, types.NoneType):
         return lambda felt, work: None
     return lambda felt, work: copy_rows(work, felt)

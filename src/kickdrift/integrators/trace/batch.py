@@ -1,7 +1,5 @@
 """Integrations of many small systems with the hybrid map, one system in each lane."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -12,18 +10,8 @@ from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.batch import LOOK, LaneBodies
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.stepping.batch_loops import Deviations, Members, from_lanes, to_lanes
+from kickdrift.integrators.trace import batch_loop
 from kickdrift.integrators.trace.batch_events import Limits
-from kickdrift.integrators.trace.batch_loop import (
-    COST,
-    LOUD,
-    MARKS,
-    STILL,
-    TAKEN,
-    Alone,
-    LaneTrace,
-    batch_trace_loop,
-    begin_lanes,
-)
 from kickdrift.integrators.trace.loop import trace_loop
 from kickdrift.integrators.trace.state import COUNTS
 from kickdrift.integrators.trace.stepper import hybrid_of, wide_lines
@@ -83,7 +71,7 @@ class TraceLanes(WisdomHolmanLanes):
         places = np.where(light, full + np.cumsum(light, axis=1), np.cumsum(~light, axis=1)) - 1
         self._slots = to_lanes(places).astype(np.int64)
         self._alone = self._room(bodies + 1, full, full if light.any() else 0, way, inner)
-        self._marks = np.zeros((blocks, MARKS, WIDTH), np.int64)
+        self._marks = np.zeros((blocks, batch_loop.MARKS, WIDTH), np.int64)
         self._work = aligned((blocks, WORK, *self._orbit.shape[2:]))
         self._softening2, self._dt = members.softening2, members.dt
         pairs = bodies * (bodies + 1) // 2
@@ -103,10 +91,10 @@ class TraceLanes(WisdomHolmanLanes):
         self._seen_order = self._order[:count]
         self._start, self._begun = aligned(self._orbit.shape[1:]), aligned(self._orbit.shape[2:])
         for block in range(blocks):
-            begin_lanes(self._lanes(block), self._dt[block])
+            batch_loop.begin_lanes(self._lanes(block), self._dt[block])
 
     @staticmethod
-    def _room(n: int, massive: int, massless: int, way: int, inner: int) -> Alone:
+    def _room(n: int, massive: int, massless: int, way: int, inner: int) -> batch_loop.Alone:
         """Room for a system of n bodies that takes a step alone."""
         slots = massive + massless
         bodies = rows.Bodies(
@@ -116,9 +104,9 @@ class TraceLanes(WisdomHolmanLanes):
             gm=0.0, shares=np.zeros(1), x=np.zeros((2, 3, 1)), a=np.zeros((3, 1)),
         )  # fmt: skip
         hybrid = hybrid_of(bodies, aligned((slots,)), way, inner)
-        return Alone(hybrid, np.zeros(n, np.int64), np.arange(n), np.ones((3, n)), np.zeros((2, 3, n)))
+        return batch_loop.Alone(hybrid, np.zeros(n, np.int64), np.arange(n), np.ones((3, n)), np.zeros((2, 3, n)))
 
-    def _lanes(self, block: int) -> LaneTrace:
+    def _lanes(self, block: int) -> batch_loop.LaneTrace:
         n = self._y.shape[3]
         orbits = LaneOrbits(
             orbit=self._orbit[block], seen=self._seen, centre=self._centre[block], table=self._table[block],
@@ -132,7 +120,7 @@ class TraceLanes(WisdomHolmanLanes):
             before=np.zeros((2, 3, n)), after=np.zeros((2, 3, n)), kept=self._kept, none=np.zeros(COUNTS, np.int64),
             places=np.full(n, -1),
         )  # fmt: skip
-        return LaneTrace(
+        return batch_loop.LaneTrace(
             orbits=orbits, start=self._start, begun=self._begun, reach=self._reach[block], slots=self._slots[block],
             marks=self._marks[block], idle=aligned((WIDTH,)), ended=self._ended[block], limits=limits,
             way=self._alone.hybrid.way,
@@ -146,7 +134,7 @@ class TraceLanes(WisdomHolmanLanes):
         quiet_at, alone, forces = self._watch.quiet_at if self._watch else 0, self._alone, self._forces.table
         lanes, y, dt = self._lanes(block), self._y[block], self._dt[block]
         while True:
-            found = batch_trace_loop(
+            found = batch_loop.batch_trace_loop(
                 forces, lanes, alone, self._alone_at, quiet_at, y, dt, done, counts, first, looks, cursor
             )
             if found == len(counts):
@@ -159,10 +147,10 @@ class TraceLanes(WisdomHolmanLanes):
         """Stop the members to which an event has happened."""
         marks, watch = self._marks[block], self._watch
         assert watch is not None
-        for lane in np.flatnonzero(marks[LOUD]):
-            marks[LOUD, lane] = 0
+        for lane in np.flatnonzero(marks[batch_loop.LOUD]):
+            marks[batch_loop.LOUD, lane] = 0
             member = int(self._lane_of[block * WIDTH + lane])
-            step = done + int(marks[TAKEN, lane])
+            step = done + int(marks[batch_loop.TAKEN, lane])
             before, order = self._kept[lane], self._order[block * WIDTH + lane]
             time = (step - 1) * self._dt[block, lane]
             x = np.empty(before.shape)
@@ -174,7 +162,7 @@ class TraceLanes(WisdomHolmanLanes):
             listed[:, :, order] = x
             after = watch.end(member, listed, step)
             if after is not None:
-                marks[STILL, lane] = 1
+                marks[batch_loop.STILL, lane] = 1
                 self._ended[block, ..., lane] = after[:, :, order]
 
     def watch(self, watch: Watching) -> None:
@@ -183,12 +171,12 @@ class TraceLanes(WisdomHolmanLanes):
         for name, values in zip(("_lengths", "_fractions", "_touching", "_far", "_about"), watch.reaches, strict=True):
             setattr(self, name, to_lanes(values))
         for lane in range(len(self._lane_of), blocks * WIDTH):
-            self._marks[lane // WIDTH, STILL, lane % WIDTH] = 1
+            self._marks[lane // WIDTH, batch_loop.STILL, lane % WIDTH] = 1
 
     @property
     def running(self) -> NDArray[np.int64]:
         """Members in the lanes that no event has stopped."""
-        still = self._marks[:, STILL].reshape(-1)[: len(self._lane_of)]
+        still = self._marks[:, batch_loop.STILL].reshape(-1)[: len(self._lane_of)]
         return self._lane_of[still == 0]
 
     @property
@@ -208,11 +196,11 @@ class TraceLanes(WisdomHolmanLanes):
 
     def pack(self) -> None:
         """Take the members that have stopped out of the lanes, if the others then need fewer blocks."""
-        still = self._marks[:, STILL].reshape(-1)[: len(self._lane_of)] == 1
+        still = self._marks[:, batch_loop.STILL].reshape(-1)[: len(self._lane_of)] == 1
         stay = np.flatnonzero(~still)
         if not len(stay) or -(-len(stay) // WIDTH) == len(self._y):
             return
-        y, cost = self.y_of_lanes, self._marks[:, COST].reshape(-1)
+        y, cost = self.y_of_lanes, self._marks[:, batch_loop.COST].reshape(-1)
         for lane in np.flatnonzero(still):
             self._gone[int(self._lane_of[lane])] = y[lane].copy(), int(cost[lane])
         full = len(self._y) * WIDTH
@@ -223,7 +211,7 @@ class TraceLanes(WisdomHolmanLanes):
         blocks = len(self._y)
         more = np.minimum(np.arange(blocks * WIDTH), len(stay) - 1)
         self._order, self._lane_of = self._order[stay[more]], self._lane_of[stay]
-        self._marks[-1, STILL, len(stay) - (blocks - 1) * WIDTH :] = 1
+        self._marks[-1, batch_loop.STILL, len(stay) - (blocks - 1) * WIDTH :] = 1
 
     @property
     def y_of_lanes(self) -> Floats:
@@ -247,7 +235,7 @@ class TraceLanes(WisdomHolmanLanes):
         if member in self._gone:
             return self._gone[member][1]
         lane = int(np.flatnonzero(self._lane_of == member)[0])
-        return int(self._marks[lane // WIDTH, COST, lane % WIDTH])
+        return int(self._marks[lane // WIDTH, batch_loop.COST, lane % WIDTH])
 
     def warnings(self, member: int) -> list[str]:
         """See LaneStepper."""

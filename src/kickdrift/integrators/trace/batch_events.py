@@ -4,8 +4,6 @@ A bound in lanes clears most steps. The other steps go to a compiled test by its
 ``kickdrift.batch.lane_events``), which follows the curves between step points and the paths of bodies that met.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

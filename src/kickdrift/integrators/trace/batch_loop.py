@@ -4,8 +4,6 @@ All lanes take the Wisdom-Holman step of ``loop``, and find the switches at its 
 pair or a pericentre passage at either end takes this step alone, by the code of ``loop``.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

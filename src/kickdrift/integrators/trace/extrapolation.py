@@ -5,8 +5,6 @@ positions alone, leapfrog needs half as many evaluations for each power (Gragg 1
 Stoer 1966, doi:10.1007/BF02165234; Hairer, Norsett & Wanner 1993, II.14, doi:10.1007/978-3-540-78862-1).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ pericentre, all massive bodies are one group. A massless body moves with copies 
 own pericentre passage it moves with copies of all massive bodies. It changes none of them.
 """
 
-from __future__ import annotations
-
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.trace.extrapolation import follow_by_extrapolation
 from kickdrift.integrators.trace.meeting import follow, note_path

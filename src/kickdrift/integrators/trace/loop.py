@@ -5,8 +5,6 @@ once more with all of them (Hernandez & Dehnen 2023, MNRAS 522, 4639; Lu, Hernan
 doi:10.1093/mnras/stae1982).
 """
 
-from __future__ import annotations
-
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.stepping.loops import STEP

@@ -8,8 +8,6 @@ the moving central body, so the central body's own acceleration counts too:
 In this way the drift includes the map's jump. Other forces add to these accelerations (see ``others``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -7,8 +7,6 @@ A kick by forces that depend on velocity is an implicit midpoint step, v' = v + 
 own inverse with the time turned round, as all parts of the map are.
 """
 
-from __future__ import annotations
-
 from kickdrift.forces.bound.table import EVALUATIONS, accelerate_by, fill_by
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.trace.state import HEAVY, INSIDE, NUMBER, PAIRS, PASSAGES, compiled_hermite

@@ -4,8 +4,6 @@ The bodies are those of ``wisdom_holman.bodies`` in democratic heliocentric coor
 body, velocities from the centre of mass. A slot is a place in their lanes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

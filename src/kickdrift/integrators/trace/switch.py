@@ -14,8 +14,6 @@ Both conditions are the same with the time turned round (Lu, Hernandez & Rein 20
 Hernandez & Dehnen 2023, MNRAS 522, 4639).
 """
 
-from __future__ import annotations
-
 from kickdrift.integrators.trace.state import HEAVY, NEW, NONE, PAIRS, PASSAGES
 from kickdrift.integrators.wisdom_holman.bodies import GM, LIVE
 from kickdrift.jit.compile import inlined, jit

@@ -6,8 +6,6 @@ duals, see `tangent_meeting`. The pairs and passages are constants: between two 
 map's own code moves the bodies, so they move as in a run without derivatives. Duals of duals give second derivatives.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +18,8 @@ from kickdrift.integrators.trace.state import FULL, POINTS
 from kickdrift.integrators.trace.tangent_meeting import enter_meeting, heavy_passes, meet_again
 from kickdrift.integrators.trace.tangent_others import kick_by_others_duals
 from kickdrift.integrators.trace.tangent_state import DualMeeting, dual_meeting
+from kickdrift.integrators.wisdom_holman import tangent_columns
 from kickdrift.integrators.wisdom_holman.tangent import pull_of
-from kickdrift.integrators.wisdom_holman.tangent_columns import (
-    Derived,
-    blocks_of,
-    enter_masses,
-    enter_phase,
-    leave_number,
-)
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
 from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
@@ -58,8 +50,8 @@ class TraceTangents(NamedTuple):
 
 
 def trace_tangents(
-    phase: Derived,
-    gm: Derived,
+    phase: tangent_columns.Derived,
+    gm: tangent_columns.Derived,
     order: NDArray[np.int64],
     slot: NDArray[np.int64],
     slots: int,
@@ -71,7 +63,10 @@ def trace_tangents(
     n, twice = len(gm.values), gm.second.size > 0
     number = np.zeros(slots, np.int64)
     number[slot[1:]] = np.arange(1, n)
-    massive, blocks = int(np.count_nonzero(gm.values > 0.0)), blocks_of(gm.slopes.shape[1], part.ROWS, n, twice)
+    massive, blocks = (
+        int(np.count_nonzero(gm.values > 0.0)),
+        tangent_columns.blocks_of(gm.slopes.shape[1], part.ROWS, n, twice),
+    )
     made = TraceTangents(
         *blocks, slot, number, np.zeros(n, np.uint8), massive,
         order, others, pushes, np.zeros(1, np.int64), moving, dual_meeting(massive + 1, twice),
@@ -96,12 +91,12 @@ def enter_democratic(blocks, columns, phase, gm):
     n = gm.values.size
     for block in range(blocks.shape[0]):
         masses = dual_rows(blocks[block, part.MASSES], n)
-        enter_masses(masses, gm, columns[block])
+        tangent_columns.enter_masses(masses, gm, columns[block])
         for i in range(n):
             masses[1, i], masses[2, i] = masses[0, 0], masses[0, i] / masses[0, 0]
         for half in range(2):
             x = dual_rows(blocks[block, half], n)
-            enter_phase(x, half, phase, columns[block])
+            tangent_columns.enter_phase(x, half, phase, columns[block])
             centre = centre_of(x, masses)
             origin = vector_at(x, 0) if half == 0 else centre
             for i in range(1, n):
@@ -125,9 +120,9 @@ def leave_democratic(blocks, columns, n, phase):
             origin = central if half == 0 else vector_at(x, 0)
             for i in range(n):
                 own = central if i == 0 else vector_at(x, i) + origin
-                leave_number(phase, half * 3 * n + i, own.x, columns[block])
-                leave_number(phase, (half * 3 + 1) * n + i, own.y, columns[block])
-                leave_number(phase, (half * 3 + 2) * n + i, own.z, columns[block])
+                tangent_columns.leave_number(phase, half * 3 * n + i, own.x, columns[block])
+                tangent_columns.leave_number(phase, (half * 3 + 1) * n + i, own.y, columns[block])
+                tangent_columns.leave_number(phase, (half * 3 + 2) * n + i, own.z, columns[block])
 
 
 @driver

@@ -4,8 +4,6 @@ The steps have the lengths, and the rows of the table of extrapolation, that the
 the accelerations, so a dual's numbers join their state as they are.
 """
 
-from __future__ import annotations
-
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.gauss_radau import series
 from kickdrift.integrators.gauss_radau.step import AGAIN, CONVERGED, MOST, PATIENCE, TERMS

@@ -3,8 +3,6 @@
 See ``others`` for what the map does.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK

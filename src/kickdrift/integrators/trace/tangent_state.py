@@ -1,7 +1,5 @@
 """Memory of the hybrid map's derivatives: rows of duals for all bodies, and room for the bodies that meet."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wisdom-Holman integrations of many small systems, one system in each lane."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The map is that of ``loop``, whose formulas cite their sources. That loop has bo
 over lanes; this loop sums over bodies with plain loops.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

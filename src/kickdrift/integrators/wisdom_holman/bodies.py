@@ -4,8 +4,6 @@ Bodies around the central one are in lanes, massive ones first. The massive and 
 multiple of eight with massless bodies on distant circles, which feel nothing.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Symplectic correctors of the Wisdom-Holman map."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise

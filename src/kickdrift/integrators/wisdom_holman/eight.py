@@ -8,8 +8,6 @@ On a busy machine with AVX-512 this saves 4 to 9 % of a step's time: a step of t
 435.
 """
 
-from __future__ import annotations
-
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
 from kickdrift.integrators.wisdom_holman.bodies import GM, HILL, INSIDE, LIVE, OTHERS, SHARE, SOURCE

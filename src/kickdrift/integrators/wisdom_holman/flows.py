@@ -4,8 +4,6 @@ Every body drifts along its Kepler orbit, feels the others as kicks, and in heli
 central one. Forces other than gravity join the kicks.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.bound.table import EVALUATIONS, fill_accelerations

@@ -14,8 +14,6 @@ every time. So is the rest that the rounded coefficients 1 / 3! and 1 / 4! lose.
 linearly, not as the root of the steps.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -23,7 +21,7 @@ import numpy as np
 from numba import types
 
 from kickdrift.jit.compile import as_written, in_order, inlined, jit
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.functions import inverse_sqrt_estimate, lanes_like, multiply_add
 from kickdrift.jit.lanes.masks import any_lane, select
@@ -246,12 +244,9 @@ def one_solution(gm, beta, r0, eta, zeta, dt):
     return g
 
 
-def solution(gm: Any, beta: Any, r0: Any, eta: Any, zeta: Any, dt: Any) -> Any:
+@by_type
+def solution(gm, beta, r0, eta, zeta, dt):
     """G0 to G3 at the root for dt >= 0. ``tangent_drift`` has the form for duals."""
-
-
-@overload(solution)
-def _solution(gm, beta, r0, eta, zeta, dt):
     return one_solution.py_func if isinstance(gm, types.Float) else None
 
 

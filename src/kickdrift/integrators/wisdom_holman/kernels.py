@@ -10,9 +10,7 @@ Sources: Wisdom, Holman & Touma 1996, Fields Inst. Commun. 10, 217; Rein, Tamayo
 doi:10.1093/mnras/stz2503.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from numba import types
 
@@ -27,7 +25,7 @@ from kickdrift.integrators.wisdom_holman.bodies import (
     add_vectors,
 )
 from kickdrift.jit.compile import inlined, jit, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import inverse_sqrt, lane_numbers, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import aligned, load
@@ -57,13 +55,9 @@ def kernel_of(name: str, bodies: Bodies) -> Kernel:
     return Kernel(beside(), None if name == LAZY else beside())
 
 
-def kick(kernel: Any, others: Any, bodies: Any, stages: Any, stage: int, dt: float, t: float, cursor: Any) -> int:
+@by_type(forceinline=True)
+def kick(kernel, others, bodies, stages, stage, dt, t, cursor):
     """Let the interaction and the other forces act for a time dt. Return a status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(kick, forceinline=True)
-def _kick(kernel, others, bodies, stages, stage, dt, t, cursor):
     if isinstance(kernel, types.NoneType):
 
         def plain(kernel, others, bodies, stages, stage, dt, t, cursor):

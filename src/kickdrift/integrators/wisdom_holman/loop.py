@@ -4,8 +4,6 @@
 weights are as in any splitting. Positions and velocities are rounded as in ``coordinates``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.forces.seam.kernel import OK

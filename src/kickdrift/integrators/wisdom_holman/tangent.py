@@ -4,22 +4,13 @@ Coordinates are Jacobi's. Masses may vary as well. `tangent_drift` has the Keple
 other forces, and the kernels that change a kick (see `kernels`). Duals of duals give the second derivatives.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.wisdom_holman.tangent_columns import (
-    Blocks,
-    Derived,
-    blocks_of,
-    enter_masses,
-    enter_phase,
-    leave_number,
-)
+from kickdrift.integrators.wisdom_holman import tangent_columns
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
 from kickdrift.integrators.wisdom_holman.tangent_pushes import feel, to_first_order
 from kickdrift.jit.compile import driver, jit, never_inline
@@ -175,12 +166,12 @@ def tidal(d, u):
 # --- the map ---
 
 
-def tangents(phase: Derived, gm: Derived) -> Blocks:
+def tangents(phase: tangent_columns.Derived, gm: tangent_columns.Derived) -> tangent_columns.Blocks:
     """Bring a phase (2, 3, n), and G m (n,), to Jacobi's coordinates. The central body comes first.
 
     The rows of the blocks hold duals: positions, velocities, work, and in row MASSES the G m of the bodies and, behind
     them, the G M of the Kepler motions."""
-    made = blocks_of(gm.slopes.shape[1], ROWS, len(gm.values), gm.second.size > 0)
+    made = tangent_columns.blocks_of(gm.slopes.shape[1], ROWS, len(gm.values), gm.second.size > 0)
     enter(made.rows, made.columns, phase, gm)
     return made
 
@@ -198,7 +189,7 @@ def enter(blocks, columns, phase, gm):
     n = gm.values.size
     for block in range(blocks.shape[0]):
         masses = dual_rows(blocks[block, MASSES], n)
-        enter_masses(masses, gm, columns[block])
+        tangent_columns.enter_masses(masses, gm, columns[block])
         total = as_dual(0.0)
         for i in range(n):
             total += masses[0, i]
@@ -206,7 +197,7 @@ def enter(blocks, columns, phase, gm):
             masses[2, i] = masses[0, i] / total
         for half in range(2):
             x = dual_rows(blocks[block, half], n)
-            enter_phase(x, half, phase, columns[block])
+            tangent_columns.enter_phase(x, half, phase, columns[block])
             to_jacobi(x, masses, True)
 
 
@@ -219,7 +210,7 @@ def leave(blocks, columns, n, phase):
             from_jacobi(dual_rows(blocks[block, half], n), masses, inertial)
             for k in range(3):
                 for i in range(n):
-                    leave_number(phase, (half * 3 + k) * n + i, inertial[k, i], columns[block])
+                    tangent_columns.leave_number(phase, (half * 3 + k) * n + i, inertial[k, i], columns[block])
 
 
 @driver

@@ -4,16 +4,14 @@ To first order a block has eight columns. To second order it has one column and 
 the one and each of the eight, and the first derivatives. Memory with a last axis of two numbers holds these.
 """
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.jit.compile import jit
 from kickdrift.jit.duals.dual import DUAL, SLOT, dual
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.state import Floats
@@ -76,12 +74,10 @@ def put_eight(numbers, row, first, lanes):
     masked_store(flat(numbers), row * columns + first, lanes, min(WIDTH, columns - first))
 
 
-def enter_number(x: Any, k: Any, i: Any, of: Any, row: Any, columns: Any) -> None:
+@by_type
+def enter_number(x, k, i, of, row, columns):
     """x[k, i] <- number ``row`` of ``Derived``, with derivatives by the columns of a block."""
 
-
-@overload(enter_number)
-def _enter_number(x, k, i, of, row, columns):
     def once(x, k, i, of, row, columns):
         x[k, i] = dual(of.values[row], eight(of.slopes, row, columns[1]))
 
@@ -93,12 +89,10 @@ def _enter_number(x, k, i, of, row, columns):
     return once if x.dtype == DUAL else twice
 
 
-def leave_number(of: Any, row: Any, number: Any, columns: Any) -> None:
+@by_type
+def leave_number(of, row, number, columns):
     """Number ``row`` of ``Derived`` <- a dual, with derivatives by the columns of a block."""
 
-
-@overload(leave_number)
-def _leave_number(of, row, number, columns):
     def once(of, row, number, columns):
         of.values[row] = number.value
         put_eight(of.slopes, row, columns[1], number.slope)

@@ -6,16 +6,12 @@ second step, on duals of duals, gives the second derivative. The rest of the dri
 drift has seven slopes, which serve all columns.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, one_g, one_solution, solution
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import DUAL, Dual, as_dual, dual
 from kickdrift.jit.duals.operators import put_vector, vector_at
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes.functions import lane_numbers, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import store
@@ -35,14 +31,12 @@ def unit_slopes(k):
     return vector3(unit_slope(k), unit_slope(k + 1), unit_slope(k + 2))
 
 
-def fill_kepler(x: Any, v: Any, masses: Any, dt: Any, changes: Any, slopes: Any) -> None:
+@by_type
+def fill_kepler(x, v, masses, dt, changes, slopes):
     """changes (n, 6) <- the changes of position and velocity by each body's Kepler drift; slopes <- their derivatives
     by position, velocity and GM, eight numbers for each change. Nothing for second derivatives, which do not share
     them."""
 
-
-@overload(fill_kepler)
-def _fill_kepler(x, v, masses, dt, changes, slopes):
     def fill(x, v, masses, dt, changes, slopes):
         for i in range(1, x.shape[1]):
             place = dual(vector_at(x, i).value, unit_slopes(0))
@@ -65,12 +59,10 @@ def drift_duals(x, v, masses, dt, changes, slopes):
         drift_dual(x, v, masses, dt, changes, slopes, i)
 
 
-def drift_dual(x: Any, v: Any, masses: Any, dt: Any, changes: Any, slopes: Any, i: Any) -> None:
+@by_type(forceinline=True)
+def drift_dual(x, v, masses, dt, changes, slopes, i):
     """Move body i along its Kepler orbit."""
 
-
-@overload(drift_dual, forceinline=True)
-def _drift_dual(x, v, masses, dt, changes, slopes, i):
     def once(x, v, masses, dt, changes, slopes, i):
         dx, dv, gm = vector_at(x, i).slope, vector_at(v, i).slope, masses[1, i].slope
         for row in range(6):
@@ -101,12 +93,10 @@ def _solution(gm, beta, r0, eta, zeta, dt):
     return of_duals if isinstance(gm, Dual) else None
 
 
-def kepler_root(gm: Any, beta: Any, r0: Any, eta: Any, zeta: Any, ahead: Any) -> Any:
+@by_type
+def kepler_root(gm, beta, r0, eta, zeta, ahead):
     """Root X of the equation in `kepler`, of numbers or of duals."""
 
-
-@overload(kepler_root)
-def _kepler_root(gm, beta, r0, eta, zeta, ahead):
     def of_numbers(gm, beta, r0, eta, zeta, ahead):
         found = one_solution(gm, beta, r0, eta, zeta, ahead)
         return (ahead - eta * found.g2 - zeta * found.g3) / r0

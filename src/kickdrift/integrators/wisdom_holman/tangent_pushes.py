@@ -1,7 +1,5 @@
 """Other forces than gravity in tangent maps: accelerations on duals, and what masses and parameters do in them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -6,8 +6,6 @@ them. Each file holds the code of one function for the types of its arguments. A
 `folders`), and old code is removed (see `code_files`).
 """
 
-from __future__ import annotations
-
 import re
 import secrets
 from collections.abc import Callable

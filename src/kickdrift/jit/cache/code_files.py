@@ -5,8 +5,6 @@ Every edit of a source, and every new version of numba, leaves code that no proc
 the nearest `STEP`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle

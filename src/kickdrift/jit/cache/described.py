@@ -7,8 +7,6 @@ stable description (an object known only by its memory address) raises `UnknownS
 code is not kept on disk.
 """
 
-from __future__ import annotations
-
 import builtins
 import dis
 import enum

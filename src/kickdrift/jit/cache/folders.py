@@ -4,8 +4,6 @@ Whoever can write a file of code here can run code as the user who loads the fil
 this user can write to it, or nobody but root if it is only read.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import shutil

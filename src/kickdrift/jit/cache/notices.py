@@ -1,7 +1,5 @@
 """Notices of compilation: whoever listens hears before machine code is made, and for what."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

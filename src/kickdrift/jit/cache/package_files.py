@@ -5,8 +5,6 @@ imports are read from the text, wherever they stand in the file. This imports no
 about a millisecond for a step loop.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Arithmetic of whole arrays of duals, element by element with NumPy's broadcasting, so that laws may use it."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any

@@ -8,8 +8,6 @@ Derivatives, doi:10.1137/1.9780898717761, chapter 3). A formula of numbers then 
 computed once for eight directions.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

@@ -1,7 +1,5 @@
 """Elementary functions of duals, of ``math`` and NumPy's scalar functions: value and slope by the chain rule."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -12,18 +10,15 @@ from numba import types
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import operators as operators  # operators of the duals that these functions return
 from kickdrift.jit.duals.dual import DUAL, TWICE, Dual, as_dual, dual, of_lanes
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes.vectors import Lanes
 
 _TWO_OVER_ROOT_PI = 2.0 / math.sqrt(math.pi)
 
 
-def sign_of(x: Any) -> Any:
+@by_type
+def sign_of(x):
     """1 or -1, with the sign of a number, of a dual or of lanes."""
-
-
-@overload(sign_of)
-def _sign_of(x):
     if isinstance(x, Lanes):
         return lambda x: np.where(x < 0.0, -1.0, 0.0 * x + 1.0)
     if isinstance(x, Dual):

@@ -5,8 +5,6 @@ becomes duals of lanes. In memory a `SINGLE` dual is a number followed by its sl
 and `with_duals` shows them to compiled code.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -18,7 +16,7 @@ from numba.extending import intrinsic
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import operators as operators  # operators of the duals that these functions return
 from kickdrift.jit.duals.dual import SINGLE, Dual, dual, made, of_lanes
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes import functions as lanes
 from kickdrift.jit.lanes import gathering, masks, memory, packing, single
 from kickdrift.jit.lanes.vectors import F64, I32, WIDTH, half_single_type, lanes_type
@@ -49,13 +47,9 @@ def _of_duals(array: types.Type) -> bool:
     return isinstance(array, types.Array) and array.dtype == SINGLE
 
 
-def value_of(x: Any) -> Any:
+@by_type
+def value_of(x):
     """Value of a dual; a number or lanes unchanged."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(value_of)
-def _value_of(x):
     return (lambda x: x.value) if isinstance(x, Dual) else (lambda x: x)
 
 
@@ -92,13 +86,9 @@ def _store(typingctx, array, index, value):
     return types.void(array, types.intp, _DUALS), codegen
 
 
-def load(array: Any, index: int) -> Any:
+@by_type
+def load(array, index):
     """See `memory.load`. An array of float32 gives lanes of float32."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(load)
-def _load_either(array, index):
     if _of_duals(array):
         return lambda array, index: _load(array, index)
     return lambda array, index: memory.load_like(array, index, single.zeros_in(array))
@@ -107,33 +97,21 @@ def _load_either(array, index):
 # --- precision ---
 
 
-def in_precision_of(array: Any, x: Any) -> Any:
+@by_type
+def in_precision_of(array, x):
     """Lanes in the precision of an array: of float32 for an array of float32; else as they are, duals too."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(in_precision_of)
-def _in_precision_of(array, x):
     return (lambda array, x: single.narrowed(x)) if array.dtype == types.float32 else (lambda array, x: x)
 
 
-def in_double(x: Any) -> Any:
+@by_type
+def in_double(x):
     """Lanes of float32 as float64; other lanes and duals as they are."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(in_double)
-def _in_double(x):
     return (lambda x: lanes.in_eight(x)) if x == half_single_type else (lambda x: x)
 
 
-def store(array: Any, index: int, value: Any) -> None:
+@by_type
+def store(array, index, value):
     """See `memory.store`. An array of duals takes lanes as duals without slopes."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(store)
-def _store_either(array, index, value):
     if not _of_duals(array):
         return lambda array, index, value: memory.store(array, index, value)
     if of_lanes(value):
@@ -178,13 +156,9 @@ def _add_rows_at(typingctx, table, places, first, columns):
     return types.void(table, places, types.intp, types.UniTuple(_DUALS, gathering.ROW)), codegen
 
 
-def rows_at(table: Any, places: Any, first: int) -> Any:
+@by_type
+def rows_at(table, places, first):
     """See `gathering.rows_at`."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(rows_at)
-def _rows_at_either(table, places, first):
     if _of_duals(table):
         return lambda table, places, first: _rows_at(table, places, first)
     return lambda table, places, first: gathering.rows_at(table, places, first)
@@ -193,11 +167,8 @@ def _rows_at_either(table, places, first):
 def _teach_adding(of_lanes_alone: Any, of_duals: Any) -> Any:
     """A function that adds to a table, by what the table holds."""
 
-    def add(table: Any, places: Any, first: int, numbers: Any) -> None:
-        raise NotImplementedError("for compiled code")
-
-    @overload(add)
-    def _add(table, places, first, numbers):
+    @by_type
+    def add(table, places, first, numbers):
         if _of_duals(table):
             return lambda table, places, first, numbers: of_duals(table, places, first, numbers)
         return lambda table, places, first, numbers: of_lanes_alone(table, places, first, numbers)
@@ -212,13 +183,9 @@ add_rows_at = _teach_adding(gathering.add_rows_at, _add_rows_at)
 # --- selection and sums ---
 
 
-def select(mask: Any, yes: Any, no: Any) -> Any:
+@by_type
+def select(mask, yes, no):
     """See `masks.select`."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(select)
-def _select(mask, yes, no):
     if not (of_lanes(yes) or of_lanes(no)):
         return lambda mask, yes, no: masks.select(mask, yes, no)
     if not of_lanes(no):
@@ -230,25 +197,17 @@ def _select(mask, yes, no):
     return lambda mask, yes, no: dual(masks.select(mask, yes.value, no.value), masks.select(mask, yes.slope, no.slope))
 
 
-def packed(mask: Any, x: Any) -> Any:
+@by_type
+def packed(mask, x):
     """See `packing.packed`."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(packed)
-def _packed(mask, x):
     if of_lanes(x):
         return lambda mask, x: dual(packing.packed(mask, x.value), packing.packed(mask, x.slope))
     return lambda mask, x: packing.packed(mask, x)
 
 
-def lane_sum(x: Any) -> Any:
+@by_type
+def lane_sum(x):
     """See `lanes.lane_sum`."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(lane_sum)
-def _lane_sum(x):
     if of_lanes(x):
         return lambda x: dual(lanes.lane_sum(x.value), lanes.lane_sum(x.slope))
     return lambda x: lanes.lane_sum(x)
@@ -261,15 +220,12 @@ def _teach(function: Any, of_single: Any, slope: Any) -> Any:
     """A function of lanes of both precisions and of duals; ``slope`` is its derivative, by argument and value."""
     rule = as_written(slope)
 
-    def either(x: Any) -> Any:
-        raise NotImplementedError("for compiled code")
-
     def of_duals(x):
         value = function(x.value)
         return dual(value, rule(x.value, value) * x.slope)
 
-    @overload(either)
-    def _either(x):
+    @by_type
+    def either(x):
         if of_lanes(x):
             return of_duals
         return (lambda x: of_single(x)) if x == half_single_type else (lambda x: function(x))
@@ -282,13 +238,10 @@ lane_exp = _teach(lanes.lane_exp, single.single_exp, lambda x, y: y)
 lane_log = _teach(lanes.lane_log, single.single_log, lambda x, y: 1.0 / x)
 
 
-def lane_sine_cosine(x: Any) -> Any:
+@by_type
+def lane_sine_cosine(x):
     """See `lanes.lane_sine_cosine`."""
-    raise NotImplementedError("for compiled code")
 
-
-@overload(lane_sine_cosine)
-def _lane_sine_cosine(x):
     def of_duals(x):
         sine, cosine = lanes.lane_sine_cosine(x.value)
         return dual(sine, cosine * x.slope), dual(cosine, -sine * x.slope)

@@ -3,8 +3,6 @@
 The rules are those of calculus: linear operators act on value and slopes alike, bilinear ones by the product rule.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from numba import types
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals.dual import DUAL, DUAL3, SLOT, TWICE3, Dual, as_dual, dual, kept_duals, of_lanes
 from kickdrift.jit.duals.lane_operators import lanes_of
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes import law_operators as law_operators  # operators of the vectors that duals hold
 from kickdrift.jit.lanes.functions import lanes_like, splat
 from kickdrift.jit.lanes.vector3 import Vector3, thrice, vector3
@@ -191,13 +189,10 @@ def _where(condition, x, y):
     return None
 
 
-def dual_like(value: Any, like: Any) -> Any:
+@by_type
+def dual_like(value, like):
     """A dual of lanes unchanged; lanes, or a number in as many lanes as ``like`` has, as a dual without slopes.
     ``like`` is lanes or a dual of lanes."""
-
-
-@overload(dual_like)
-def _dual_like(value, like):
     if of_lanes(value):
         return lambda value, like: value
     if isinstance(like, Lanes):
@@ -205,12 +200,9 @@ def _dual_like(value, like):
     return lambda value, like: dual(lanes_like(value, like.value), lanes_like(0.0, like.value))
 
 
-def dual_vector(push: Any) -> Any:
+@by_type
+def dual_vector(push):
     """A dual vector from what a law returns: a dual vector, a vector of numbers, or three duals or numbers."""
-
-
-@overload(dual_vector)
-def _dual_vector(push):
     if push == DUAL3:
         return lambda push: push
     if isinstance(push, Vector3):
@@ -218,12 +210,9 @@ def _dual_vector(push):
     return lambda push: _of_three(as_dual(push[0]), as_dual(push[1]), as_dual(push[2]))
 
 
-def _of_three(x: Any, y: Any, z: Any) -> Any:
+@by_type(forceinline=True)
+def _of_three(x, y, z):
     """Vector of three duals, numbers or lanes."""
-
-
-@overload(_of_three, forceinline=True)
-def _joined_three(x, y, z):
     if isinstance(x, Dual):
         return lambda x, y, z: dual(_of_three(x.value, y.value, z.value), _of_three(x.slope, y.slope, z.slope))
     return lambda x, y, z: vector3(x, y, z)

@@ -12,8 +12,6 @@ lane. Each is within 3 units in the last place of the true value, for the argume
 are the same wherever the code runs in lanes of the same kind, since no library takes part.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ Rows of numbers are loaded whole and transposed, faster than LLVM's gathers. A t
 a table of float32 lanes of float32.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

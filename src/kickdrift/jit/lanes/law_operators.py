@@ -5,8 +5,6 @@ numba learns ``d[0]``, ``d @ e``, ``np.dot(d, e)``, ``np.cross(d, e)`` and ``d /
 number, so one formula serves both.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Masks of lanes: and, or, not, selection, and bits as a whole number."""
 
-from __future__ import annotations
-
 import operator
 
 from llvmlite import ir

@@ -1,7 +1,5 @@
 """Memory of arrays and lanes: loads, stores and layout."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ Packing is a compress-store, with the processor's own instructions where it has 
 which say where numbers of eight lanes lie in other arrays.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

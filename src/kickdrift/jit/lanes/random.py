@@ -4,8 +4,6 @@ A number is a function of its key and counter (Salmon et al. 2011, doi:10.1145/2
 on threads, on how a run is cut, or on the order of particles.
 """
 
-from __future__ import annotations
-
 import math
 
 from llvmlite import ir

@@ -1,8 +1,6 @@
 """Mixed precision beside the arithmetic of `lanes`: 16 or eight lanes of float32 from eight float64, and back; and the
 functions of eight lanes of float32, within 3 units in the last place (the cosine: of the number one)."""
 
-from __future__ import annotations
-
 import math
 
 from llvmlite import ir

@@ -6,8 +6,6 @@ formula mixes them with lanes, each lane takes its value by a permutation. For A
 vector is one operation.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any

@@ -6,8 +6,6 @@ all lanes. An operation has the bits of its components written out, as `lanes` o
 flags of the function around it.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any

@@ -8,8 +8,6 @@ refined by a series, within 2 ulp. Zero, infinity and NaN give a result that is 
 Elsewhere division is a plain divide: in a pair kernel for AVX2 estimates were no faster.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Whole numbers that threads share, by their addresses; the C library's locks; and a clock, for compiled code."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

@@ -22,8 +22,6 @@ helper then sleeps at once. Or a helper may lose its core within a chunk, and th
 Only Linux has these teams. Elsewhere `team_of` returns a team of numba's threads.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal
@@ -42,7 +40,7 @@ from numpy.typing import NDArray
 
 from kickdrift.jit.compile import as_written, jit
 from kickdrift.jit.handle import Handle, address, callback
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import LINE, aligned
 from kickdrift.jit.threads.atomic import add, core, lock, nanoseconds, pause, read, replace, sleep, unlock, wake, write
 from kickdrift.jit.threads.numba_threads import TASK, NumbaTeam, call_task
@@ -289,13 +287,9 @@ def chunk_task(function: Any) -> Any:
     return TASKS[function.__name__]
 
 
-def each_chunk(bound: Any, chunks: Chunks, name: str) -> None:
+@by_type(prefer_literal=True)
+def each_chunk(bound, chunks, name):
     """Run the named task on every chunk."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(each_chunk, prefer_literal=True)
-def _each_chunk(bound, chunks, name):
     if not isinstance(name, types.StringLiteral) or not isinstance(bound, Handle):
         return None
 

@@ -4,8 +4,6 @@ Each thread takes the next chunk until none is left. One loop of numba runs at a
 allow no more: a second caller works alone.
 """
 
-from __future__ import annotations
-
 import os
 from functools import cache
 from typing import Any

@@ -4,8 +4,6 @@ Positions are moved into the *brick* [0, ax) x [0, by) x [0, cz). The brick fill
 triangular matrix, as the cell between the edge vectors does. So a leaning box is sorted like a rectangular one.
 """
 
-from __future__ import annotations
-
 import itertools
 from math import floor
 from typing import NamedTuple

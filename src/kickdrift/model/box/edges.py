@@ -3,8 +3,6 @@
 Every refusal suggests what to give instead.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable

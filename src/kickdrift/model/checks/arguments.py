@@ -5,8 +5,6 @@ of words, separated by spaces, and a text. A text that ends with a quoted name s
 is the word that the user gave.
 """
 
-from __future__ import annotations
-
 import inspect
 from functools import cache, wraps
 from typing import Any, TypeVar

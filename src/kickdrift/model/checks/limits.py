@@ -1,7 +1,5 @@
 """Limits on counts: steps of a run, and, for every count in a small file or a command, the machine's memory."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Checks of arguments: each refusal is an InputError of one line that begins with the key."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -231,9 +231,9 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         changes = getattr(event, "action", "") in ("merge", "remove", "fragment", "rule")
         if changes and system.charges is not None:
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on charged particles")  # type: ignore[union-attr]
-        if system.constraints is not None:
+        if system.tied_by:
             raise InputError(
-                f"{event.kind}: events search the motion of free particles, and {system.name!r} has constraints"
+                f"{event.kind}: events search the motion of free particles, and {system.name!r} has {system.tied_by}"
             )
         if changes and joins:
             names = ", ".join(dict.fromkeys(joins))

@@ -220,12 +220,12 @@ class Constraint:
 
 
 @contextmanager
-def numbered(k: int) -> Iterator[None]:
-    """Context in which the message of an InputError names the constraint number k."""
+def numbered(k: int, what: str = "constraint") -> Iterator[None]:
+    """Context in which the message of an InputError names the constraint, or ``what``, by its number k."""
     try:
         yield
     except InputError as error:
-        raise InputError(str(error).replace("constraint: ", f"constraint[{k}]: ", 1)) from None
+        raise InputError(str(error).replace(f"{what}: ", f"{what}[{k}]: ", 1)) from None
 
 
 def check_particles(pairs: Ids, n: int) -> None:

@@ -5,8 +5,6 @@ A state beside the manifold is projected: along the gradients of the distances, 
 total momentum and the centre of mass of each molecule stay as they are.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any, NamedTuple
 

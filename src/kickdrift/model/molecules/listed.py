@@ -1,7 +1,5 @@
 """Bonds, angles, dihedrals and impropers from the objects and files of other programs, as arguments of a Topology."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -92,6 +93,7 @@ class Topology:
         self.improper_types = _types("improper_types", improper_types, len(self.impropers))
         self.factors = None if factors is None else _factors(factors)
         self.exclusions = _items("exclusions", exclusions, 2)
+        self._sites: Ids = np.zeros((0, 2), np.int64)
         self._check_exclusions()
 
     @classmethod
@@ -108,11 +110,11 @@ class Topology:
         first = np.arange(count * length).reshape(count, length)[:, :-1].ravel()
         return cls(np.column_stack([first, first + 1]), angles, dihedrals, **more)
 
-    def repeated(self, copies: int) -> Topology:
-        """Topology of equal molecules in a row; this one is that of the first, which ends with its last particle."""
+    def repeated(self, copies: int, least: int = 0) -> Topology:
+        """Topology of equal molecules in a row; this one is that of the first, which ends with its last particle and
+        has at least ``least`` particles."""
         copies = whole_number("repeated.copies", copies, 1)
-        kinds = [*SIZES, "exclusions"]
-        size = 1 + max(int(getattr(self, kind).max(initial=-1)) for kind in kinds)
+        kinds, size = [*SIZES, "exclusions"], self.size(least)
         found: dict[str, Any] = {"factors": self.factors}
         for kind in kinds:
             items = getattr(self, kind)
@@ -120,6 +122,21 @@ class Topology:
             if kind in SIZES:
                 found[f"{kind[:-1]}_types"] = list(self.types(kind)) * copies
         return Topology(**found)
+
+    def size(self, least: int = 0) -> int:
+        """Number of particles up to the last one in the lists, and at least ``least``."""
+        return max(least, 1 + max(int(getattr(self, kind).max(initial=-1)) for kind in (*SIZES, "exclusions")))
+
+    def with_sites(self, joins: Ids) -> Topology:
+        """The same lists, and virtual sites with the relatives of particles that bonds ``joins`` (m, 2) join."""
+        found = copy(self)
+        found._sites = joins
+        return found
+
+    @property
+    def _paths(self) -> Ids:
+        """Bonds (b, 2) by which particles are relatives, those of virtual sites included."""
+        return np.concatenate([self.bonds, self._sites])
 
     @classmethod
     def from_ase(cls, atoms: Any, **more: Any) -> Topology:
@@ -204,21 +221,21 @@ class Topology:
         named, height = box.narrowest
         if not box.periodic or not (len(self.exclusions) or set(self.factors or ()) - {1.0}):
             return ""
-        longest = np.linalg.norm(apart(*self.bonds.T), axis=1).max(initial=0.0)
+        longest = np.linalg.norm(apart(*self._paths.T), axis=1).max(initial=0.0)
         if not len(self.exclusions) and 3.0 * longest < LONGEST * height:
             return ""
         special = self.scaled.pairs
         pairs, along, left = [], [], np.ones(len(special), bool)
-        for paths in shortest_paths(self.bonds):
+        for paths in shortest_paths(self._paths):
             chosen = paths[within(np.sort(paths[:, [0, -1]], axis=1), special)]
             pairs.append(chosen[:, [0, -1]])
             along.append(sum((apart(i, j) for i, j in pairwise(chosen.T)), start=np.zeros((len(chosen), 3))))
             left &= ~within(special, np.sort(pairs[-1], axis=1))
         if left.any():  # exclusions more than three bonds apart
             further, n = special[left], x.shape[1]
-            molecule = molecules_of(self.bonds, n)
+            molecule = molecules_of(self._paths, n)
             pairs.append(further[molecule[further[:, 0]] == molecule[further[:, 1]]])
-            places = whole(self.bonds, n, apart)
+            places = whole(self._paths, n, apart)
             along.append(places[pairs[-1][:, 1]] - places[pairs[-1][:, 0]])
         lengths = np.linalg.norm(np.concatenate(along), axis=1)
         if not (lengths >= LONGEST * height).any():
@@ -232,7 +249,7 @@ class Topology:
         )
 
     def _relatives(self) -> Relatives:
-        return Relatives.of(self.bonds)
+        return Relatives.of(self._paths)
 
     def check(self, particles: int) -> None:
         """Refuse an item with a particle that does not exist."""

@@ -9,8 +9,6 @@ map has an inverse, exact to rounding. Positions and velocities go through the s
 Sources: Murray & Dermott 1999, 9.2 (Jacobi); Duncan, Levison & Lee 1998, doi:10.1086/300541 (democratic heliocentric).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

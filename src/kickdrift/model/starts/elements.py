@@ -15,8 +15,6 @@ hyperbola H / sqrt(e - 1), and on a parabola their common limit, 2 tan(f / 2) / 
 distances q, times in sqrt(q^3 / mu). Source: Danby 1988, Fundamentals of Celestial Mechanics, 6.9.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

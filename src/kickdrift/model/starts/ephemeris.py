@@ -4,8 +4,6 @@ Folkner, Williams & Boggs 2009, The Planetary and Lunar Ephemeris DE421, IPN Pro
 packages jplephem and de421: pip install 'kickdrift[ephemeris]'.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from datetime import UTC, date, datetime, timedelta

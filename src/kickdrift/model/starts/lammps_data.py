@@ -3,8 +3,6 @@
 Format: https://docs.lammps.org/read_data.html.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

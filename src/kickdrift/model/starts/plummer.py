@@ -1,7 +1,5 @@
 """A Plummer sphere of stars."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ but the last three are exact. `scipy.constants` has the values of another year i
 of a second to import.
 """
 
-from __future__ import annotations
-
 BOLTZMANN = 1.380649e-23  # J/K
 ELEMENTARY_CHARGE = 1.602176634e-19  # C
 LIGHT = 299792458.0  # m/s

@@ -3,8 +3,6 @@
 Numbers inside kickdrift are always in the System's own units. Only text is converted.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from functools import lru_cache

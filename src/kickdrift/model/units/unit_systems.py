@@ -4,8 +4,6 @@ Constants are CODATA's (`kickdrift.model.units.constants`). The gravitational co
 the Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to five.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable

@@ -1,23 +1,18 @@
 """Length of a run in steps: whole steps to a time, forwards or backwards, and what happens to a time between two."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.method import Method
 from kickdrift.integrators.stepping.backward import mirrored
+from kickdrift.looks.record import Record
 from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
 from kickdrift.model.units.quantities import time_in
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.method import Method
-    from kickdrift.looks.record import Record
-
 
 Exact = bool | Literal["shorten"]
 

@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import neg
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -16,20 +16,9 @@ from kickdrift.looks.observers import check_samples as check_samples
 from kickdrift.model.checks.limits import NEVER, steps_in
 from kickdrift.model.checks.limits import whole_number as whole_number
 from kickdrift.model.checks.values import number
-from kickdrift.run.plan.lengths import (
-    CLOSE,
-    SHORTEN,
-    Exact,
-    Planned,
-    check_backward,
-    check_exact,
-    steps_to,
-    whole_steps,
-)
+from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.run.plan import lengths
 from kickdrift.text import shown
-
-if TYPE_CHECKING:
-    from kickdrift.model.run_defaults import RunDefaults
 
 # Default numbers of looks; ``looks_at`` chooses among them. They depend on the run alone, so every machine takes the
 # same looks at the same run.
@@ -120,7 +109,7 @@ class Plan:
     def next_time(self, run: Clock) -> float | None:
         """The first of the ``times`` that lies ahead of the present; None if there is none. A time within the rounding
         of fixed steps counts as the present."""
-        margin = 0.0 if self.end_step == NEVER or run.dt is None else CLOSE * run.dt
+        margin = 0.0 if self.end_step == NEVER or run.dt is None else lengths.CLOSE * run.dt
         if self.backward:
             passed = bisect_right(self.times, margin - run.time, key=neg)
         else:
@@ -173,26 +162,26 @@ def looks_at(steps: int, evaluations: int, bodies: int, cost: float = 0.0) -> in
     return min(SAMPLES, max(1, least, all_evaluations // EVALUATIONS, BODIES // bodies))
 
 
-def _look_cost(sim: Planned) -> float:
+def _look_cost(sim: lengths.Planned) -> float:
     run = sim.integration
     return float(run.flow.look_cost(getattr(run.stepper, "ends_fresh", False)))
 
 
 def plan_of(
-    sim: Planned,
+    sim: lengths.Planned,
     steps: int | None,
     until: float | None,
     every: int | None,
     interval: float | None,
     own: Cadence | None = None,
     seen: bool = True,
-    exact: Exact = False,
+    exact: lengths.Exact = False,
 ) -> Plan:
     """Check the arguments of ``Simulation.run`` and return the Plan.
 
     ``own`` is the cadence of the file that the run continues, if any. ``seen`` says whether there is anything to
     sample."""
-    check_exact(exact)
+    lengths.check_exact(exact)
     begin = sim.steps_done, sim.time
     known = own.every if own else None
     if own and sim.method.chooses_steps and (steps, every, interval) == (None,) * 3:
@@ -210,7 +199,7 @@ def plan_of(
         every = max(1, round(given / sim.dt))
     cadence = whole_number("every", every, 1) if every is not None else known or sim.system.run.every
     if not sim.method.chooses_steps or until is None:
-        count = steps_to(sim, steps, until, exact)
+        count = lengths.steps_to(sim, steps, until, exact)
         samples = looks_at(count, sim.method.evaluations, len(sim.system), _look_cost(sim)) if seen else GLIMPSES
         cadence = cadence or max(1, count // samples)
         every = 0 if interval else cadence
@@ -218,12 +207,12 @@ def plan_of(
         plan = Plan(*begin, begin[0] + count, every=every, interval=interval or 0.0, exact=True)
         return plan if until is None else _to_time(sim, plan, until, exact)
     if steps is not None or sim.running:
-        steps_to(sim, steps, until)  # raises the error
+        lengths.steps_to(sim, steps, until)  # raises the error
     end = number(until)
     if not np.isfinite(end):
         raise InputError(f"run: until must be a finite time, got {shown(until)}")
     if end < sim.time:
-        check_backward(sim)
+        lengths.check_backward(sim)
     if cadence and interval is None:
         return Plan(*begin, end_time=end, every=cadence)
     length = interval or abs(end - sim.time) / (SAMPLES if seen else GLIMPSES)
@@ -232,15 +221,17 @@ def plan_of(
     return Plan(*begin, end_time=end, interval=length, exact=interval is not None)
 
 
-def _to_time(sim: Planned, plan: Plan, until: float, exact: Exact) -> Plan:
+def _to_time(sim: lengths.Planned, plan: Plan, until: float, exact: lengths.Exact) -> Plan:
     """Return a plan of fixed steps to a time: backwards if the time lies behind, with a shortened step at the end."""
-    whole = whole_steps(sim, until, exact)
+    whole = lengths.whole_steps(sim, until, exact)
     if whole.backward and whole.steps:
-        check_backward(sim)
+        lengths.check_backward(sim)
         plan = replace(plan, end_time=-np.inf)
     if whole.shortened:
         if sim.integration.events:
-            raise InputError(f'run: exact="{SHORTEN}": events are not watched in a shortened step; end on a whole step')
+            raise InputError(
+                f'run: exact="{lengths.SHORTEN}": events are not watched in a shortened step; end on a whole step'
+            )
         plan = replace(plan, end_time=until)
     return plan
 

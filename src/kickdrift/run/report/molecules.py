@@ -1,7 +1,5 @@
 """What a run's report says of molecules with constraints: the largest error, and the temperatures of their motions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

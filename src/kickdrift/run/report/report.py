@@ -26,6 +26,7 @@ from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
 from kickdrift.run.report.molecules import MoleculeReport, molecule_report
 from kickdrift.run.report.shown import ShownReport
+from kickdrift.run.report.tensor import TensorReport, tensor_report
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
 
@@ -76,6 +77,7 @@ class Report(ShownReport):
     "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. The verdict says so where the
     velocities alone may be too slow, as those of ``baoab`` are in a long step. ``pressure_verdict`` does the same with
     the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes, else None.
+    ``tensor`` has the components of the pressure, where the barostat changes the shape of the box.
     ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None without
     bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
@@ -134,6 +136,7 @@ class Report(ShownReport):
     charges: ChargeReport | None = None
     equilibrated: str = ""
     molecules: MoleculeReport | None = None
+    tensor: TensorReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -195,7 +198,7 @@ class Report(ShownReport):
             "energy": self.energy and asdict(self.energy),
             "charges": self.charges and asdict(self.charges),
         }
-        parts |= {"molecules": self.molecules and asdict(self.molecules)}
+        parts |= {"molecules": self.molecules and asdict(self.molecules), "tensor": self.tensor and asdict(self.tensor)}
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -273,6 +276,7 @@ def report(sim: Any) -> Report:
         charges=charge_report(system, sim),
         equilibrated=record.equilibrated,
         molecules=molecule_report(system, sim),
+        tensor=tensor_report(system, sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

@@ -1,7 +1,5 @@
 """Lines that describe a run to people: its report, and a Simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 from typing import Any
@@ -61,6 +59,8 @@ class ShownReport(Shown):
             per = symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}")
             verdict = verdict_text(mean_pressure(self.options), self.pressure_verdict, per)
             lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}{verdict}"))
+        if units and self.tensor is not None:
+            lines += self.tensor.lines(symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}"))
         if units and self.volume is not None:
             per = symbol_of(f"{units.length}^{self.about.dimensions}")
             lines.append(("volume", mean_text(self.volume, self.volume_error, per)))

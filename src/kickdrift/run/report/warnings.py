@@ -1,7 +1,5 @@
 """Words of a report: warnings of a System, its drift and its melting, and means beside what was asked."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 from typing import Any
 

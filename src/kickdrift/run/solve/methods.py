@@ -1,7 +1,5 @@
 """The methods of ``kickdrift.solve``: our steppers and SciPy's solvers, each with its options, f, and report."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from scipy.integrate import DenseOutput
 
 from kickdrift.errors import RunError
 from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.flows.problem_flow import ProblemFlow
 from kickdrift.integrators.runge_kutta.adaptive import AdaptiveStepper
 from kickdrift.integrators.step_choice.step_length import WATCHED_POINTS, WATCHED_STEPS, Point, stability_warning
 from kickdrift.integrators.stepping.chosen_steps import ChosenSteps
@@ -26,9 +27,6 @@ from kickdrift.model.state import Floats
 from kickdrift.run.advance import Integration
 from kickdrift.run.watch.sketch import sketch
 from kickdrift.run.watch.zeros import Rough
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.flows.problem_flow import ProblemFlow
 
 Solutions = NDArray[Any]  # y of the user, real or complex
 GRID = 1e-9  # of a step; a time this near to a step point is the step point

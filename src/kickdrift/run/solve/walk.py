@@ -3,8 +3,6 @@
 The rules are those of ``scipy.integrate.solve_ivp``, so that results mean the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

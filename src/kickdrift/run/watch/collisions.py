@@ -1,7 +1,5 @@
 """Changes of a system by collisions and escapes: bodies merge, bounce, break up, come or leave with their energy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Contacts of a `Collision`: pairs of bodies that touch in a step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ contact. So the course of a pair begins at the state before. The two bodies attr
 other bodies on them is a polynomial of the second degree in time, through three points on their way.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.jit.compile import driver, jit

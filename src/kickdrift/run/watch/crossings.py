@@ -1,12 +1,10 @@
 """Search of a step for the zeros of scalars: the events of a `Crossing`."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from kickdrift.integrators.stepping.stepper import INNER
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events.events import Between, Crossing
 from kickdrift.model.memory import Checkpointed
+from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import index_of
 from kickdrift.model.system import System
@@ -22,10 +21,6 @@ from kickdrift.run.watch.encounters import crossings
 from kickdrift.run.watch.sketch import sketch
 from kickdrift.run.watch.span import Part, Span, approach, separation
 from kickdrift.run.watch.zeros import PAST, Point, Quiet, Rough, Values, clear, monotone_points
-
-if TYPE_CHECKING:
-    from kickdrift.model.problem import Problem
-
 
 _INNER: list[float] = INNER.tolist()
 

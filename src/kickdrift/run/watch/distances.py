@@ -5,8 +5,6 @@ The end of a step tells little of the least distance of a pair that attracts eac
 is far again. The run itself goes on by its own steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ zeros of a polynomial of degree five. The sign changes of its Bernstein coeffici
 Curves and Surfaces for CAGD, ch. 6). So no passage of the curve is missed, however short.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from kickdrift.jit.compile import driver, jit

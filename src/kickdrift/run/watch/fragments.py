@@ -8,8 +8,6 @@ The debris makes fragments of equal mass, none below the smallest mass. The frag
 plane of the collision, around the remnants, and move outwards (Chambers 2013, doi:10.1016/j.icarus.2013.02.015).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ doi:10.1111/j.1467-8659.2009.01377.x). The search takes some n log n tests for s
 hull of the relative curve then rules out further pairs, as in the search of all pairs.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

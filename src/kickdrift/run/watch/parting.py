@@ -1,7 +1,5 @@
 """Steps in parts that end before bodies touch, or shortly after, so that nothing is read from beyond a contact."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ that reach into the patch, and searches these bodies as those of open space. A p
 image of j that i meets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """All bodies that a run has or has had, and the rows of its file: some leave, others come."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

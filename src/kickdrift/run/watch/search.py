@@ -1,15 +1,14 @@
 """Search of a run's steps for events, up to the first event that changes the bodies."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.stepping.stepper import Stepper
 from kickdrift.model.event_log import Row, entry, is_row
 from kickdrift.model.events.events import CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.memory import Memory
@@ -23,9 +22,6 @@ from kickdrift.run.watch.parting import Parting
 from kickdrift.run.watch.patch_contacts import contacts_of
 from kickdrift.run.watch.quiet import QuietSteps, limits_of
 from kickdrift.run.watch.span import Act, Part, Span, Trials, Watched, parts, separation
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.stepping.stepper import Stepper
 
 ROUNDING = 1e-12  # of a distance between bodies that touch
 

@@ -4,8 +4,6 @@ Methods know their stages or a polynomial. Of particles and of separable Problem
 through the positions and velocities at both ends. All others follow a polynomial through the last ends of steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

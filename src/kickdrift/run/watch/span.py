@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,11 +23,9 @@ from kickdrift.looks.record import Record
 from kickdrift.model.events.events import CloseApproach, Collision, Escape, binding
 from kickdrift.model.patch import HERE, Image
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 from kickdrift.run.stepping import of_length
 from kickdrift.run.watch.zeros import zero
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
 
 
 @dataclass

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.stepping.stepper import Counts
+from kickdrift.integrators.stepping.stepper import Counts, Stepper
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
@@ -30,9 +30,6 @@ from kickdrift.run.watch.roster import Roster
 from kickdrift.run.watch.search import Search
 from kickdrift.run.watch.span import Act, Span, Watched
 from kickdrift.run.watcher import Watcher
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.stepping.stepper import Stepper
 
 MOST_ACTS = 1000  # most collisions at one time: balls at rest on each other would bounce for ever
 

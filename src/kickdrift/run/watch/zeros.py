@@ -5,8 +5,6 @@ the step until they fit. Between the ends of the step and the turning points of 
 change of sign between two of these points is one zero.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import cache

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.engines.session import EngineFlow
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.step_choice.step_length import (
-    LIMITED,
-    TOO_LONG,
-    WATCHED_POINTS,
-    WATCHED_STEPS,
-    Point,
-    can_be_checked,
-    can_be_limited,
-    stability_warning,
-    step_warning,
-)
+from kickdrift.integrators.step_choice import step_length
 from kickdrift.looks.doubts import LIGHT, light_doubt, slowest_light
 from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.model.state import Floats
@@ -43,13 +33,13 @@ class Stability(Watcher):
     def __init__(self, run: Any) -> None:
         self._run = run
         flow = None if isinstance(run.flow, EngineFlow) else run.flow  # another program has limits of its own
-        self.limited = flow is not None and can_be_limited(flow, run.method)
-        self._checked = flow is not None and can_be_checked(flow, run.method)
-        self._points: deque[Point] = deque(maxlen=WATCHED_POINTS)
+        self.limited = flow is not None and step_length.can_be_limited(flow, run.method)
+        self._checked = flow is not None and step_length.can_be_checked(flow, run.method)
+        self._points: deque[step_length.Point] = deque(maxlen=step_length.WATCHED_POINTS)
         self._changes = run.changes
         self._check_at, self._first = 0, False
         self._lights = slowest_light(run.system) < math.inf
-        self.shown = MOST_STEPS if self._lights else WATCHED_POINTS if self.limited else 0
+        self.shown = MOST_STEPS if self._lights else step_length.WATCHED_POINTS if self.limited else 0
 
     @property
     def watches(self) -> bool:
@@ -90,12 +80,12 @@ class Stability(Watcher):
         record = run.record
         self._check_step()
         record.warnings += [line for line in getattr(run.stepper, "warnings", ()) if line not in record.warnings]
-        if not self.limited or record.backward or record.steps < WATCHED_STEPS:
+        if not self.limited or record.backward or record.steps < step_length.WATCHED_STEPS:
             return
         assert not isinstance(run.flow, EngineFlow)
-        warning = stability_warning(run.flow, run.method, list(self._points))
+        warning = step_length.stability_warning(run.flow, run.method, list(self._points))
         if warning and warning not in record.warnings:
-            record.warnings = [*(w for w in record.warnings if not w.startswith(LIMITED)), warning]
+            record.warnings = [*(w for w in record.warnings if not w.startswith(step_length.LIMITED)), warning]
 
     def _check_speeds(self, y: Floats) -> None:
         """Warn once if a body is as fast as light."""
@@ -112,6 +102,6 @@ class Stability(Watcher):
         self._check_at = max(1, 2 * record.steps)
         assert isinstance(run.flow, ParticleFlow)
         assert run.dt is not None
-        warning = step_warning(run.flow, run.method, run.dt, run.time, run.y)
-        if warning and not any(TOO_LONG in line for line in record.warnings):
+        warning = step_length.step_warning(run.flow, run.method, run.dt, run.time, run.y)
+        if warning and not any(step_length.TOO_LONG in line for line in record.warnings):
             record.warnings.append(warning)

@@ -96,6 +96,7 @@ class Format(NamedTuple):
     times: str = ""
     steps: str = ""
     masses: str = ""
+    charges: str = ""
     names: str = ""
     bonds: str = ""
     nominal_positions: str = ""  # if different for nominal units
@@ -103,7 +104,7 @@ class Format(NamedTuple):
     single: bool = False  # whether a file holds one frame
 
 
-KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "names", "bonds")
+KEPT = ("positions", "velocities", "box", "times", "steps", "masses", "charges", "names", "bonds")
 LOST_BY_ALL = "forces, constraints, observables, events and restarts"
 REMOVED_NAN = "as NaN"
 REMOVED_LEFT_OUT = "left out from then on"
@@ -122,14 +123,15 @@ FORMATS: dict[str, Format] = {
         Format(".pdb", "viewers", "MDAnalysis", positions="3 decimals", box="3 decimals", names="first 4 letters",
             bonds="CONECT records"),
         Format(".extxyz", "ASE, OVITO", "ASE", positions="8 decimals", velocities="8 decimals", box="float64",
-            times="float64", steps="int64", masses="8 decimals", names="in the comment line",
-            removed=REMOVED_LEFT_OUT),
+            times="float64", steps="int64", masses="8 decimals", charges="8 decimals",
+            names="in the comment line", removed=REMOVED_LEFT_OUT),
         Format(".traj", "ASE", "ASE", positions="float64", velocities="float64, of bodies with a mass", box="float64",
-            times="float64", steps="int64", masses="float64", names="in info", removed=REMOVED_LEFT_OUT),
+            times="float64", steps="int64", masses="float64", charges="float64", names="in info",
+            removed=REMOVED_LEFT_OUT),
         Format(".data", "LAMMPS, MDAnalysis, ASE, OVITO, kickdrift", "kickdrift", positions="float64, one frame",
             velocities="float64", box="float64", times="in the first line", steps="in the first line",
-            masses="float64", names="species in comments", bonds="all lists with types", removed=REMOVED_LEFT_OUT,
-            single=True),
+            masses="float64", charges="float64", names="species in comments", bonds="all lists with types",
+            removed=REMOVED_LEFT_OUT, single=True),
         Format(".bin", "rebound, as a Simulationarchive", "rebound", positions="float64", velocities="float64",
             times="float64", steps="int64", masses="float64", names="each body's", removed=REMOVED_LEFT_OUT),
     )

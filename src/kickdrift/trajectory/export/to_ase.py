@@ -1,7 +1,5 @@
 """Frames of a run through ASE's writers: extended XYZ and ASE's own trajectories."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Frames of a run through MDAnalysis' writers: DCD, XTC, TRR, XYZ and PDB, each with what the format can hold."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

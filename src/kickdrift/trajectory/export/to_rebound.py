@@ -1,7 +1,5 @@
 """Frames of a run as a Simulationarchive of rebound."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Creation of a run's file: whole or not at all. Only a whole new file replaces an old file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kickdrift.disk import kinds

@@ -5,8 +5,6 @@ places in a heap of names makes HDF5 allocate without end. The format: HDF5 File
 (superblock), III.D (local heap), IV.A.1 (object headers), IV.A.2.q and r (continuation, names of a group).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from struct import unpack_from

@@ -6,8 +6,6 @@ other places, so in their files every heap is walked. The format: HDF5 File Form
 heap), IV.A.1.a (object header, version 1), IV.A.2.m (attribute message).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from struct import iter_unpack, unpack_from

@@ -1,7 +1,5 @@
 """A file open for writing: locked, never through a symbolic link, and with a single name."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run's file during writing. Safe changes are made in place; for all others a copy replaces the file."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

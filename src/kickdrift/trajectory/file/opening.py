@@ -6,8 +6,6 @@ also refuses damage that HDF5 itself does not survive (see `heaps`). It reads ob
 link, and opens no other file.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

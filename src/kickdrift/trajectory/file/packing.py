@@ -2,8 +2,6 @@
 
 Chunks that change size cannot be replaced safely in place."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import zlib

@@ -28,8 +28,6 @@ place: `OpenFile.extend` makes them in a copy. The format: HDF5 File Format Spec
 0), III.A.1 (version 1 B-trees).
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

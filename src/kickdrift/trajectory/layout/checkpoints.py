@@ -6,8 +6,6 @@ and in C order. In the text an array is ``{"array": [dtype, shape, first byte]}`
 the text. No part of a checkpoint is code. A point of a run is a step and a time.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import zlib

@@ -6,8 +6,6 @@ The weights k_i are odd, so the checksum always changes when one word changes. W
 checksum stays the same with a chance of about 2^-60. NumPy sums ten times as fast as zlib computes CRC-32.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

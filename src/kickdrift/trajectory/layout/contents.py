@@ -4,8 +4,6 @@ Every fault becomes an InputError of one line that names the file and the object
 the file, or than the file's compressed bytes can hold.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ its shape during the run, also while it is rectangular. The edge along an open
 axis is zero in the file, because MDAnalysis takes any other edge as periodic.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

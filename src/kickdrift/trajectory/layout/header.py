@@ -1,7 +1,5 @@
 """Header of a run's file, checked: particles, units, method, and the number of whole rows."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ Names are looked up in registries alone, never in a module. Parameters are check
 is data, whoever wrote it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
@@ -64,6 +62,7 @@ class Record(Known):
     dimensions: int = 3
     topology: dict[str, Any] | None = None
     constraints: list[dict[str, Any]] = []
+    virtual_sites: list[dict[str, Any]] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)

@@ -1,7 +1,5 @@
 """Names, units, chunk shapes, first bytes and kind of a run's file; ``docs/file-format.md`` has the whole format."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 from collections.abc import Mapping, Sequence

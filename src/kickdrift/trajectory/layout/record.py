@@ -20,6 +20,7 @@ from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
+from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.state import State
 from kickdrift.model.system import System
@@ -69,6 +70,7 @@ def record_of(system: System) -> dict[str, Any]:
         **({"dimensions": system.dimensions} if system.dimensions != 3 else {}),  # a key that older files do not have
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
         **({"constraints": system.constraints.tables()} if system.constraints is not None else {}),  # likewise
+        **({"virtual_sites": system.virtual_sites.tables} if system.virtual_sites is not None else {}),  # likewise
         **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
         "names": system.names,
@@ -160,6 +162,7 @@ def system_of(
             None if record.topology is None else Topology(**record.topology),
             None if run.charges is None else run.charges[:n],
             [Constraint(**given) for given in record.constraints],
+            [VirtualSite(**given) for given in record.virtual_sites],
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
@@ -195,7 +198,14 @@ def differences(system: System, run: RunFile) -> list[str]:
     for one, other in zip(here["forces"], there["forces"], strict=False):
         if (other["parameters"] or {}).get("arguments") == OBJECT:  # files of version 0.2.0 say no more
             one["parameters"]["arguments"] = OBJECT
-    keys = [*here, *(key for key in ("constraints", "topology", "dimensions") if key in there and key not in here)]
+    keys = [
+        *here,
+        *(
+            key
+            for key in ("constraints", "virtual_sites", "topology", "dimensions")
+            if key in there and key not in here
+        ),
+    ]
     found = [key for key in keys if key not in skipped and here.get(key) != there.get(key)]
     state, species = system.state, [run.species[k] for k in run.species_index]
     arrays = {

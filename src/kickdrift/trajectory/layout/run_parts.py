@@ -1,7 +1,5 @@
 """A run's file as the other modules of this layer see it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """Pydantic models of the JSON texts in a run's file. Unknown keys are ignored."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model

@@ -1,7 +1,5 @@
 """Reading the file of a Problem's run: its contents as arrays, as a dictionary and as text."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

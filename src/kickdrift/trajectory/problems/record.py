@@ -3,8 +3,6 @@
 ``docs/file-format.md`` describes the whole file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 from collections.abc import Sequence

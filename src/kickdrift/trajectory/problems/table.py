@@ -1,7 +1,5 @@
 """A Problem's run as a table: a CSV or Parquet file with time, y0, y1, …, energy, written whole at the run's end."""
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Mapping

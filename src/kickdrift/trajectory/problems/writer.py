@@ -1,7 +1,5 @@
 """Writing the file of a Problem's run: the writer of every run's file, without frames."""
 
-from __future__ import annotations
-
 import os
 import uuid
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Damaged rows of a run's file: wrong checksums, and steps and times that make no sense."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import NamedTuple
 
@@ -10,15 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.trajectory.layout.checksums import (
-    CHECKSUMS,
-    CLOCK,
-    FIRST_VECTOR,
-    OBSERVABLES,
-    Sums,
-    sums_of_columns,
-    sums_of_vectors,
-)
+from kickdrift.trajectory.layout import checksums
 from kickdrift.trajectory.layout.contents import Contents
 from kickdrift.trajectory.layout.edges import EDGES, shape_in
 from kickdrift.trajectory.layout.header import CLOCK as CLOCK_SERIES
@@ -59,16 +49,16 @@ class Checks:
         self._contents, self._header = contents, header
         self.block, self.checked = 1, 0
         self._sums: dict[str, h5py.Dataset] = {}
-        if not contents.has(CHECKSUMS):
+        if not contents.has(checksums.CHECKSUMS):
             return
         n = len(header.ids)
-        self.block = contents.attribute(CHECKSUMS, "particles", int)
+        self.block = contents.attribute(checksums.CHECKSUMS, "particles", int)
         if not 1 <= self.block <= max(n, 1):
-            raise contents.damaged(f"{CHECKSUMS}: {self.block} particles to a checksum, but the file has {n}")
+            raise contents.damaged(f"{checksums.CHECKSUMS}: {self.block} particles to a checksum, but the file has {n}")
         self._blocks = -(-n // self.block)
-        columns = FIRST_VECTOR + self._blocks * len(header.vectors)
+        columns = checksums.FIRST_VECTOR + self._blocks * len(header.vectors)
         self._sums = {
-            name: contents.dataset(f"{CHECKSUMS}/{name}", "u8", (None, *shape))
+            name: contents.dataset(f"{checksums.CHECKSUMS}/{name}", "u8", (None, *shape))
             for name, shape in (("frame", (columns,)), ("sample", ()), ("event", ()))
         }
         self.checked = min(header.committed.frames, self._sums["frame"].shape[0])
@@ -83,7 +73,7 @@ class Checks:
         row = range(frames, frames + 1)
         last = self._contents.read(sampled(self._contents, "step", samples), slice(samples - 1, samples))
         step = self._contents.read(series[0], slice(frames, frames + 1))
-        if step <= last and not self._wrong_columns("frame", series, row, CLOCK).any():
+        if step <= last and not self._wrong_columns("frame", series, row, checksums.CLOCK).any():
             raise self._contents.damaged(f"kickdrift/committed: counts {frames} frames, but there are more")
 
     def vectors(self, name: str, frames: range, values: NDArray, first: int) -> Mask:
@@ -91,15 +81,19 @@ class Checks:
         blocks of particles, from block ``first`` on."""
         if not self._sums:
             return np.zeros(len(frames), bool)
-        begin = FIRST_VECTOR + self._header.vectors.index(name) * self._blocks + first
-        found = sums_of_vectors(values, self.block)
+        begin = checksums.FIRST_VECTOR + self._header.vectors.index(name) * self._blocks + first
+        found = checksums.sums_of_vectors(values, self.block)
         return self._differ(frames, slice(begin, begin + found.shape[1]), found)
 
     def observables(self, frames: range) -> Mask:
         """Mask (frames,): those of these frames whose observables differ from what was written."""
         count = self._header.committed.frames
         series = [framed(self._contents, name, count) for name in self._header.observables]
-        return self._wrong_columns("frame", series, frames, OBSERVABLES) if series else np.zeros(len(frames), bool)
+        return (
+            self._wrong_columns("frame", series, frames, checksums.OBSERVABLES)
+            if series
+            else np.zeros(len(frames), bool)
+        )
 
     @cached_property
     def clock(self) -> Mask:
@@ -107,7 +101,7 @@ class Checks:
         count = self._header.committed.frames
         if not self._header.vectors:  # no frame at all
             return np.zeros(0, bool)
-        return self._wrong_columns("frame", self._clock_series(count), range(count), CLOCK)
+        return self._wrong_columns("frame", self._clock_series(count), range(count), checksums.CLOCK)
 
     def _clock_series(self, rows: int) -> list[h5py.Dataset]:
         contents = self._contents
@@ -168,12 +162,12 @@ class Checks:
         wrong = np.any([bad for _, bad in found], axis=0)
         values = [values for values, _ in found]
         if self._sums:
-            wrong |= self._differ(rows, column, sums_of_columns(values), table)
-        if table == "sample" or column == CLOCK:
+            wrong |= self._differ(rows, column, checksums.sums_of_columns(values), table)
+        if table == "sample" or column == checksums.CLOCK:
             wrong |= self._senseless(values[0], values[1], last=table == "sample" and not self._sums)
         return wrong
 
-    def _differ(self, rows: range, column: int | slice | None, found: Sums, table: str = "frame") -> Mask:
+    def _differ(self, rows: range, column: int | slice | None, found: checksums.Sums, table: str = "frame") -> Mask:
         """Mask of rows whose stored checksums differ from those ``found``; False for rows without a checksum."""
         wrong = np.zeros(len(rows), bool)
         if not self._sums or not rows:

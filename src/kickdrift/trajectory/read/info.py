@@ -1,7 +1,5 @@
 """Content of a run's file and its box over time, as a dictionary and as text. The file is only read, never repaired."""
 
-from __future__ import annotations
-
 import os
 from typing import Any, NamedTuple
 

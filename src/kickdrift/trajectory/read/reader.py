@@ -1,11 +1,9 @@
 """Reader of a run's file: `open` returns a Run, the sequence of its frames."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,6 +14,7 @@ from kickdrift.looks.columns import BODY_MASSES
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import path_text
 from kickdrift.model.state import Floats
+from kickdrift.model.system import System
 from kickdrift.model.units.file_units import FileUnits
 from kickdrift.trajectory.layout import edges, header
 from kickdrift.trajectory.layout.checkpoints import behind
@@ -24,10 +23,6 @@ from kickdrift.trajectory.layout.names import TRAJECTORY, check_kind, run_hash, 
 from kickdrift.trajectory.read.frames import EnergySeries, Frames, as_slice, energies_of
 from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.read.tables import ShownRun
-
-if TYPE_CHECKING:
-    from kickdrift.model.system import System
-
 
 CHANGED = "its system was changed after the run began (kickdrift/system, units, method, masses, ids or species)"
 

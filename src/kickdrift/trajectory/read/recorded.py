@@ -1,7 +1,5 @@
 """Contents of every run's file, of particles or of a Problem: samples, events, checkpoints, the plan and the report."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Checks before a run's file is continued, also of the user's columns, and the times at which checkpoints are taken."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 

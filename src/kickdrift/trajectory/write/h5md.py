@@ -5,8 +5,6 @@ the position and velocity of the body that absorbed it. Rows of a removed body a
 before a collision has made it.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time
@@ -14,8 +12,9 @@ import uuid
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
+import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -36,9 +35,6 @@ from kickdrift.trajectory.read.recorded import Recorded
 from kickdrift.trajectory.write.continued import Cadence, Described, check_continued, units_of
 from kickdrift.trajectory.write.rows import Rows, in_order
 from kickdrift.trajectory.write.waiting import EventRow
-
-if TYPE_CHECKING:
-    import h5py
 
 FLUSH_BYTES = 8 * 2**20
 

@@ -1,7 +1,5 @@
 """Growing datasets of a run's file. Rows are added so that a kill at any moment leaves whole rows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

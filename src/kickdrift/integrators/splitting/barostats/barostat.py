@@ -12,12 +12,14 @@ from kickdrift.forces.seam.group import reach_of
 from kickdrift.integrators.options import (
     APART,
     BAROSTAT,
+    BAROSTATS,
     C_RESCALE,
     COMPRESSIBILITY,
     FULL,
     MONTE_CARLO,
     MTK,
     OF_PRESSURE,
+    OF_SOME,
     PRESSURE,
     PRESSURE_EVERY,
     PRESSURE_TAU,
@@ -49,11 +51,6 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options import Options
 
-TAKES = {  # options that each needs, and others
-    C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),
-    MTK: ((PRESSURE_TAU.name,), ()),
-    MONTE_CARLO: ((COMPRESSIBILITY.name,), (PRESSURE_EVERY.name,)),
-}
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2), FULL: (0, 0, 0)}
 FEWEST_ACTIONS = 5  # in a time constant
 ALONG, SUMS = "along", "sums"  # names in a memory: virials along the axes; energy, virial and pairs
@@ -100,15 +97,20 @@ def check_options(kind: str, options: Options, method: Lettered, held: bool = Fa
         )
     if held and kind == MTK:
         raise InputError("barostat: mtk does not act on constraints; c-rescale and monte-carlo do")
-    needed, taken = TAKES[kind]
+    needed, taken = BAROSTATS[kind]
     for name in needed:
         if options.get(name) is None:
             raise InputError(f"{name} is needed: barostat {kind} has no default {name}")
-    for option in (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY):
+    for option in OF_SOME:
         if option.name not in (*needed, *taken) and options.get(option.name) is not None:
             raise InputError(
                 f"{option.name}: barostat {kind} does not take it; it takes {', '.join((*needed, *taken))}"
             )
+
+
+def every_of(kind: str, options: Options) -> int:
+    """Steps from one action of the barostat to the next."""
+    return int(options.get(PRESSURE_EVERY.name) or (1 if kind == MTK else PRESSURE_EVERY.default))
 
 
 def check_unpressed(options: Options) -> None:
@@ -175,12 +177,17 @@ class Barostat:
         free = self._coupling == FULL
         self._shape = shape_of(self.piston, 2.0 * self._reach, stress_of(options)) if free else None
         self.flows: dict[str, BoundSubflow] = {}
-        at, every = (0, 0), 1
+        at, every = (0, 0), every_of(self._kind, options)
+        word, further = (method.word, method.weights), method.further
         if self._kind == MTK:
-            made = mtk_shape.flows(self._shape, options) if self._shape else mtk.flows(self.piston, options)
+            word, further = mtk.word_with_box(*word, every), further + mtk.LETTERS
+        self._rows = rows_of(*word, further)
+        if self._kind == MTK:
+            turns = mtk.Turns(every, self._rows.shape[1] // 2)
+            kind, box = (mtk_shape, self._shape) if self._shape else (mtk, self.piston)
+            made = kind.flows(box, options, turns)
             self.flows = {letter: bound.ready() for letter, bound in made.items()}
         else:
-            every = int(options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default)
             self._action = self._between(options, len(system)).ready()
             at = self._action.address, self._action.work
         self.pressed = Pressed(
@@ -214,11 +221,10 @@ class Barostat:
             np.zeros(3), np.zeros(1), np.zeros(8), np.zeros(8), *_centres(flow.subject, bath),
         )  # fmt: skip
 
-    def stages(self, method: Lettered) -> tuple[Floats, Floats]:
+    @property
+    def stages(self) -> tuple[Floats, Floats]:
         """Stages and further stages of the method's word with the flows of the box; see `Splitting`."""
-        word, weights = mtk.word_with_box(method.word, method.weights) if self.flows else (method.word, method.weights)
-        rows = rows_of(word, weights, method.further + "".join(self.flows))
-        return rows[:3].copy(), rows[3:6].copy()
+        return self._rows[:3].copy(), self._rows[3:6].copy()
 
     @property
     def added(self) -> list[tuple[BoundSubflow, bool]]:
@@ -321,7 +327,7 @@ def _centres(system: Any, bath: Bathed) -> tuple[float, Floats | None, Floats | 
     held = system.constraints
     if held is None:
         return bath.freedom / bath.axes, None, None
-    free = len(system) - len(held.members[0]) + len(held.sizes) - (bath.apart != NONE)
+    free = np.count_nonzero(system.state.masses) - len(held.members[0]) + len(held.sizes) - (bath.apart != NONE)
     return float(free), parted(held), np.zeros((3, len(system)))
 
 
@@ -331,8 +337,9 @@ def pressure_warnings(dt: float, options: Options, system: Any) -> list[str]:
     tau = options.get(PRESSURE_TAU.name)
     if tau is not None and tau < SHORTEST_TAU * dt:
         found.append(f"pressure_tau = {tau:g} is {tau / dt:.3g} steps; use {SHORTEST_TAU} steps or more")
-    every = options.get(PRESSURE_EVERY.name) or PRESSURE_EVERY.default
-    if tau is not None and options.get(COMPRESSIBILITY.name) is not None and tau < FEWEST_ACTIONS * every * dt:
+    every = every_of(options.get(BAROSTAT.name) or C_RESCALE, options)
+    acts = every > 1 or options.get(COMPRESSIBILITY.name) is not None
+    if tau is not None and acts and tau < FEWEST_ACTIONS * every * dt:
         actions = tau / (every * dt)
         found.append(
             f"pressure_tau = {tau:g} is {actions:.3g} actions of the barostat; use {FEWEST_ACTIONS} or more, "

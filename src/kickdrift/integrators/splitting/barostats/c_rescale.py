@@ -11,16 +11,14 @@ friction of the splitting BAOAB, symmetric in time (Leimkuhler & Matthews 2013, 
 is exact where the force is linear, however long the time between two actions.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options import COMPRESSIBILITY, PRESSURE_TAU
+from kickdrift.integrators.options import COMPRESSIBILITY, PRESSURE_TAU, Options
 from kickdrift.integrators.splitting.barostats.piston import (
     MOST,
     STOPPED,
@@ -36,9 +34,6 @@ from kickdrift.jit.compile import strict
 from kickdrift.jit.lanes.memory import store
 from kickdrift.jit.lanes.random import normals, uniforms
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.options import Options
 
 STAGE = 1 << 11  # of the noise: beyond those of heat baths
 BEGUN = 3  # slot of the state after the last half actions of three groups

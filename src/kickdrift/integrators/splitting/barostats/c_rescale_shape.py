@@ -10,16 +10,14 @@ steps are those of sqrt(V) S, whose noise is the same at every volume. Half the 
 `c_rescale`, with the term k_B T / 2 V of that variable. Half the noise and half the push come before the change.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options import COMPRESSIBILITY, PRESSURE_TAU
+from kickdrift.integrators.options import COMPRESSIBILITY, PRESSURE_TAU, Options
 from kickdrift.integrators.splitting.barostats.c_rescale import draw
 from kickdrift.integrators.splitting.barostats.piston import MOST, STOPPED, TOO_FAST, volume
 from kickdrift.integrators.splitting.barostats.shape import (
@@ -40,9 +38,6 @@ from kickdrift.integrators.splitting.barostats.shape import (
 from kickdrift.integrators.stepping.subflow_code import PROPOSE, BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.options import Options
 
 
 class RescaleShape(NamedTuple):

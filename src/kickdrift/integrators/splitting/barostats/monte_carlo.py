@@ -10,25 +10,20 @@ Velocities stay, so f / d stands for the N particles of the books: N - 1 where t
 molecule with constraints counts as one particle.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options import COMPRESSIBILITY
+from kickdrift.integrators.options import COMPRESSIBILITY, Options
 from kickdrift.integrators.splitting.barostats.piston import Piston, stretch, volume
 from kickdrift.integrators.stepping.subflow_code import PROPOSE, TAKEN_BACK, BoundSubflow, subflow_body
 from kickdrift.jit.compile import strict
 from kickdrift.jit.lanes.memory import store
 from kickdrift.jit.lanes.random import uniforms
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.options import Options
 
 STAGE = 1 << 11  # of the noise: beyond those of heat baths
 WIDEST = 1.5  # largest change of ln V over its thermal spread

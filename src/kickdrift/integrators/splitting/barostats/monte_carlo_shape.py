@@ -9,16 +9,14 @@ min(1, exp(-(dU + P dV + dH) / k_B T + (f / d + 1) ln(V' / V))).
 Velocities stay: their distribution depends neither on the shape nor on the frame.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
-from kickdrift.integrators.options import COMPRESSIBILITY
+from kickdrift.integrators.options import COMPRESSIBILITY, Options
 from kickdrift.integrators.splitting.barostats import c_rescale
 from kickdrift.integrators.splitting.barostats.monte_carlo import ACCEPTED, TRIED, WIDEST, draw, keep
 from kickdrift.integrators.splitting.barostats.piston import volume
@@ -33,9 +31,6 @@ from kickdrift.integrators.splitting.barostats.shape import (
 )
 from kickdrift.integrators.stepping.subflow_code import PROPOSE, TAKEN_BACK, BoundSubflow, subflow_body
 from kickdrift.model.state import Floats
-
-if TYPE_CHECKING:
-    from kickdrift.integrators.options import Options
 
 OF_SHAPE = 0.5  # standard deviation of each part without trace over the thermal spread of ln V
 

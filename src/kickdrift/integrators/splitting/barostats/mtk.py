@@ -8,7 +8,9 @@ x' = v + u x,   v' = F / m - (u + tr u / f) v,   W u' = sum over the group's edg
 
 with the mass W = n (f + d) k_B T tau^2 / d of a group of n edges. Conserved is the energy of the particles, P V, the
 kinetic energy of the box and the energy of both chains. In a step the force on the box acts between two halves of each
-kick, and the box stretches before and after each drift: exact flows in a symmetric order.
+kick, and the box stretches before and after each drift: exact flows in a symmetric order. With ``pressure_every`` the
+force on the box acts only before and after so many steps, for the time of all of them (multiple time steps for a
+barostat: Lippert et al. 2013, J. Chem. Phys. 139, 164106, doi:10.1063/1.4825247).
 """
 
 from __future__ import annotations
@@ -31,8 +33,15 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
 
-STRETCH, PUSH, THERMOSTAT = "X", "G", "M"  # letters of the box in words of this barostat
+LETTERS = STRETCH, PUSH, THERMOSTAT = "XGM"  # of the box in words of this barostat
 START = 7  # slot of the state: P V at the start; the first slots are the velocities of the groups
+
+
+class Turns(NamedTuple):
+    """When the force on the box acts."""
+
+    every: int  # steps
+    middle: int  # stages from this one on are in the second half of a step
 
 
 class BoxPush(NamedTuple):
@@ -40,6 +49,7 @@ class BoxPush(NamedTuple):
 
     piston: Piston
     masses: Floats  # (groups,)
+    turns: Turns
 
 
 class BoxStretch(NamedTuple):
@@ -56,9 +66,20 @@ class BoxChain(NamedTuple):
     chain: Chain
 
 
+@strict
+def turn(turns, step, stage):
+    """Number of steps for which the force on the box acts now; zero if its turn has not come."""
+    if turns.every == 1:
+        return 1.0
+    return float(turns.every) if (step + int(stage >= turns.middle)) % turns.every == 0 else 0.0
+
+
 @subflow_body(BoxPush)
 def box_push(parts, t, x, v, span, step, stage):
-    piston = parts.piston
+    piston, steps = parts.piston, turn(parts.turns, step, stage)
+    if steps == 0.0:
+        return OK
+    span *= steps
     found = piston.room[4:7]
     v_now, per_freedom = volume(piston), 2.0 * pressures(piston, v, found) / piston.bath.freedom
     for a in range(piston.sizes.size):
@@ -105,7 +126,7 @@ def box_chain(parts, t, x, v, span, step, stage):
     return OK
 
 
-def flows(piston: Piston, options: Options) -> dict[str, BoundSubflow]:
+def flows(piston: Piston, options: Options, turns: Turns) -> dict[str, BoundSubflow]:
     """Return the flows of the box in a run, by letter; the box is at rest at the start."""
     bath, groups, tau = piston.bath, piston.sizes, float(options[PRESSURE_TAU.name])
     masses = groups * (bath.freedom + bath.axes) / bath.axes * bath.thermal * tau**2
@@ -115,17 +136,19 @@ def flows(piston: Piston, options: Options) -> dict[str, BoundSubflow]:
     chain = Chain(own, of_chain, np.array(STEPS), np.zeros((2, len(of_chain))))
     return {
         STRETCH: BoundSubflow(BoxStretch(piston)),
-        PUSH: BoundSubflow(BoxPush(piston, masses)),
+        PUSH: BoundSubflow(BoxPush(piston, masses, turns)),
         THERMOSTAT: BoundSubflow(BoxChain(piston, masses, chain)),
     }
 
 
-def word_with_box(word: str, weights: Sequence[float]) -> tuple[str, tuple[float, ...]]:
-    """Return the word and the weights of a method with the flows of the box."""
-    letters, parts = "", list[float]()
-    for letter, weight in zip(word, weights, strict=True):
+def word_with_box(word: str, weights: Sequence[float], every: int) -> tuple[str, tuple[float, ...]]:
+    """Return the word and the weights of a method with the flows of the box. The force on the box acts in each kick, or
+    with ``every`` above one in the first and in the last alone."""
+    letters, parts, ends = "", list[float](), (word.find(KICK), word.rfind(KICK))
+    for place, (letter, weight) in enumerate(zip(word, weights, strict=True)):
         if letter == KICK:
-            letters, parts = letters + KICK + PUSH + KICK, [*parts, 0.5 * weight, weight, 0.5 * weight]
+            push = weight if every == 1 else 0.5 * (place in ends)
+            letters, parts = letters + KICK + PUSH + KICK, [*parts, 0.5 * weight, push, 0.5 * weight]
         elif letter == DRIFT:
             letters, parts = letters + STRETCH + DRIFT + STRETCH, [*parts, 0.5 * weight, weight, 0.5 * weight]
         else:

@@ -19,7 +19,7 @@ import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import PRESSURE_TAU
-from kickdrift.integrators.splitting.barostats.mtk import PUSH, STRETCH, THERMOSTAT
+from kickdrift.integrators.splitting.barostats.mtk import PUSH, STRETCH, THERMOSTAT, Turns, turn
 from kickdrift.integrators.splitting.barostats.piston import scale_axis, volume
 from kickdrift.integrators.splitting.barostats.shape import (
     BEGUN,
@@ -49,6 +49,7 @@ class ShapePush(NamedTuple):
 
     shape: Shape
     mass: float
+    turns: Turns
 
 
 class ShapeStretch(NamedTuple):
@@ -67,7 +68,9 @@ class ShapeChain(NamedTuple):
 
 @subflow_body(ShapePush)
 def shape_push(parts, t, x, v, span, step, stage):
-    shape, piston = parts.shape, parts.shape.piston
+    shape, piston, steps = parts.shape, parts.shape.piston, turn(parts.turns, step, stage)
+    if steps == 0.0:
+        return OK
     axes, v_now = piston.bath.axes, volume(piston)
     per_freedom = 2.0 * pressure_tensor(shape, x, v) / piston.bath.freedom
     wanted_pressure(shape)
@@ -75,7 +78,7 @@ def shape_push(parts, t, x, v, span, step, stage):
     for i in range(axes):
         for j in range(axes):
             push = v_now * (found[i, j] - wanted[i, j]) + (per_freedom if i == j else 0.0)
-            shape.state[i, j] += span * push / parts.mass
+            shape.state[i, j] += steps * span * push / parts.mass
     return OK
 
 
@@ -121,7 +124,7 @@ def shape_chain(parts, t, x, v, span, step, stage):
     return OK
 
 
-def flows(shape: Shape, options: Options) -> dict[str, BoundSubflow]:
+def flows(shape: Shape, options: Options, turns: Turns) -> dict[str, BoundSubflow]:
     """Return the flows of the box in a run, by letter; the box is at rest at the start."""
     bath, tau = shape.piston.bath, float(options[PRESSURE_TAU.name])
     mass = (bath.freedom + bath.axes) / bath.axes * bath.thermal * tau**2
@@ -132,6 +135,6 @@ def flows(shape: Shape, options: Options) -> dict[str, BoundSubflow]:
     chain = Chain(own, of_chain, np.array(STEPS), np.zeros((2, len(of_chain))))
     return {
         STRETCH: BoundSubflow(ShapeStretch(shape)),
-        PUSH: BoundSubflow(ShapePush(shape, mass)),
+        PUSH: BoundSubflow(ShapePush(shape, mass, turns)),
         THERMOSTAT: BoundSubflow(ShapeChain(shape, mass, chain)),
     }

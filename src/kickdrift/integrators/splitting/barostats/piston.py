@@ -11,8 +11,6 @@ Molecules with constraints keep their shape: the box carries their centres along
 centres (``looks.centres``).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +19,7 @@ from numpy.typing import NDArray
 
 from kickdrift.integrators.splitting.baths.bath import Bathed, heat_now
 from kickdrift.jit.compile import as_written, strict
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -110,13 +108,9 @@ def pressures(piston, v, found):
     return total
 
 
-def add_motion_within(molecules: Any, piston: Any, x: Any, v: Any, found: Any) -> None:
+@by_type
+def add_motion_within(molecules, piston, x, v, found):
     """Make the pressures on the groups ``found`` those of the centres of molecules, which the box carries along."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_motion_within)
-def _add_motion_within(molecules, piston, x, v, found):
     if isinstance(molecules, types.NoneType):
         return lambda molecules, piston, x, v, found: None
 
@@ -132,14 +126,10 @@ def _add_motion_within(molecules, piston, x, v, found):
     return each
 
 
-def keep_shapes(molecules: Any, piston: Any, x: Any, v: Any, axis: int, factor: float) -> None:
+@by_type
+def keep_shapes(molecules, piston, x, v, axis, factor):
     """Give molecules their shape and their inner motion back, after positions along an axis were scaled by a factor and
     velocities by one over it; v may be None."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(keep_shapes)
-def _keep_shapes(molecules, piston, x, v, axis, factor):
     if isinstance(molecules, types.NoneType):
         return lambda molecules, piston, x, v, axis, factor: None
 

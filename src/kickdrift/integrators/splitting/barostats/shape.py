@@ -14,8 +14,6 @@ doi:10.1063/1.328693: H = -V0 tr(s E), with E = (G G^T - 1) / 2 for G = h0^-1 h 
 stress is (V0 / V) G^T s G, so it is s where the box is the reference.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

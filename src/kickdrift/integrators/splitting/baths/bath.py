@@ -67,14 +67,19 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
         if options.get(option.name) is None:
             raise InputError(f"{option.name} is needed: a heat bath has no default {option.name}")
     masses, thermal = system.coherent_masses, system.units.boltzmann * options[TEMPERATURE.name]
-    if not np.all(masses > 0):
-        raise InputError(f"a heat bath needs masses, and {system.body(int(np.argmin(masses)))} has none")
+    moving = np.ones(len(masses), bool)
+    if system.virtual_sites is not None:
+        moving[system.virtual_sites.particles] = False
+    if not np.all(masses[moving] > 0):
+        i = int(np.argmin(np.where(moving, masses, np.inf)))
+        raise InputError(f"a heat bath needs masses, and {system.body(i)} has none")
+    spread = np.sqrt(np.divide(thermal, masses, out=np.zeros_like(masses), where=moving))
     freedom = freedom_of(system, drags=not conserving)
     if not freedom:
         raise InputError("a heat bath that conserves momentum needs two particles or more")
     seed = options.get(SEED.name)
     return Bathed(
-        filled(system.state.ids), filled(masses), filled(np.sqrt(thermal / masses)), system.dimensions,
+        filled(system.state.ids), filled(masses), filled(spread), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),
         apart_of(system, drags=not conserving), float(masses.sum()), np.zeros(MOTION),
     )  # fmt: skip

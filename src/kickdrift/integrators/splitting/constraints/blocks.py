@@ -6,8 +6,6 @@ conditions has a narrow band, one beside the diagonal for a chain. A block of fe
 copies of the last one, which move nothing.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

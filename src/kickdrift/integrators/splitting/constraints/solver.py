@@ -9,8 +9,6 @@ With the separation r of a pair before the drift and s after it, the conditions 
 them exact but for the square of the change of s, so the error that a step leaves is known without another look.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from kickdrift.jit.compile import as_written, never_inline, strict

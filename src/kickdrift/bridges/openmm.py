@@ -1,0 +1,167 @@
+"""A System of OpenMM's System, Topology and positions, in units that both share: nm, ps, u, kJ/mol."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from kickdrift.bridges.openmm_files import Asked, read
+from kickdrift.bridges.openmm_nonbonded import nonbonded
+from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
+from kickdrift.errors import InputError
+from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.constraint import Constraint
+from kickdrift.model.molecules.topology import Topology
+from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.state import Floats
+from kickdrift.model.system import System
+from kickdrift.model.units.quantities import quantity
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
+from kickdrift.text import shown
+
+UNITS = UNIT_SYSTEMS["gromacs"]
+PAIRS, BAROSTAT = "NonbondedForce", "MonteCarloBarostat"
+NEEDLESS = "CMMotionRemover"  # kickdrift's methods keep the total momentum, and heat baths count it
+UNKNOWN = "X"  # symbol of a site without an element
+MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stated; OpenMM's examples have this value
+
+
+def system_of(
+    given: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None, *, name: str = "openmm"
+) -> System:
+    """Return the System; see `System.from_openmm`."""
+    if not isinstance(given, openmm.System):
+        raise InputError(f"system: expected openmm.System, got {type(given).__name__}")
+    n = given.getNumParticles()
+    symbols, bonds = _read(topology, n)
+    x = _vectors("positions", positions, unit.nanometer, n)
+    v = None if velocities is None else _vectors("velocities", velocities, unit.nanometer / unit.picosecond, n)
+    _refuse(given)
+    kept = [given.getConstraintParameters(k) for k in range(given.getNumConstraints())]
+    pairs = [(i, j) for i, j, _ in kept]
+    molecules, pair_forces, barostat = Molecules(_bonds(given, pairs) if bonds is None else bonds), [], None
+    for force in given.getForces():
+        kind = type(force).__name__
+        if kind in TAKEN:
+            TAKEN[kind](molecules, force)
+        elif kind == PAIRS:
+            pair_forces.append(force)
+        elif kind == BAROSTAT:
+            barostat = force
+    if len(pair_forces) > 1:
+        raise InputError(f"system: has {len(pair_forces)} forces {PAIRS}; kickdrift takes one")
+    found = nonbonded(pair_forces[0], symbols, x) if pair_forces else None
+    species = found.species if found else list(symbols)
+    lists, forces = molecules.lists(species)
+    box, turn = Box(None), np.eye(3)
+    if given.usesPeriodicBoundaryConditions():
+        box, turn = Box.from_vectors([number(row) for row in given.getDefaultPeriodicBoxVectors()])
+    return System(
+        x @ turn.T,
+        None if v is None else v @ turn.T,
+        [number(given.getParticleMass(i)) for i in range(n)],
+        box if box.periodic else None,
+        [*(found.forces if found else ()), *forces],
+        UNITS,
+        species,
+        name,
+        _run(barostat, integrator),
+        topology=Topology(**lists, exclusions=found.exclusions if found else ()) if lists or found else None,
+        charges=found.charges if found else None,
+        constraints=[Constraint(pairs=pairs, distance=[number(length) for *_, length in kept])] if kept else None,
+    )
+
+
+def file_system(path: Path, asked: Asked) -> System:
+    """Return the System of a file of parameters, or of a structure with a force field; see `kickdrift.load`."""
+    return system_of(*read(path, asked), name=path.stem)
+
+
+def _read(topology: Any, n: int) -> tuple[list[str], list[tuple[int, int]] | None]:
+    """Symbol of each particle, and the bonds; without a topology one symbol, and no bonds known."""
+    if topology is None:
+        return ["A"] * n, None
+    if not hasattr(topology, "atoms"):
+        raise InputError(f"topology: expected openmm.app.Topology, got {type(topology).__name__}")
+    atoms = list(topology.atoms())
+    if len(atoms) != n:
+        raise InputError(f"topology: has {len(atoms):,} atoms, and the system {n:,} particles")
+    symbols = [UNKNOWN if atom.element is None else atom.element.symbol for atom in atoms]
+    return symbols, [(first.index, second.index) for first, second in topology.bonds()]
+
+
+def _bonds(given: Any, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Bonds of a system without a topology: those with a harmonic term, and rigid ones."""
+    harmonic = [force for force in given.getForces() if type(force).__name__ == "HarmonicBondForce"]
+    return [*pairs, *(tuple(force.getBondParameters(k)[:2]) for force in harmonic for k in range(force.getNumBonds()))]
+
+
+def _vectors(key: str, values: Any, of: Any, n: int) -> Floats:
+    """Positions or velocities (n, 3), given with OpenMM's units or as numbers in nm and ps."""
+    try:
+        plain = values.value_in_unit(of) if unit.is_quantity(values) else values
+        if isinstance(plain, list | tuple) and len(plain) and unit.is_quantity(plain[0]):
+            plain = [each.value_in_unit(of) for each in plain]
+        found = np.array(plain, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{key}: expected vectors in a unit such as {of}, got {shown(values)}") from None
+    if found.shape != (n, 3):
+        raise InputError(f"{key}: expected shape ({n}, 3), one row for each particle of the system, got {found.shape}")
+    return found
+
+
+def _refuse(given: Any) -> None:
+    """Refuse what has no counterpart: virtual sites, particles without mass, and other forces."""
+    for i in range(given.getNumParticles()):
+        if given.isVirtualSite(i):
+            kind = type(given.getVirtualSite(i)).__name__
+            raise InputError(f"system: particle {i} is a {kind}, which has no counterpart in kickdrift")
+        if not number(given.getParticleMass(i)):
+            raise InputError(f"system: particle {i} has no mass, so OpenMM holds it fixed; kickdrift holds none fixed")
+    for k, force in enumerate(given.getForces()):
+        kind = type(force).__name__
+        if kind not in (*TAKEN, PAIRS, BAROSTAT, NEEDLESS):
+            raise InputError(f"system: force {k}, {kind}, has no counterpart in kickdrift{_first_term(force)}")
+
+
+def _first_term(force: Any) -> str:
+    """Particles of a force's first term as text; "" if its terms do not list particles."""
+    for count, term in (("getNumBonds", "getBondParameters"), ("getNumAngles", "getAngleParameters"),
+                        ("getNumTorsions", "getTorsionParameters")):  # fmt: skip
+        if hasattr(force, count) and getattr(force, count)():
+            found = [each for each in getattr(force, term)(0) if isinstance(each, int)]
+            found = found[1:] if type(force).__name__ == "CMAPTorsionForce" else found  # the number of its map
+            return f"; its first term is of the particles {', '.join(map(str, found))}"
+    return ""
+
+
+METHODS = {
+    "VerletIntegrator": "velocity-verlet", "LangevinMiddleIntegrator": "baoa", "LangevinIntegrator": "baoab",
+}  # fmt: skip
+
+
+def _run(barostat: Any, integrator: Any) -> RunDefaults:
+    """Defaults of a run from OpenMM's integrator and barostat."""
+    chosen: dict[str, Any] = {}
+    if integrator is not None:
+        kind = type(integrator).__name__
+        if kind not in METHODS:
+            raise InputError(f"integrator: {kind} has no counterpart in kickdrift; possible are {', '.join(METHODS)}")
+        chosen = {"integrator": METHODS[kind], "dt": number(integrator.getStepSize())}
+        if kind.startswith("Langevin"):
+            chosen |= {
+                "temperature": number(integrator.getTemperature()), "friction": number(integrator.getFriction())
+            }  # fmt: skip
+    if barostat is not None:
+        temperature = number(barostat.getDefaultTemperature())
+        bath = {"integrator": "baoa", "temperature": temperature, **MIDDLE}
+        bar = number(barostat.getDefaultPressure())
+        pressure = quantity(f"{bar!r} bar", "pressure", UNITS, "pressure")
+        chosen = bath | chosen | {
+            "barostat": "monte-carlo", "pressure": pressure, "pressure_every": barostat.getFrequency()
+        }  # fmt: skip
+    return RunDefaults(**chosen)

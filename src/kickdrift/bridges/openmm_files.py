@@ -1,0 +1,155 @@
+"""Files of force fields through OpenMM's readers: AMBER, GROMACS, CHARMM, and PDB with force fields in XML."""
+
+from __future__ import annotations
+
+import os
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import openmm.app as app
+from openmm import unit
+
+from kickdrift.errors import InputError
+from kickdrift.text import choices, clean, shown
+
+CUTOFF = 1.0  # nm, as OpenMM's own default
+RIGID: dict[str, dict[str, Any]] = {  # what a run keeps rigid
+    "hydrogen": {"constraints": app.HBonds, "rigidWater": True},
+    "water": {"constraints": None, "rigidWater": True},
+    "none": {"constraints": None, "rigidWater": False},
+}
+FRAMES: dict[str, Callable[[str], Any]] = {  # readers of coordinates
+    ".inpcrd": app.AmberInpcrdFile, ".rst7": app.AmberInpcrdFile, ".rst": app.AmberInpcrdFile,
+    ".gro": app.GromacsGroFile, ".crd": app.CharmmCrdFile, ".pdb": app.PDBFile, ".cif": app.PDBxFile,
+}  # fmt: skip
+
+
+class Parts(NamedTuple):
+    """OpenMM's objects of a system."""
+
+    system: Any
+    topology: Any
+    positions: Any
+    velocities: Any
+
+
+class Asked(NamedTuple):
+    """What a user asks of a system's files; see `kickdrift.load`."""
+
+    coordinates: str | os.PathLike[str] | None
+    force_field: Sequence[str]
+    cutoff: float | None = None
+    rigid: str | None = None
+
+
+def read(path: Path, asked: Asked) -> Parts:
+    """Return OpenMM's objects of the system in a file of parameters, or in a structure with a force field."""
+    if asked.rigid is not None and asked.rigid not in RIGID:
+        raise InputError(f"rigid: expected {choices(RIGID)}, got {shown(asked.rigid)}")
+    with told():
+        return READERS[path.suffix.lower()](path, asked)
+
+
+@contextmanager
+def told(what: str = "") -> Iterator[None]:
+    """Context in which any error of OpenMM's readers becomes an InputError of one line, which begins with ``what``.
+    Readers leave files open, and Python closes these here without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # readers raise many kinds
+            text = clean(" ".join(str(error).split()), 300)
+            traceback.clear_frames(error.__traceback__)
+            raise InputError(f"{what}OpenMM cannot take it: {text}") from None
+
+
+def _frame(path: Path, asked: Asked) -> Any:
+    """OpenMM's reader of the coordinates, with `positions`."""
+    if asked.coordinates is None:
+        raise InputError("holds no coordinates; give a file of them: coordinates (--coordinates)")
+    where = Path(asked.coordinates)
+    if where.suffix.lower() not in FRAMES:
+        raise InputError(f"{where}: coordinates come from files that end in {choices(FRAMES)}")
+    if not where.is_file():
+        raise InputError(f"{where}: no such file")
+    with told(f"{where}: "):
+        return FRAMES[where.suffix.lower()](str(where))
+
+
+def _edges(frame: Any) -> Any:
+    """Box vectors of a frame; None in open space."""
+    found = getattr(frame, "boxVectors", None)
+    if found is None and hasattr(frame, "getPeriodicBoxVectors"):
+        found = frame.getPeriodicBoxVectors()
+    return frame.topology.getPeriodicBoxVectors() if found is None and hasattr(frame, "topology") else found
+
+
+def _settings(asked: Asked, periodic: bool) -> dict[str, Any]:
+    """Arguments of OpenMM's ``createSystem``: PME in a periodic box, all pairs in open space."""
+    cutoff = (CUTOFF if asked.cutoff is None else asked.cutoff) * unit.nanometer
+    pairs = {"nonbondedMethod": app.PME, "nonbondedCutoff": cutoff} if periodic else {"nonbondedMethod": app.NoCutoff}
+    return {**RIGID[asked.rigid or "hydrogen"], "removeCMMotion": False, **pairs}
+
+
+def _amber(path: Path, asked: Asked) -> Parts:
+    frame = _frame(path, asked)
+    edges = _edges(frame)
+    found = app.AmberPrmtopFile(str(path), periodicBoxVectors=edges)
+    periodic = found.topology.getPeriodicBoxVectors() is not None
+    return Parts(found.createSystem(**_settings(asked, periodic)), found.topology, frame.positions, _velocities(frame))
+
+
+def _gromacs(path: Path, asked: Asked) -> Parts:
+    frame = _frame(path, asked)
+    edges = _edges(frame)
+    folder = {"includeDir": asked.force_field[0]} if asked.force_field else {}
+    found = app.GromacsTopFile(str(path), periodicBoxVectors=edges, **folder)
+    made = found.createSystem(**_settings(asked, edges is not None))
+    return Parts(made, found.topology, frame.positions, None)
+
+
+def _charmm(path: Path, asked: Asked) -> Parts:
+    if not asked.force_field:
+        raise InputError("needs CHARMM's files of parameters: force_field (--force-field)")
+    frame = _frame(path, asked)
+    edges = _edges(frame)
+    found = app.CharmmPsfFile(str(path), periodicBoxVectors=edges)
+    made = found.createSystem(app.CharmmParameterSet(*asked.force_field), **_settings(asked, edges is not None))
+    return Parts(made, found.topology, frame.positions, None)
+
+
+def _structure(path: Path, asked: Asked) -> Parts:
+    for file in asked.force_field:
+        _refuse_scripts(Path(file))
+    found = FRAMES[path.suffix.lower()](str(path))
+    periodic = found.topology.getPeriodicBoxVectors() is not None
+    made = app.ForceField(*asked.force_field).createSystem(found.topology, **_settings(asked, periodic))
+    return Parts(made, found.topology, found.positions, None)
+
+
+def _velocities(frame: Any) -> Any:
+    return getattr(frame, "velocities", None)
+
+
+def _refuse_scripts(file: Path) -> None:
+    """Refuse a user's force field with scripts, which OpenMM runs as Python. Files that OpenMM ships may have them."""
+    if not file.is_file():
+        return
+    for element in ElementTree.parse(file).iter():
+        if element.tag in ("Script", "InitializationScript"):
+            raise InputError(f"{file}: has a script, which OpenMM would run as Python; remove it")
+        if element.tag == "Include":
+            _refuse_scripts(file.parent / element.attrib.get("file", os.curdir))
+
+
+READERS: dict[str, Callable[[Path, Asked], Parts]] = {
+    ".prmtop": _amber, ".parm7": _amber, ".top": _gromacs, ".psf": _charmm, ".pdb": _structure, ".cif": _structure,
+}  # fmt: skip

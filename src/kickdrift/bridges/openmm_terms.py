@@ -1,0 +1,133 @@
+"""Bonded terms of OpenMM's forces as lists of a Topology with types, and the forces that act on these types.
+
+A term is a class of forces and its parameters. Items with the same terms have one type. An item with several terms of
+one class, such as a dihedral with a series of periods, has a force for each place in the series.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+from kickdrift.forces import HarmonicAngle, HarmonicBond, PeriodicDihedral, PeriodicImproper, RyckaertBellemans
+
+Item = tuple[int, ...]
+Term = tuple[Any, tuple[float, ...]]
+NO_TERM = "none"  # type of an item on which no force acts, such as a rigid bond
+
+
+def number(quantity: Any) -> Any:
+    """The number in OpenMM's own units: nm, ps, u, kJ/mol, elementary charges and radians. `value_in_unit` would copy,
+    which takes ten times as long."""
+    return getattr(quantity, "_value", quantity)
+
+
+def forwards(item: Item) -> Item:
+    """The item in the direction in which its first particle has the lower number."""
+    return item if item[0] < item[-1] else item[::-1]
+
+
+class Terms:
+    """Items of one kind, such as "angles", with the terms of each."""
+
+    def __init__(self, kind: str, items: Iterable[Item] = ()) -> None:
+        self.kind = kind
+        self.items: dict[Item, list[Term]] = {forwards(item): [] for item in items}
+
+    def add(self, item: Item, cls: Any, *parameters: float) -> None:
+        """Add a term to an item."""
+        self.items.setdefault(forwards(item), []).append((cls, parameters))
+
+    def lists(self, species: Sequence[str]) -> tuple[dict[str, Any], list[Any]]:
+        """Arguments of a Topology, and the forces. A type is named by the ``species`` of its first item."""
+        named: dict[tuple[Term, ...], str] = {(): NO_TERM}
+        taken: Counter[str] = Counter()
+        types = []
+        for item, terms in self.items.items():
+            key = tuple(terms)
+            if key not in named:
+                name = "-".join(species[i] for i in item)
+                taken[name] += 1
+                named[key] = name if taken[name] == 1 else f"{name} {taken[name]}"
+            types.append(named[key])
+        if not types:
+            return {}, []
+        return {self.kind: list(self.items), f"{self.kind[:-1]}_types": types}, list(_forces(named))
+
+
+def _forces(named: dict[tuple[Term, ...], str]) -> Iterator[Any]:
+    """The forces on types, one for each class and each place in a series of its terms."""
+    tables: dict[tuple[Any, int], dict[str, dict[str, float]]] = {}
+    for terms, name in named.items():
+        place: Counter[Any] = Counter()
+        for cls, parameters in terms:
+            table = tables.setdefault((cls, place[cls]), {})
+            table[name] = dict(zip(cls.Parameters._fields, parameters, strict=True))
+            place[cls] += 1
+    for (cls, _), table in tables.items():
+        yield cls(**next(iter(table.values())), types=table)
+
+
+class Molecules:
+    """Bonds, angles, dihedrals and impropers of a System, collected from OpenMM's forces."""
+
+    def __init__(self, bonds: Iterable[Item]) -> None:
+        self.bonds = Terms("bonds", bonds)
+        self.chains = set(self.bonds.items)
+        self.angles, self.dihedrals, self.impropers = map(Terms, ("angles", "dihedrals", "impropers"))
+
+    def lists(self, species: Sequence[str]) -> tuple[dict[str, Any], list[Any]]:
+        """Arguments of a Topology, and the forces."""
+        lists: dict[str, Any] = {}
+        forces = []
+        for terms in (self.bonds, self.angles, self.dihedrals, self.impropers):
+            more, acting = terms.lists(species)
+            lists |= more
+            forces += acting
+        return lists, forces
+
+    def _is_chain(self, item: Item) -> bool:
+        return all(forwards(pair) in self.chains for pair in pairwise(item))
+
+    def harmonic_bonds(self, force: Any) -> None:
+        """Take the terms of a HarmonicBondForce."""
+        for k in range(force.getNumBonds()):
+            i, j, length, stiffness = map(number, force.getBondParameters(k))
+            if stiffness:
+                self.bonds.add((i, j), HarmonicBond, stiffness, length)
+
+    def harmonic_angles(self, force: Any) -> None:
+        """Take the terms of a HarmonicAngleForce."""
+        for k in range(force.getNumAngles()):
+            i, j, m, rest, stiffness = map(number, force.getAngleParameters(k))
+            if stiffness:
+                self.angles.add((i, j, m), HarmonicAngle, stiffness, math.degrees(rest))
+
+    def periodic_torsions(self, force: Any) -> None:
+        """Take the terms of a PeriodicTorsionForce: a dihedral along a chain of bonds, else an improper."""
+        for k in range(force.getNumTorsions()):
+            *item, period, phase, barrier = map(number, force.getTorsionParameters(k))
+            if barrier:
+                term = barrier, float(period), math.degrees(phase)
+                if self._is_chain(tuple(item)):
+                    self.dihedrals.add(tuple(item), PeriodicDihedral, *term)
+                else:
+                    self.impropers.add(tuple(item), PeriodicImproper, *term)
+
+    def ryckaert_bellemans(self, force: Any) -> None:
+        """Take the terms of an RBTorsionForce."""
+        for k in range(force.getNumTorsions()):
+            i, j, m, n, *series = map(number, force.getTorsionParameters(k))
+            if any(series):
+                self.dihedrals.add((i, j, m, n), RyckaertBellemans, *series)
+
+
+TAKEN: dict[str, Callable[[Molecules, Any], None]] = {  # OpenMM's forces of bonded terms
+    "HarmonicBondForce": Molecules.harmonic_bonds,
+    "HarmonicAngleForce": Molecules.harmonic_angles,
+    "PeriodicTorsionForce": Molecules.periodic_torsions,
+    "RBTorsionForce": Molecules.ryckaert_bellemans,
+}

@@ -1,0 +1,130 @@
+"""`LammpsForce`: pair styles of LAMMPS as a force. Importing this module imports neither LAMMPS nor numba."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from kickdrift.errors import InputError
+from kickdrift.forces.fields.shipped import Field
+from kickdrift.forces.seam.arguments import check_massive
+from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.text import shown
+
+if TYPE_CHECKING:
+    from kickdrift.forces.external.kernel import ExternalKernel
+    from kickdrift.model.subject import Subject
+
+UNITS = {"lj": "lj", "nbody": "lj", "metal": "metal", "real": "real"}  # LAMMPS' names of unit systems
+RENEWAL = {"lj": 0.15, "nbody": 0.15, "metal": 0.5, "real": 0.5}  # lengths; the skin of LAMMPS' lists is twice as long
+COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "set", "special_bonds", "fix")
+FIXES = ("qeq/",)  # charges that follow the positions
+RUNS_CODE = ("python", "mliap")  # styles that run Python code, or unpack it from a file
+ATOM_STYLES = ("atomic", "charge")
+
+
+@checked_arguments
+@dataclass(frozen=True)
+class LammpsForce(Field):
+    """Pair styles of LAMMPS as a force, such as MEAM, SNAP or ReaxFF.
+
+    ``kd.LammpsForce("meam", "* * library.meam Cu Cu.meam Cu")`` gives LAMMPS the commands ``pair_style`` and
+    ``pair_coeff``. Its types are the system's species in their order, from 1. kickdrift takes the steps, so every
+    method, bath, barostat, file and restart serves this force as it serves others. LAMMPS computes forces, energy and
+    virial in this process, in the units of the system: ``metal``, ``real``, ``lj`` or ``nbody``. Thompson et al. 2022,
+    doi:10.1016/j.cpc.2021.108171.
+
+    LAMMPS finds files of potentials in the folder of the run, or in its own folder of potentials. A run's file keeps
+    the commands, not these files.
+
+    LAMMPS' lists of neighbours begin anew when an atom has moved by ``renewal``, and a run's checkpoints keep the
+    positions of that beginning. So a resumed run has the same bits.
+
+    Parameters
+    ----------
+    pair_style : LAMMPS' pair style with its arguments
+    pair_coeff : its coefficients, one text or several
+    commands : further commands: pair_modify, kspace_style, kspace_modify, special_bonds, set, and fix of a qeq style
+    atom_style : "atomic", or "charge", which takes the particles' charges
+    renewal : length; default 0.5 angstrom, or 0.15 in units lj
+
+    Raises
+    ------
+    InputError
+        For other commands, and for styles that run Python code. When a System is made, without LAMMPS, for two
+        dimensions, other units, and whatever LAMMPS says of the commands.
+    """
+
+    pair_style: str
+    pair_coeff: str | Sequence[str] = "* *"
+    commands: Sequence[str] = ()
+    atom_style: str = "atomic"
+    renewal: float | None = None
+
+    name: ClassVar[str] = "lammps"
+    may_overlap: ClassVar[bool] = False
+    external: ClassVar[bool] = False
+    thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
+    dimensions: ClassVar[dict[str, str]] = {"renewal": "length"}
+
+    def __post_init__(self) -> None:
+        rows = (self.pair_coeff,) if isinstance(self.pair_coeff, str) else self.pair_coeff
+        for key, given in (("pair_style", (self.pair_style,)), ("pair_coeff", rows), ("commands", self.commands)):
+            if isinstance(given, str) or not all(isinstance(each, str) for each in given):
+                raise InputError(f"{self.name}: {key}: expected texts, got {shown(getattr(self, key))}")
+            for line in given:
+                self._check(key, line)
+        if self.atom_style not in ATOM_STYLES:
+            raise InputError(
+                f"{self.name}: atom_style: expected {' or '.join(ATOM_STYLES)}, got {shown(self.atom_style)}"
+            )
+        if self.renewal is not None and not self.renewal > 0:
+            raise InputError(f"{self.name}: renewal must be a positive length, got {shown(self.renewal)}")
+        object.__setattr__(self, "pair_coeff", tuple(rows))
+        object.__setattr__(self, "commands", tuple(self.commands))
+
+    def _check(self, key: str, line: str) -> None:
+        """Refuse what is no command of a force: other commands, several lines, variables."""
+        words = line.split()
+        if not words or any(sign in line for sign in "\n\r$&;"):
+            raise InputError(f"{self.name}: {key}: expected one plain line, got {shown(line)}")
+        if key == "pair_style" and (code := [each for each in words if each.split("/")[0] in RUNS_CODE]):
+            raise InputError(f"{self.name}: pair_style: {code[0]} may run Python code, which a force may not do here")
+        if key != "commands":
+            return
+        if words[0] not in COMMANDS:
+            raise InputError(f"{self.name}: commands: expected one of {', '.join(COMMANDS)}, got {shown(words[0])}")
+        if words[0] == "fix" and not (len(words) > 3 and words[3].startswith(FIXES)):
+            raise InputError(f"{self.name}: commands: a fix must be of a style {FIXES[0]}…, got {shown(line)}")
+
+    @property
+    def label(self) -> str:
+        """The pair style's name."""
+        return self.pair_style.split()[0]
+
+    def no_pressure(self, system: Subject) -> str:
+        """Why samples have no pressure: they have one."""
+        return ""
+
+    def fixes_box(self, system: Subject) -> str:
+        """See Grouped: LAMMPS follows the box."""
+        return ""
+
+    def check(self, system: Subject) -> None:
+        """Refuse systems that LAMMPS cannot take, and commands that it does not take."""
+        if system.dimensions == 2:
+            raise InputError(f"{self.name}: works in three dimensions, and the system has two")
+        if system.units.name not in UNITS:
+            raise InputError(f"{self.name}: works in the units {', '.join(UNITS)}, not {system.units.name!r}")
+        if self.atom_style == "charge" and system.charges is None:
+            raise InputError(f"{self.name}: atom_style charge needs particles with charges")
+        check_massive(self.name, system, range(len(system)))
+        self.bind(system)
+
+    def bind(self, system: Subject, threads: int = 1) -> ExternalKernel:
+        """See Field."""
+        from kickdrift.forces.external.lammps_host import lammps_host
+
+        units = system.units.name
+        return lammps_host(self, system, UNITS[units], self.renewal or RENEWAL[units]).parts

@@ -1,0 +1,318 @@
+"""Systems from OpenMM: energies by term, forces and steps beside OpenMM's Reference platform, and refusals."""
+
+import numpy as np
+import openmm
+import openmm.app as app
+import pytest
+from openmm import unit
+
+import kickdrift as kd
+from kickdrift.forces.bound.forces import BoundForces
+
+REFERENCE = openmm.Platform.getPlatformByName("Reference")
+ALANINE = """\
+ATOM      1 HH31 ACE A   1       2.000   1.000   0.000
+ATOM      2  CH3 ACE A   1       2.000   2.090   0.000
+ATOM      3 HH32 ACE A   1       1.486   2.454   0.890
+ATOM      4 HH33 ACE A   1       1.486   2.454  -0.890
+ATOM      5  C   ACE A   1       3.427   2.641   0.000
+ATOM      6  O   ACE A   1       4.391   1.877   0.000
+ATOM      7  N   ALA A   2       3.555   3.970   0.000
+ATOM      8  H   ALA A   2       2.733   4.556   0.000
+ATOM      9  CA  ALA A   2       4.853   4.614   0.000
+ATOM     10  HA  ALA A   2       5.408   4.316   0.890
+ATOM     11  CB  ALA A   2       5.661   4.221  -1.232
+ATOM     12  HB1 ALA A   2       5.123   4.521  -2.131
+ATOM     13  HB2 ALA A   2       6.630   4.719  -1.206
+ATOM     14  HB3 ALA A   2       5.809   3.141  -1.241
+ATOM     15  C   ALA A   2       4.713   6.129   0.000
+ATOM     16  O   ALA A   2       3.601   6.653   0.000
+ATOM     17  N   NME A   3       5.846   6.835   0.000
+ATOM     18  H   NME A   3       6.737   6.359   0.000
+ATOM     19  C   NME A   3       5.846   8.284   0.000
+ATOM     20  H1  NME A   3       4.819   8.648   0.000
+ATOM     21  H2  NME A   3       6.360   8.648   0.890
+ATOM     22  H3  NME A   3       6.360   8.648  -0.890
+TER
+END
+"""
+
+
+@pytest.fixture(scope="module")
+def alanine(tmp_path_factory):
+    """Topology and shaken positions (nm) of alanine dipeptide."""
+    path = tmp_path_factory.mktemp("openmm") / "alanine.pdb"
+    path.write_text(ALANINE, encoding="utf-8")
+    pdb = app.PDBFile(str(path))
+    x = pdb.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    return pdb.topology, x + np.random.default_rng(3).uniform(-0.004, 0.004, x.shape)
+
+
+@pytest.fixture(scope="module")
+def water():
+    """Topology and positions (nm) of 64 molecules of TIP3P on a lattice, turned at random, in a box of 1.25 nm."""
+    topology, rng = app.Topology(), np.random.default_rng(4)
+    chain, places = topology.addChain(), []
+    arms = 0.09572 * np.array([[0.0, 0.0], [1.0, 0.0], [np.cos(np.radians(104.52)), np.sin(np.radians(104.52))]])
+    for site in np.indices((4, 4, 4)).reshape(3, -1).T * 0.3125:
+        residue = topology.addResidue("HOH", chain)
+        oxygen, *hydrogen = (
+            topology.addAtom(name, app.Element.getBySymbol(name[0]), residue) for name in ("O", "H1", "H2")
+        )
+        for each in hydrogen:
+            topology.addBond(oxygen, each)
+        plane = np.linalg.qr(rng.normal(size=(3, 2)))[0]
+        places.append(site + arms @ plane.T)
+    topology.setPeriodicBoxVectors(1.25 * np.eye(3) * unit.nanometer)
+    return topology, np.concatenate(places)
+
+
+def built(topology, *files, **more):
+    return app.ForceField(*files).createSystem(topology, removeCMMotion=False, **more)
+
+
+def context_of(system, x, dt=0.0005):
+    """A Context on the Reference platform, with a group for each force."""
+    for k, force in enumerate(system.getForces()):
+        force.setForceGroup(k)
+    context = openmm.Context(system, openmm.VerletIntegrator(dt), REFERENCE)
+    context.setPositions(x)
+    return context
+
+
+def energies_of(context, system):
+    """Energy of each force of OpenMM, by the name of its class."""
+    found = {}
+    for k, force in enumerate(system.getForces()):
+        energy = context.getState(energy=True, groups={k}).getPotentialEnergy()
+        found[type(force).__name__] = energy.value_in_unit(unit.kilojoule_per_mole)
+    return found
+
+
+TERMS = {
+    "HarmonicBondForce": ("harmonic-bond",), "HarmonicAngleForce": ("harmonic-angle",),
+    "PeriodicTorsionForce": ("periodic-dihedral", "periodic-improper"), "RBTorsionForce": ("ryckaert-bellemans",),
+    "NonbondedForce": ("lennard-jones", "coulomb", "listed-pairs"),
+}  # fmt: skip
+
+
+def assert_alike(theirs, ours, energy, force):
+    """Compare energies by term and forces, relative to theirs."""
+    context = context_of(theirs, ours.state.positions)
+    for name, expected in energies_of(context, theirs).items():
+        terms = [each for each in ours.forces if each.name in TERMS[name]]
+        found = BoundForces(ours.under(terms)).measure(0.0, ours.state.phase).potential if terms else 0.0
+        assert found == pytest.approx(expected, rel=energy, abs=1e-9), name
+    expected = context.getState(forces=True).getForces(asNumpy=True)
+    expected = expected.value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+    found = kd.Simulation(ours, dt=0.0005).forces()
+    assert np.sqrt(((found - expected) ** 2).sum() / (expected**2).sum()) < force
+
+
+def assert_same_steps(theirs, ours):
+    """Compare positions after 20 steps with OpenMM's Verlet, whose velocities are half a step behind."""
+    dt = 0.0005
+    run = kd.Simulation(ours, integrator="velocity-verlet", dt=dt)
+    run.run(steps=20)
+    start = kd.Simulation(ours, dt=dt)
+    context = context_of(theirs, ours.state.positions, dt)
+    a = start.forces() / ours.state.masses[:, None]
+    context.setVelocities(ours.state.velocities - 0.5 * dt * a)
+    context.getIntegrator().step(20)
+    expected = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    assert np.abs(run.state.positions - expected).max() < 1e-6
+
+
+def test_alanine_dipeptide_in_open_space_is_that_of_openmm(alanine):
+    topology, x = alanine
+    theirs = built(topology, "amber14-all.xml")
+    ours = kd.System.from_openmm(theirs, topology, x)
+    assert [force.name for force in ours.forces].count("periodic-dihedral") == 3
+    assert len(ours.topology.impropers) == 4
+    assert_alike(theirs, ours, 1e-8, 1e-8)
+    assert_same_steps(theirs, ours)
+
+
+def test_rigid_water_by_mesh_is_that_of_openmm(water):
+    """OpenMM averages the energy beyond the cutoff over N (N + 1) / 2 pairs, kickdrift over N^2 / 2."""
+    topology, x = water
+    theirs = built(
+        topology, "tip3p.xml", nonbondedMethod=app.PME, nonbondedCutoff=0.6, rigidWater=True, ewaldErrorTolerance=1e-8
+    )
+    (pairs,) = [force for force in theirs.getForces() if isinstance(force, openmm.NonbondedForce)]
+    pairs.setUseDispersionCorrection(False)
+    ours = kd.System.from_openmm(theirs, topology, x)
+    assert ours.species == ("O", "H")
+    assert len(ours.constraints) == 192
+    assert np.abs(ours.state.positions - x).max() < 1e-4
+    assert_alike(theirs, ours, 1e-6, 1e-5)
+
+
+def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
+    topology, x = water
+    theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=False)
+    ours = kd.System.from_openmm(theirs, topology, x * unit.nanometer)
+    tail = next(force for force in ours.forces if force.name == "lennard-jones").tail_corrections(ours)[0]
+    assert tail < 0
+    (pairs,) = [force for force in theirs.getForces() if isinstance(force, openmm.NonbondedForce)]
+    pairs.setUseDispersionCorrection(False)
+    without = kd.System.from_openmm(theirs, topology, x)
+    assert_alike(theirs, without, 1e-8, 1e-8)
+    assert_same_steps(theirs, without)
+
+
+def test_barostats_and_integrators_become_defaults(water):
+    topology, x = water
+    theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6)
+    theirs.addForce(openmm.MonteCarloBarostat(1.0, 300.0, 25))
+    ours = kd.System.from_openmm(theirs, topology, x, integrator=openmm.LangevinMiddleIntegrator(310.0, 2.0, 0.002))
+    assert (ours.run.integrator, ours.run.dt) == ("baoa", 0.002)
+    assert ours.run.options["temperature"] == 310.0
+    assert ours.run.options["friction"] == 2.0
+    assert ours.run.options["pressure"] == pytest.approx(0.0602214, rel=1e-6)  # 1 bar in kJ/mol/nm^3
+    assert kd.System.from_openmm(theirs, topology, x).run.options["temperature"] == 300.0
+
+
+def refused(theirs, topology, x, match, **more):
+    with pytest.raises(kd.InputError, match=match):
+        kd.System.from_openmm(theirs, topology, x, **more)
+
+
+def test_what_has_no_counterpart_is_named(alanine):
+    topology, x = alanine
+    theirs = built(topology, "amber14-all.xml")
+    refused(theirs, topology, x[:-1], r"positions: expected shape \(22, 3\), one row for each particle")
+    refused(theirs, app.Topology(), x, r"topology: has 0 atoms, and the system 22 particles")
+    refused(None, topology, x, r"system: expected openmm.System, got NoneType")
+    refused(
+        theirs,
+        topology,
+        x,
+        "integrator: BrownianIntegrator has no counterpart",
+        integrator=openmm.BrownianIntegrator(1, 1, 1),
+    )
+    maps = built(topology, "amber19-all.xml")
+    refused(
+        maps,
+        topology,
+        x,
+        r"force \d, CMAPTorsionForce, has no counterpart in kickdrift; its first term is of the particles 4, 6, 8, 14",
+    )
+    solvent = openmm.GBSAOBCForce()
+    for _ in range(22):
+        solvent.addParticle(0.0, 0.1, 0.8)
+    theirs.addForce(solvent)
+    refused(theirs, topology, x, "GBSAOBCForce, has no counterpart")
+
+
+def test_particles_without_a_counterpart_are_named():
+    topology, chain = app.Topology(), None
+    chain = topology.addChain()
+    theirs = openmm.System()
+    for k in range(3):
+        topology.addAtom("X", None, topology.addResidue("X", chain))
+        theirs.addParticle(0.0 if k == 2 else 1.0)
+    x = np.eye(3)
+    refused(theirs, topology, x, "particle 2 has no mass, so OpenMM holds it fixed")
+    theirs.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
+    refused(theirs, topology, x, "particle 2 is a TwoParticleAverageSite, which has no counterpart")
+
+
+# --- files ---
+
+TOP = """\
+[ defaults ]
+1 2 yes 0.5 0.5
+
+[ atomtypes ]
+C 6 12.011 0.0 A 0.35 0.3
+O 8 15.999 0.0 A 0.30 0.7
+
+[ moleculetype ]
+acid 3
+
+[ atoms ]
+1 C 1 ACI C1 1 0.1 12.011
+2 C 1 ACI C2 1 0.2 12.011
+3 C 1 ACI C3 1 0.1 12.011
+4 O 1 ACI O 1 -0.4 15.999
+
+[ bonds ]
+1 2 1 0.15 2e5
+2 3 1 0.15 2e5
+3 4 1 0.14 3e5
+
+[ pairs ]
+1 4 1
+
+[ angles ]
+1 2 3 1 110.0 400.0
+2 3 4 1 112.0 450.0
+
+[ dihedrals ]
+1 2 3 4 3 1.0 2.0 -0.5 0.3 0.2 0.1
+
+[ system ]
+acid
+
+[ molecules ]
+acid 1
+"""
+GRO = """\
+acid
+    4
+    1ACI     C1    1   0.100   0.100   0.100
+    1ACI     C2    2   0.250   0.105   0.100
+    1ACI     C3    3   0.310   0.240   0.110
+    1ACI      O    4   0.430   0.250   0.190
+   2.50000   2.50000   2.50000
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    for name, text in (("acid.top", TOP), ("acid.gro", GRO), ("alanine.pdb", ALANINE)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_top_and_a_gro_are_one_system(files):
+    ours = kd.load(files / "acid.top", coordinates=files / "acid.gro", cutoff="9 angstrom", rigid="none")
+    assert [force.name for force in ours.forces] == [
+        "lennard-jones", "coulomb", "listed-pairs", "harmonic-bond", "harmonic-angle", "ryckaert-bellemans",
+    ]  # fmt: skip
+    assert ours.forces[1].cutoff == pytest.approx(0.9)
+    assert ours.forces[2].pairs == ((0, 3),)
+    assert ours.forces[2].epsilon == pytest.approx((0.5 * np.sqrt(0.3 * 0.7),))
+    assert ours.forces[2].charges == pytest.approx((-0.02,))
+    assert ours.box.lengths == (2.5, 2.5, 2.5)
+    assert ours.name == "acid"
+
+
+def test_a_structure_with_a_force_field_is_a_system(files):
+    ours = kd.load(files / "alanine.pdb", force_field="amber14-all.xml")
+    assert len(ours.constraints) == 12
+    assert ours.units.name == "gromacs"
+    assert kd.load(files / "alanine.pdb").units.name == "metal"  # bare atoms, through ASE
+
+
+def test_bad_files_end_in_one_line(files):
+    top, pdb = files / "acid.top", files / "alanine.pdb"
+    (files / "broken.top").write_text(TOP.replace("C 6 12.011 0.0 A 0.35 0.3\n", ""), encoding="utf-8")
+    (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
+    (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
+    for match, path, more in (
+        ("acid.top: holds no coordinates; give a file of them", top, {}),
+        ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
+        (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
+        ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),
+        ("broken.top: OpenMM cannot take it", files / "broken.top", {"coordinates": files / "acid.gro"}),
+        ("No template found for residue 0", pdb, {"force_field": "tip3p.xml"}),
+        ("own.xml: has a script, which OpenMM would run as Python", pdb, {"force_field": str(files / "own.xml")}),
+        ("rigid: expected hydrogen, water, none, got 'all'", pdb, {"force_field": "amber14-all.xml", "rigid": "all"}),
+        ("cutoff: expected a length above zero, got -1", pdb, {"force_field": "amber14-all.xml", "cutoff": -1}),
+        ("cutoff: is for files of force fields", pdb, {"cutoff": 1.0}),
+    ):
+        with pytest.raises(kd.InputError, match=match) as caught:
+            kd.load(path, **more)
+        assert "\n" not in str(caught.value)

