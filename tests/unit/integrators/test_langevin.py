@@ -9,8 +9,10 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.forces import most_threads
 from kickdrift.integrators import integrator
 from kickdrift.integrators.own.registration import unregister
+from kickdrift.integrators.stepping import loops
 
 WORDS = ("baoab", "obabo", "aboba", "oabao", "baoa")
 BATH = {"temperature": 1.5, "friction": 1.3, "seed": 7}
@@ -204,3 +206,17 @@ def test_the_order_of_the_chain(splitting, dt, order):
     assert math.log2(np.abs(coarse - exact).max() / np.abs(fine - exact).max()) == pytest.approx(order, abs=0.2)
     assert math.log2(spread / less) == pytest.approx(order, abs=0.2)
     assert integrator("nose-hoover").order == 2
+
+
+@pytest.mark.parametrize(("name", "bath"), [("baoab", BATH), ("andersen", {"temperature": 1.5, "collision_rate": 1.3})])
+def test_chunks_of_the_noise_have_the_same_bits_on_any_number_of_threads(monkeypatch, name, bath):
+    """The last of eight chunks is not full. Chunks change no velocity, and the heat of a run by rounding alone."""
+    found = []
+    for fewest, threads in ((10**6, 1), (10, 1), (10, min(2, most_threads()))):
+        monkeypatch.setattr(loops, "WORTH_CHUNKS", fewest)
+        sim = kd.Simulation(wells(101), name, 0.1, threads=threads, **bath)
+        sim.run(6)
+        found.append((sim.state.phase.tobytes(), sim.integration.stepper.heat))
+    assert found[1] == found[2]
+    assert found[0][0] == found[1][0]
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-13)

@@ -15,11 +15,11 @@ from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettere
 from kickdrift.integrators.splitting.baths.bath import bath_warnings
 from kickdrift.integrators.splitting.constraints.flows import Manifold, on_manifold
 from kickdrift.integrators.splitting.subflows import FLOWS, rows_of
-from kickdrift.integrators.stepping.loops import FRESH, splitting_loop
+from kickdrift.integrators.stepping.loops import FRESH, splitting_loop, sweeps
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import FixedStepper
 from kickdrift.integrators.stepping.subflow_code import Pressed
-from kickdrift.jit.threads.chunks import Chunks, in_chunks
+from kickdrift.jit.threads.chunks import Chunks
 from kickdrift.model.checks.values import whole_number
 from kickdrift.model.memory import Memory, by_value
 from kickdrift.model.state import Floats
@@ -28,9 +28,6 @@ from kickdrift.model.system import System
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options import Options
-
-
-WORTH_CHUNKS = 20_000  # particles
 
 
 class Word(NamedTuple):
@@ -42,11 +39,6 @@ class Word(NamedTuple):
     chunks: Chunks  # of kicks and drifts
     plan: Floats  # for a force that takes steps by itself, see `sorted_steps`; else empty
     barostat: Pressed | None = None  # None in a box that keeps its size
-
-
-def sweeps(n: int, threads: int) -> Chunks:
-    """Chunks of a kick or a drift of n particles: one if it takes less time than to wake a thread."""
-    return in_chunks(8 if n >= WORTH_CHUNKS else 1, threads)
 
 
 class Further(NamedTuple):

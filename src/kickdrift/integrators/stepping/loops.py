@@ -33,7 +33,21 @@ from kickdrift.jit.handle import handle, unowned
 from kickdrift.jit.inner import overload
 from kickdrift.jit.lanes.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.lanes.vectors import WIDTH
-from kickdrift.jit.threads.chunks import chunk_task, each_chunk
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
+
+WORTH_CHUNKS = 20_000  # particles
+
+
+def sweeps(n: int, threads: int) -> Chunks:
+    """Chunks of a kick, a drift or the noise of n particles: one if it takes less time than to wake a thread."""
+    return in_chunks(8 if n >= WORTH_CHUNKS else 1, threads)
+
+
+@inlined
+def chunk_numbers(size, c, number):
+    """Return the numbers of chunk c, of so many: the first, a multiple of eight, and the last plus 1."""
+    eights = (size + WIDTH - 1) // WIDTH
+    return WIDTH * (c * eights // number), min(WIDTH * ((c + 1) * eights // number), size)
 
 
 @inlined
@@ -91,11 +105,10 @@ class Advance(NamedTuple):
 
 @chunk_task
 def advance_chunk(given, c):
-    """Advance the numbers of chunk c, which begins at a multiple of eight."""
+    """Advance the numbers of chunk c."""
     never_inline()
     y, carry, dy = flat(given.y), flat(given.carry), flat(given.dy)
-    eights = (y.size + WIDTH - 1) // WIDTH
-    begin, end = WIDTH * (c * eights // given.number), min(WIDTH * ((c + 1) * eights // given.number), y.size)
+    begin, end = chunk_numbers(y.size, c, given.number)
     if carry.size:
         add_compensated_numbers(y, carry, given.factor, dy, begin, end)
     else:

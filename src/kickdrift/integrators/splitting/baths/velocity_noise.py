@@ -27,7 +27,7 @@ gets a new velocity, Maxwell's, with probability 1 - exp(-rate h).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +36,16 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import FRICTION, NOISE, RATE, REFINE, TEMPERATURE
 from kickdrift.integrators.splitting.baths.bath import Bathed, bathed
+from kickdrift.integrators.stepping.loops import chunk_numbers, sweeps
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
-from kickdrift.jit.compile import as_written
+from kickdrift.jit.compile import as_written, never_inline
+from kickdrift.jit.handle import handle
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import flat, load, masked_load, masked_store
 from kickdrift.jit.lanes.random import normals, uniforms
 from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -105,11 +108,49 @@ def changed(hit, kept, noise, normal, row, i, count):
     return new * new - old * old
 
 
+class Shared(NamedTuple):
+    """Chunks of the particles of a bath."""
+
+    chunks: Chunks
+    gains: Floats  # (chunks,) twice the energy that each chunk gained
+
+
+def shared(flow: Flow) -> Shared:
+    """Return the chunks of the particles of a run."""
+    chunks = sweeps(len(flow.subject), flow.forces.threads)
+    return Shared(chunks, np.zeros(chunks.number))
+
+
+class Shaking(NamedTuple):
+    """What the chunks of `shake` need."""
+
+    parts: Any  # a handle of Friction or Collisions
+    v: Any
+    kept: float
+    noise: float
+    likely: float
+    draw: Draw
+
+
 @as_written
-def shake(bath, v, kept, noise, likely, draw):
+def shake(parts, v, kept, noise, likely, draw):
     """v <- kept v + noise sqrt(k_B T / m) R for velocities (3, n) of each particle, with probability ``likely``."""
+    shared, heat = parts.shared, 0.0
+    each_chunk(handle(Shaking(parts, v, kept, noise, likely, draw)), shared.chunks, "shake_chunk")
+    for c in range(shared.chunks.number):
+        heat += shared.gains[c]
+    parts.bath.heat[0] += 0.5 * heat
+
+
+@chunk_task
+def shake_chunk(shaking, c):
+    """Shake the particles of chunk c."""
+    never_inline()
+    bath, shared, v, draw = shaking.parts.bath, shaking.parts.shared, shaking.v, shaking.draw
+    kept, noise, likely = shaking.kept, shaking.noise, shaking.likely
     row, n, heat = flat(v), v.shape[1], splat(0.0)
-    for i in range(0, n, WIDTH):
+    begin, end = chunk_numbers(n, c, shared.chunks.number)
+    for i in range(begin, end, WIDTH):
         count = min(WIDTH, n - i)
         first, second, third, fourth = uniforms(bath.ids, i, draw.stage, draw.step, bath.seed)
         x, y, z = normals(first, second, third, fourth)
@@ -124,7 +165,7 @@ def shake(bath, v, kept, noise, likely, draw):
         if bath.axes == 3:
             change = change + changed(hit, kept, some, z, row, 2 * n + i, count)
         heat = heat + load(bath.masses, i) * change
-    bath.heat[0] += 0.5 * lane_sum(heat)
+    shared.gains[c] = lane_sum(heat)
 
 
 EXACT, MIDPOINT, ANEW = 0, 1, 2  # rules for c
@@ -135,6 +176,7 @@ class Friction(NamedTuple):
     """Numbers of the flow in compiled code."""
 
     bath: Bathed
+    shared: Shared
     friction: float
     rule: int
     bridges: NDArray[np.int64]  # see velocity_noise; empty unless the path is refined
@@ -154,7 +196,7 @@ def shares(rule, damping):
 def ornstein_uhlenbeck(parts, t, x, v, span, step, stage):
     kept, noise = shares(parts.rule, parts.friction * span)
     draw = drawn(parts.bridges, kept if parts.rule == EXACT else 1.0, step, stage)
-    shake(parts.bath, v, kept, noise, 1.0, draw)
+    shake(parts, v, kept, noise, 1.0, draw)
     return OK
 
 
@@ -162,24 +204,24 @@ def bind_friction(letter: str, flow: Flow, options: Options, weights: Floats) ->
     """Return the flow of that letter for the particles of a run."""
     bath = bathed(flow, options, (TEMPERATURE, FRICTION), conserving=False)
     table = bridges(weights) if options.get(NOISE.name) == REFINE else np.zeros((2, 0, 2), np.int64)
-    return BoundSubflow(Friction(bath, float(options.friction), RULES[letter], table))
+    return BoundSubflow(Friction(bath, shared(flow), float(options.friction), RULES[letter], table))
 
 
 class Collisions(NamedTuple):
     """Numbers of the flow in compiled code."""
 
     bath: Bathed
+    shared: Shared
     rate: float
 
 
 @subflow_body(Collisions)
 def andersen(parts, t, x, v, span, step, stage):
-    shake(parts.bath, v, 0.0, 1.0, -math.expm1(-parts.rate * span), Draw(step, stage, 1.0, 0.0))
+    shake(parts, v, 0.0, 1.0, -math.expm1(-parts.rate * span), Draw(step, stage, 1.0, 0.0))
     return OK
 
 
 def bind_collisions(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     """Return the flow for the particles of a run."""
-    return BoundSubflow(
-        Collisions(bathed(flow, options, (TEMPERATURE, RATE), conserving=False), float(options.collision_rate))
-    )
+    bath = bathed(flow, options, (TEMPERATURE, RATE), conserving=False)
+    return BoundSubflow(Collisions(bath, shared(flow), float(options.collision_rate)))
