@@ -84,7 +84,7 @@ def test_charges_reach_lammps():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"pair_style": "python 5.0"}, r"lammps: pair_style: python may run Python code"),
+        ({"pair_style": "python 5.0"}, r"lammps: pair_style: python runs Python code, which"),
         ({"pair_style": "hybrid mliap unified"}, r"lammps: pair_style: mliap may run Python code"),
         ({"pair_style": "nonsense"}, r"lammps: LAMMPS refuses 'pair_style nonsense': Unrecognized pair style"),
         ({"pair_style": "sw", "pair_coeff": "* * Si.sw Ge"}, r"missing an entry for: Ge Ge Ge"),

@@ -20,7 +20,10 @@ UNITS = {"lj": "lj", "nbody": "lj", "metal": "metal", "real": "real"}  # LAMMPS'
 RENEWAL = {"lj": 0.15, "nbody": 0.15, "metal": 0.5, "real": 0.5}  # lengths; the skin of LAMMPS' lists is twice as long
 COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "set", "special_bonds", "fix")
 FIXES = ("qeq/",)  # charges that follow the positions
-RUNS_CODE = ("python", "mliap")  # styles that run Python code, or unpack it from a file
+REFUSED = {
+    "python": "runs Python code", "mliap": "may run Python code", "kim": "loads libraries", "bop": "may write files",
+    "mesocnt": "may write files",
+}  # fmt: skip
 ATOM_STYLES = ("atomic", "charge")
 
 
@@ -52,7 +55,7 @@ class LammpsForce(Field):
     Raises
     ------
     InputError
-        For other commands, and for styles that run Python code. When a System is made, without LAMMPS, for two
+        For other commands, and for styles that run Python code, load libraries or write files. When a System is made, without LAMMPS, for two
         dimensions, other units, and whatever LAMMPS says of the commands.
     """
 
@@ -89,8 +92,9 @@ class LammpsForce(Field):
         words = line.split()
         if not words or any(sign in line for sign in "\n\r$&;"):
             raise InputError(f"{self.name}: {key}: expected one plain line, got {shown(line)}")
-        if key == "pair_style" and (code := [each for each in words if each.split("/")[0] in RUNS_CODE]):
-            raise InputError(f"{self.name}: pair_style: {code[0]} may run Python code, which a force may not do here")
+        if key == "pair_style" and (styles := [each for each in words if each.split("/")[0] in REFUSED]):
+            why = REFUSED[styles[0].split("/")[0]]
+            raise InputError(f"{self.name}: pair_style: {styles[0]} {why}, which a force may not do here")
         if key != "commands":
             return
         if words[0] not in COMMANDS:
