@@ -55,8 +55,8 @@ class LammpsForce(Field):
     Raises
     ------
     InputError
-        For other commands, and for styles that run Python code, load libraries or write files. When a System is made, without LAMMPS, for two
-        dimensions, other units, and whatever LAMMPS says of the commands.
+        For other commands, and for styles that run Python code, load libraries or write files. When a System is made,
+        without LAMMPS, for two dimensions, other units, and whatever LAMMPS says of the commands.
     """
 
     pair_style: str
