@@ -1,5 +1,7 @@
 """The commands ``bench`` and ``validate``."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path

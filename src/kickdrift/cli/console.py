@@ -3,6 +3,8 @@
 All output passes through this module, so that no text from a file reaches a terminal unchecked.
 """
 
+from __future__ import annotations
+
 import codecs
 import os
 import sys

@@ -1,5 +1,7 @@
 """The commands ``plot``, ``view`` and ``movie``."""
 
+from __future__ import annotations
+
 import os
 import sys
 from collections.abc import Sequence

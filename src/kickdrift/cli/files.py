@@ -1,5 +1,7 @@
 """The commands ``export``, ``info``, ``show``, ``list``, ``new``, ``schema``, ``cite`` and ``doctor``."""
 
+from __future__ import annotations
+
 import os
 import sys
 from enum import StrEnum

@@ -1,5 +1,7 @@
 """Help pages of the commands: plain text of at most 80 columns, options in groups, then examples."""
 
+from __future__ import annotations
+
 import inspect
 import re
 import sys

@@ -1,5 +1,7 @@
 """The command line: parse, call one function, print. Results go to standard output, the rest to standard error."""
 
+from __future__ import annotations
+
 import errno
 import os
 import re

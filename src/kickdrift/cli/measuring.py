@@ -1,5 +1,7 @@
 """The commands ``compare``, ``chaos``, ``transits``, ``certify`` and ``analyze``."""
 
+from __future__ import annotations
+
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any

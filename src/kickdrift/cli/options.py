@@ -1,5 +1,7 @@
 """Arguments and options of several commands, and readers of their values: 1e6, or "5 ps"."""
 
+from __future__ import annotations
+
 import inspect
 import math
 from collections.abc import Callable

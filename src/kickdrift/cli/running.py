@@ -1,5 +1,7 @@
 """The commands ``run``, ``resume`` and ``relax``."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,5 +1,7 @@
 """A run while it goes on: --live and --imd show it, and Ctrl-C ends it with one line on what is kept."""
 
+from __future__ import annotations
+
 import os
 import shlex
 from collections.abc import Iterator

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from kickdrift.looks.molecules import ERROR, KINDS, TEMPERATURES, Molecules
 from kickdrift.looks.record import even_looks
 from kickdrift.looks.report_lines import molecule_lines
 from kickdrift.model.state import Floats, State
 from kickdrift.statistics.blocks import Mean, block_average
+from kickdrift.statistics.regression import quantile
 from kickdrift.text import with_error
 
 SURE = 0.9973  # probability that a difference of zero is within the errors, as of three standard errors
@@ -126,7 +126,7 @@ def _verdict(found: dict[str, Floats], canonical: dict[str, float], bias: dict[s
         apart = values - found["translation"]
         if (mean := _mean(apart, canonical[kind] + canonical["translation"])) is None:
             return "too short to judge equipartition"
-        error, far = float(mean.error), float(stdtrit(mean.blocks - 1, 0.5 + 0.5 * SURE))
+        error, far = float(mean.error), quantile(mean.blocks - 1, SURE)
         value = float(mean.value)
         if abs(value) > far * error:
             words = "above" if value > 0 else "below"
