@@ -86,7 +86,7 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Topology",
+        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Topology", "VirtualSite",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),

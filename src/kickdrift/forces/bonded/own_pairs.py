@@ -15,6 +15,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.arguments import check_massive, is_one, items, number
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.model.molecules.relatives import LONGEST
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
@@ -167,9 +168,11 @@ class ListedPairs(OwnPairs):
         super().check(system)
         if np.any(self.charges) and system.units.coulomb is None:
             raise InputError(f"{self.name}: units {system.units.name!r} have no Coulomb constant; leave out charges")
-        for k in np.flatnonzero(~self.separations(system).any(axis=1)):
+        apart, (edge, height) = np.sqrt((self.separations(system) ** 2).sum(axis=1)), system.box.narrowest
+        for k in np.flatnonzero((apart == 0) | (apart >= LONGEST * height)):
             i, j = self.pairs[int(k)]
-            raise InputError(f"{self.name}: particles {i} and {j} are at the same place")
+            far = f"{apart[k]:.6g} apart; it must be under {LONGEST} of the {edge}, {height:.6g}"
+            raise InputError(f"{self.name}: particles {i} and {j} are {far if apart[k] else 'at the same place'}")
 
     def values(self, system: Subject) -> Floats:
         """See OwnPairs: the charges become energies times length."""
