@@ -16,7 +16,8 @@ WORDS = {"triclinic", "leans", "leaning_image", "square_by_edges"}
 KNOW = {
     "model/box/box.py", "model/box/cell.py", "model/nearness.py", "forces/lists/pairlist.py",
     "forces/lists/load.py", "trajectory/layout/edges.py", "systemfile/writing.py", "forces/bonded/kernel.py",
-    "forces/charges/far_kernel.py", "forces/seam/arguments.py", "engines/cuda/__init__.py", "forces/external/lammps_host.py",
+    "forces/charges/far_kernel.py", "forces/seam/arguments.py", "engines/cuda/__init__.py",
+    "forces/external/lammps_host.py",
 }  # fmt: skip
 VOLUME = 4.0 * 3.0 * 9.0  # of the leaning box below; its c x a is (0, 36, 2)
 
