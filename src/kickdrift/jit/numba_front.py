@@ -13,7 +13,6 @@ A version of numba that lacks a name keeps its own way there.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 from numba import extending
@@ -88,9 +87,10 @@ def _refresh_if_new(context: Any) -> None:
     counted = hasattr(context, "_registries") and hasattr(context.typing_context, "_registries")
     if not counted or getattr(context, "_kickdrift_registrations", None) != _registrations(context):
         _refresh(context)
-        arrays: Any = import_module("numba.np.arrayobj")
-        if hasattr(arrays, "raise_with_shape_context"):
-            arrays.raise_with_shape_context = _raise_shapes_differ
+        from numba.np import arrayobj
+
+        if hasattr(arrayobj, "raise_with_shape_context"):
+            arrayobj.raise_with_shape_context = _raise_shapes_differ
         if counted:
             context._kickdrift_registrations = _registrations(context)
 
