@@ -6,15 +6,15 @@ compilation. Here flags compare by the values that were set, and each resolved c
 
 Three more cures follow. A slice's assignment raised an error whose text numba composed in compiled code. This text was
 a tenth of each compilation that assigned slices. numba looked for new registrations at each function, and listed the
-variables of each statement by trying all kinds of parts. It also announced each call of LLVM.
+variables of each statement by trying all kinds of parts.
+
+A version of numba that lacks a name keeps its own way there.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
-from llvmlite.binding import ffi
 from numba import extending
 
 from kickdrift.jit.numba_private import BaseFunction, ConfigStack, CPUContext, Inst, TargetConfig, Var
@@ -53,16 +53,21 @@ def _call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
     """Signature of a call of a function with arguments of these types. Failures are not remembered, because a template
     that is registered later may match."""
     flags = ConfigStack.top_or_none()
-    key = function, context, args, tuple(kws.items()), flags and flags.copy()
-    if key not in _resolved:
+    key = function, context, tuple(args), tuple(kws.items()), flags and flags.copy()
+    try:
+        known, codes = key in _resolved, function._impl_keys
+    except (TypeError, AttributeError):  # a type without a hash, or a version without this table
+        return _resolve(function, context, args, kws)
+    if not known:
         signature = _resolve(function, context, args, kws)
-        _resolved[key] = signature, function._impl_keys[signature.args]
+        _resolved[key] = signature, codes[signature.args]
     signature, code = _resolved[key]
-    function._impl_keys[signature.args] = code
+    codes[signature.args] = code
     return signature
 
 
-TargetConfig.values, TargetConfig.__eq__, TargetConfig.__hash__ = _values, _equal, _hash
+if hasattr(TargetConfig, "_values"):
+    TargetConfig.values, TargetConfig.__eq__, TargetConfig.__hash__ = _values, _equal, _hash
 BaseFunction.get_call_type = _call_type
 
 
@@ -79,17 +84,22 @@ def _registrations(context: Any) -> int:
 
 def _refresh_if_new(context: Any) -> None:
     """Add what was registered since the last call."""
-    if getattr(context, "registrations", None) != _registrations(context):
+    counted = hasattr(context, "_registries") and hasattr(context.typing_context, "_registries")
+    if not counted or getattr(context, "_kickdrift_registrations", None) != _registrations(context):
         _refresh(context)
-        import_module("numba.np.arrayobj").raise_with_shape_context = _raise_shapes_differ  # type: ignore[attr-defined]
-        context.registrations = _registrations(context)
+        from numba.np import arrayobj
+
+        if hasattr(arrayobj, "raise_with_shape_context"):
+            arrayobj.raise_with_shape_context = _raise_shapes_differ
+        if counted:
+            context._kickdrift_registrations = _registrations(context)
 
 
 def _raise_shapes_differ(source: Any, target: Any) -> None:
     """Raise the error of a slice's assignment from an array of another shape, in compiled code."""
 
 
-@extending.overload(_raise_shapes_differ)
+@extending.overload(_raise_shapes_differ, target="generic")
 def _shapes_differ(source, target):
     def shapes_differ(source, target):
         raise ValueError("cannot assign a slice from input of another shape")
@@ -127,9 +137,5 @@ def _variables(_: Any, value: Any) -> list[Any]:
     return found
 
 
-Inst._rec_list_vars = _variables
-
-# --- calls of LLVM ---
-
-for callbacks in [*ffi.lib._lock._cblist]:
-    ffi.unregister_lock_callback(*callbacks)
+if hasattr(Inst, "_rec_list_vars"):
+    Inst._rec_list_vars = _variables

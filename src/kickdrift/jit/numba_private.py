@@ -1,6 +1,7 @@
-"""Every private name of numba that kickdrift uses. Any version may change these, so each is checked here.
+"""Every private name of numba that kickdrift needs. Any version may change these, so each is checked here.
 
-A missing name, or an untested version of numba, raises an `InputError` of one line.
+A missing name, or an untested version of numba, raises an `InputError` of one line. `numba_front`, which only
+shortens numba's work, does without those attributes of these objects that a version lacks.
 """
 
 from importlib import import_module

@@ -186,7 +186,7 @@ def test_the_error_of_the_forces_is_the_one_asked(box, accuracy):
     assert 0.2 * accuracy < errors.measured < accuracy
 
 
-def test_an_uneven_density_counts_in_the_error():
+def test_an_uneven_density_counts_in_the_error(monkeypatch):
     """Ions in two fifths of a box have 2.5 times the density that its volume tells, and their cutoff neglects more."""
     even = ions(2.0 * np.array(LEANING), side=8, special=False)
     matrix = even.box.matrix
@@ -195,6 +195,11 @@ def test_an_uneven_density_counts_in_the_error():
     force = slab.forces[0]
     assert even.forces[0].charged(even).crowding == 1.0
     assert force.charged(slab).crowding == pytest.approx(2.3, abs=0.1)
+    with monkeypatch.context() as patched:  # a System's is computed once
+        patched.delattr("kickdrift.forces.charges.accuracy._crowding")
+        assert force.charged(slab) == force.charged(slab)
+        with pytest.raises(NameError):
+            force.charged(slab.remade(box=Box.of(0.999 * matrix)))
     errors = errors_of(force, slab)
     assert 0.2 * force.accuracy < errors.measured < force.accuracy
     held = force.held(slab)

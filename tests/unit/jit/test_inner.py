@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import operator
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import njit, types
 from numba.core import ir
 from numba.core.compiler import Flags, run_frontend
 
+from kickdrift.jit import numba_front
 from kickdrift.jit.compile import driver, in_order, inlined, is_finite, jit, strict
 from kickdrift.jit.inner import _InnerLibrary, overload
+from kickdrift.jit.numba_private import cpu_target, signature
 
 KINDS = {"jit": jit, "inlined": inlined, "in_order": in_order, "strict": strict}
 
@@ -125,3 +129,20 @@ def test_variables_of_statements_are_listed_in_order():
     assert len({name for each in statements for name in variables(each)}) > 20
     for each in statements:
         assert [variable.name for variable in each.list_vars()] == variables(each)
+
+
+def test_a_call_of_numbas_own_code_may_give_its_types_as_a_list():
+    context = cpu_target.typing_context
+    plus = context.resolve_value_type(operator.add)
+    found = [plus.get_call_type(context, kind([types.intp, types.intp]), {}) for kind in (list, tuple, list)]
+    assert found == 3 * [signature(types.intp, types.intp, types.intp)]
+    assert plus.get_impl_key(found[0]) is operator.add
+
+
+def test_a_version_of_numba_that_counts_no_registrations_refreshes_each_time(monkeypatch):
+    asked = []
+    monkeypatch.setattr(numba_front, "_refresh", asked.append)
+    context = SimpleNamespace(typing_context=SimpleNamespace())
+    for _ in range(2):
+        numba_front._refresh_if_new(context)
+    assert asked == [context, context]

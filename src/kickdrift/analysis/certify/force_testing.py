@@ -1,6 +1,7 @@
 """`force_checks`: whether forces are safe for dynamics."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from math import isnan, nan
 from time import perf_counter
 from typing import Any
@@ -53,7 +54,7 @@ def force_checks(
     energy of a run at constant energy, with its 95 % interval.
 
     A force may state its error, as Ewald's sum does by ``accuracy``. This error is then the bound of a test that exact
-    forces pass to rounding.
+    forces pass to rounding. The forces that state none are tested alone, too, with the bounds of exact forces.
 
     Tests that make no sense for these forces are on the page as "not tested", with the reason. Forces that depend on
     velocity or do work have no energy to test.
@@ -99,7 +100,7 @@ def force_checks(
             rng,
             tuple(system.acting("external")),
             _listed(system),
-            max(force.stated_error() if hasattr(force, "stated_error") else 0.0 for force in system.forces),
+            **_stated(evaluate, states, seed),
         )
         stages = _stages(given, working, curves, dt, steps, engine, threads)
         for done, found in enumerate(stages, 1):
@@ -107,6 +108,44 @@ def force_checks(
             told(min(done, STAGES), STAGES)
     notes = tuple(shell_notes(system))
     return ForceChecks(system.name, tuple(rows), evaluate.calls, perf_counter() - began, notes, curves)
+
+
+def _stated(evaluate: Evaluator, states: list[Floats], seed: int) -> dict[str, Any]:
+    """The largest error that forces state, the names of these forces, and the other forces alone, for a Subject."""
+    system = evaluate.system
+    errors = [force.stated_error() if hasattr(force, "stated_error") else 0.0 for force in system.forces]
+    stating = tuple(force.name for force, error in zip(system.forces, errors, strict=True) if error)
+    others = [force for force, error in zip(system.forces, errors, strict=True) if not error]
+    if not stating or not others:
+        return {"stated": max(errors), "stating": stating}
+    alone = evaluate.another(system.remade(forces=others))
+    exact = force_tests.Subject(
+        alone,
+        states,
+        alone(states[0]),
+        nearest_distances(system),
+        np.random.default_rng(seed),
+        tuple(alone.system.acting("external")),
+        _listed(alone.system),
+    )
+    return {"stated": max(errors), "stating": stating, "exact": exact}
+
+
+Tests = Callable[[force_tests.Subject], Iterable[ForceCheck]]
+
+
+def _apart(given: force_tests.Subject, tests: Tests) -> Iterator[ForceCheck]:
+    """Rows of these tests. Forces that state no error are tested alone, too, and a row that they fail is theirs."""
+    rows, stating = list(tests(given)), ", ".join(given.stating)
+    alone = {row.test: row for row in tests(given.exact)} if given.exact is not None else {}
+    for row in rows:
+        other = alone.get(row.test, row)
+        if (row.verdict, other.verdict) == (PASS, FAIL):
+            yield replace(other, remark="; ".join(filter(None, [f"without {stating}", other.remark])))
+        elif stating and row.bound == given.stated:
+            yield replace(row, remark="; ".join(filter(None, [f"the bound is the error of {stating}", row.remark])))
+        else:
+            yield row
 
 
 def shell_notes(system: System) -> Iterator[str]:
@@ -169,12 +208,10 @@ def _stages(
     else:
         rows, curves["error of the force"] = force_tests.slope_tests(given)
         yield rows
-    yield [*force_tests.sum_tests(given), *force_tests.symmetry_tests(given)]
-    yield [skipped(SMOOTH, why) if working else _smoothness(given, curves)]
-    yield [
-        skipped(force_tests.VIRIAL, why) if working else force_tests.virial_test(given),
-        force_tests.bits_test(given),
-    ]
+    yield [*_apart(given, force_tests.sum_tests), *_apart(given, force_tests.symmetry_tests)]
+    yield [skipped(SMOOTH, why)] if working else [*_apart(given, lambda of: [_smoothness(of, curves)])]
+    virial = [skipped(force_tests.VIRIAL, why)] if working else _apart(given, lambda of: [force_tests.virial_test(of)])
+    yield [*virial, force_tests.bits_test(given)]
     if working:
         yield [skipped(BACK, why), skipped(DRIFT, why)]
         return

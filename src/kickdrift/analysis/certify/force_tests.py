@@ -134,6 +134,8 @@ class Subject(NamedTuple):
     external: tuple[str, ...]  # names of forces that change the total momentum
     listed: tuple[str, ...]  # names of forces on listed particles
     stated: float = 0.0  # relative error of the forces that one of them states
+    stating: tuple[str, ...] = ()  # names of the forces that state one
+    exact: Subject | None = None  # the other forces alone, if both kinds act
 
     def bound(self, exact: float) -> float:
         """The bound of a test: that of ``exact`` forces, or the error that the forces state."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from hashlib import blake2b
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ TRIED = 48  # cutoffs between the shortest and the longest
 SHARE = 0.5  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
 LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
 FEW, EVEN = 64, 1.25  # charges below which a density counts as even, and the most crowding that does
+KEPT = 100  # crowdings of the last places; a System asks for its own many times, and a large one takes a second
+_known: dict[bytes, float] = {}  # by a digest of the places
 
 
 class Charged(NamedTuple):
@@ -62,9 +65,18 @@ def crowding_of(fractions: Floats) -> float:
     A cutoff neglects more charges where more are near. The density along each axis is a sum of waves that are longer
     than two distances between charges. An even density has 1, also a crystal's or a liquid's.
     """
-    n, found = len(fractions), 1.0
-    if n < FEW:
+    if len(fractions) < FEW:
         return 1.0
+    key = blake2b(fractions.tobytes()).digest()
+    if key not in _known:
+        if len(_known) == KEPT:
+            _known.clear()
+        _known[key] = _crowding(fractions)
+    return _known[key]
+
+
+def _crowding(fractions: Floats) -> float:
+    n, found = len(fractions), 1.0
     for axis in range(3):
         for wave in range(1, math.ceil(0.5 * n ** (1.0 / 3.0) - 1e-9)):
             angles = 2.0 * math.pi * wave * fractions[:, axis]

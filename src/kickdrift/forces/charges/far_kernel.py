@@ -18,7 +18,7 @@ from kickdrift.forces.charges.waves import Waves
 from kickdrift.forces.lists.clusters import chunk_count
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, jit, never_inline, strict
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sine_cosine, lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.memory import aligned, load, store
 from kickdrift.jit.lanes.vectors import WIDTH
@@ -305,13 +305,9 @@ def collect_densities(force):
     return energy, virial
 
 
-def note_even(virials: Any, each: float) -> None:
+@by_type
+def note_even(virials, each):
     """Add a virial that is the same along each axis, if it is asked."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(note_even)
-def _note_even(virials, each):
     if isinstance(virials, types.NoneType):
         return lambda virials, each: None
 
@@ -323,14 +319,10 @@ def _note_even(virials, each):
     return note
 
 
-def note_waves(virials: Any, force: Any) -> None:
+@by_type
+def note_waves(virials, force):
     """Add the virial of the waves along each axis, if it is asked. Their densities are in the coefficients of the
     forces (Heyes 1994, doi:10.1103/PhysRevB.49.755)."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(note_waves)
-def _note_waves(virials, force):
     if isinstance(virials, types.NoneType):
         return lambda virials, force: None
 

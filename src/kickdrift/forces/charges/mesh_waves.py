@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from numba import types
 
@@ -11,7 +10,7 @@ from kickdrift.forces.charges.fourier import POINT, transform
 from kickdrift.forces.charges.mesh_ions import WANTED, share
 from kickdrift.forces.lists.along import add_along, store_along, zeros_along
 from kickdrift.jit.compile import as_written, never_inline
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_exp, lane_numbers, lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import load, store
@@ -53,14 +52,10 @@ def mesh_lines(force, c, thread):
     force.sums[c + 1, 1] = energies - 0.25 * lane_sum(virial) / (force.alpha * force.alpha)
 
 
-def add_wave(total: Any, force: Any, x: int, y: int, z: int, k2: Any, square: Any) -> Any:
+@by_type
+def add_wave(total, force, x, y, z, k2, square):
     """Sums with the virial along each axis of eight waves with twice the energy ``square``, less their energy (Heyes
     1994, doi:10.1103/PhysRevB.49.755)."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_wave)
-def _add_wave(total, force, x, y, z, k2, square):
     if isinstance(total, types.NoneType):
         return lambda total, force, x, y, z, k2, square: None
 

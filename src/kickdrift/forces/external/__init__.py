@@ -1,4 +1,4 @@
-"""Forces that Python computes: functions, and calculators of ASE.
+"""Forces from Python: functions, calculators of ASE, and pair styles of LAMMPS.
 
 Imports `seam` and `fields`.
 """

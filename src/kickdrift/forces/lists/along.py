@@ -10,25 +10,19 @@ A force gives this virial if its parts have a field ``along`` that the force fil
 
 from __future__ import annotations
 
-from typing import Any
-
 from numba import types
 
 from kickdrift.forces.lists.pair_rows import in_float64
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sum, multiply_add, splat
 from kickdrift.jit.lanes.vectors import lanes_type
 
 ALL = 3  # dimensions of an array for the virial across the axes too
 
 
-def zeros_along(along: Any, sums: Any) -> Any:
+@by_type
+def zeros_along(along, sums):
     """Sums to begin with: three or six times eight zeros, or None if nobody asks."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(zeros_along)
-def _zeros_along(along, sums):
     if isinstance(along, types.NoneType) or isinstance(sums, types.NoneType):
         return lambda along, sums: None
     if along.ndim == ALL:
@@ -36,13 +30,9 @@ def _zeros_along(along, sums):
     return lambda along, sums: (splat(0.0), splat(0.0), splat(0.0))
 
 
-def add_along(total: Any, fx: Any, fy: Any, fz: Any, dx: Any, dy: Any, dz: Any) -> Any:
+@by_type
+def add_along(total, fx, fy, fz, dx, dy, dz):
     """Sums with the virials of more pairs, by their forces and displacements along each axis."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_along)
-def _add_along(total, fx, fy, fz, dx, dy, dz):
     if isinstance(total, types.NoneType):
         return lambda total, fx, fy, fz, dx, dy, dz: None
     if len(total) == 6:
@@ -61,36 +51,25 @@ def _add_along(total, fx, fy, fz, dx, dy, dz):
     return each
 
 
-def add_product(a: Any, b: Any, total: Any) -> Any:
+@by_type
+def add_product(a, b, total):
     """Return the sum, eight lanes of float64, with the products of the lanes a and b."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(add_product)
-def _add_product(a, b, total):
     if a == b == lanes_type:
         return lambda a, b, total: multiply_add(a, b, total)
     return lambda a, b, total: total + in_float64(a * b)
 
 
-def trace_of(total: Any, virial: Any) -> Any:
+@by_type
+def trace_of(total, virial):
     """Return the virial as the sum of those along the axes; ``virial`` itself if nobody asks for these."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(trace_of)
-def _trace_of(total, virial):
     if isinstance(total, types.NoneType):
         return lambda total, virial: virial
     return lambda total, virial: total[0] + total[1] + total[2]
 
 
-def store_along(total: Any, along: Any, c: int) -> None:
+@by_type
+def store_along(total, along, c):
     """Write the sums of chunk c."""
-
-
-@overload(store_along)
-def _store_along(total, along, c):
     if isinstance(total, types.NoneType):
         return lambda total, along, c: None
     if len(total) == 6:

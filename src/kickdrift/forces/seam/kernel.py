@@ -16,7 +16,7 @@ from numba.extending import intrinsic
 
 from kickdrift.jit.compile import jit
 from kickdrift.jit.handle import Bound, Handle, handle_at
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.numba_private import TypingError
 from kickdrift.model.state import Floats
 
@@ -80,13 +80,9 @@ def compute_for(kind: types.Type) -> Callable[..., int]:
     return compute
 
 
-def run_body(force: Any, t: float, x: Any, v: Any, a: Any, sums: Any) -> int:
+@by_type(forceinline=True)
+def run_body(force, t, x, v, a, sums):
     """Run the body registered for the class of these parts; return its status."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(run_body, forceinline=True)
-def _run_body(force, t, x, v, a, sums):
     kind = force.kind if isinstance(force, Handle) else force
     return KERNELS[kind.instance_class].py_func
 

@@ -9,7 +9,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import STAGE, STEP
 from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type, overload
 
 STATUS = STAGE  # slot of the cursor: error status inside the step
 
@@ -30,13 +30,9 @@ def _accelerations(forces, t, x, v, a):
     return fill
 
 
-def take_step(kind: Any, forces: Any, t: float, x: Any, v: Any, a: Any, dt: float) -> None:
+@by_type
+def take_step(kind, forces, t, x, v, a, dt):
     """Call the user's function behind the class of ``kind``."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(take_step)
-def _take_step(kind, forces, t, x, v, a, dt):
     function = jit(kind.instance_class.kernel_sources[0])
 
     if "options" not in kind.fields:

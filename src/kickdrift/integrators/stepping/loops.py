@@ -30,7 +30,7 @@ from kickdrift.integrators.stepping.subflow_code import STEP as STEP
 from kickdrift.integrators.stepping.subflow_code import call_subflow, evaluate, press
 from kickdrift.jit.compile import driver, inlined, jit, never_inline, strict
 from kickdrift.jit.handle import handle, unowned
-from kickdrift.jit.inner import overload
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import flat, load, masked_load, masked_store, store
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.jit.threads.chunks import Chunks, chunk_task, each_chunk, in_chunks
@@ -138,15 +138,11 @@ def act(further, stage, start, first, dt, x, v, cursor):
     return call_subflow(flow[0], flow[1], start + (done + passed) * dt, weight * dt, done, stage, x, v)
 
 
+@by_type(forceinline=True)
 def kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
     """v <- v + span a, by the forces of the stage; return a status. ``work`` keeps a while positions stay fixed.
 
     A word with groups of forces has no barostat."""
-    raise NotImplementedError("for compiled code")
-
-
-@overload(kick, forceinline=True)
-def _kick(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):
     if isinstance(groups, types.NoneType):
 
         def by_all(chunks, groups, barostat, stage, bound, t, x, v, lost, span, work, done, cursor):

@@ -1,4 +1,4 @@
-"""Molecules: bonds, angles, dihedrals and impropers as lists, and relatives along bonds.
+"""Molecules: lists of bonds, angles, dihedrals and impropers, relatives along bonds, constraints, virtual sites.
 
 Imports checks and the box. Systems and bonded forces use `topology`.
 """
