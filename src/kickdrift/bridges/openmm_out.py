@@ -78,7 +78,7 @@ def parts_of(system: System) -> Parts:
 def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
     if system.units.name != "gromacs":
-        raise InputError(f"to_openmm: units {system.units.name!r}: OpenMM's are those of gromacs, nm, ps, u and kJ/mol")
+        raise InputError(f"to_openmm: units {system.units.name!r}: OpenMM has nm, ps, u and kJ/mol, as units gromacs do")
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
     if system.virtual_sites is not None:

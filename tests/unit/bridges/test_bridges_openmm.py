@@ -405,3 +405,44 @@ def test_bad_files_end_in_one_line(files):
         with pytest.raises(kd.InputError, match=match) as caught:
             kd.load(path, **more)
         assert "\n" not in str(caught.value)
+
+
+EVIL = """\
+<ForceField><NonbondedForce coulomb14scale="1" lj14scale="1" useDispersionCorrection="open('ran', 'w')"/></ForceField>
+"""
+
+
+@pytest.mark.parametrize("kind", ["NonbondedForce", "LennardJonesForce"])
+@pytest.mark.parametrize("place", ["given", "here", "further", "shipped"])
+def test_no_force_field_runs_code(files, monkeypatch, kind, place):
+    """OpenMM's reader evaluates an attribute, also in files that another includes from the working folder."""
+    work, shipped = files / "work", files / "shipped"
+    work.mkdir()
+    shipped.mkdir()
+    monkeypatch.chdir(work)
+    monkeypatch.setattr(app.forcefield, "_dataDirectories", [str(shipped)])
+    (work / "evil.xml").write_text(EVIL.replace("NonbondedForce", kind), encoding="utf-8")
+    for name, inner in (("here.xml", "evil.xml"), ("further.xml", "here.xml"), ("shipped/own.xml", "evil.xml")):
+        (files / name).write_text(f'<ForceField><Include file="{inner}"/></ForceField>', encoding="utf-8")
+    given = {"given": "evil.xml", "here": str(files / "here.xml"), "further": "../further.xml", "shipped": "own.xml"}
+    with pytest.raises(kd.InputError, match=r"evil.xml: useDispersionCorrection: expected True, False, 0 or 1, got"):
+        kd.load(files / "alanine.pdb", force_field=given[place])
+    assert not (work / "ran").exists()
+
+
+def test_an_include_found_nowhere_is_refused(files):
+    (files / "own.xml").write_text('<ForceField><Include file="none.xml"/></ForceField>', encoding="utf-8")
+    with pytest.raises(kd.InputError, match="force field 'none.xml': no such file, and OpenMM ships none of this name"):
+        kd.load(files / "alanine.pdb", force_field=str(files / "own.xml"))
+
+
+def test_own_force_fields_include_others(files, monkeypatch):
+    """Files of the folder and of OpenMM, each once, and a value that OpenMM evaluates."""
+    monkeypatch.chdir(files)
+    (files / "own.xml").write_text('<ForceField><Include file="a.xml"/><Include file="own.xml"/></ForceField>')
+    (files / "a.xml").write_text('<ForceField><Include file="amber14-all.xml"/></ForceField>')
+    ours = kd.load("alanine.pdb", force_field=("own.xml", "a.xml"))
+    assert len(ours.constraints) == 12
+    (files / "a.xml").write_text(EVIL.replace("open('ran', 'w')", "False"))
+    with pytest.raises(kd.InputError, match="No template found"):  # read to its end
+        kd.load("alanine.pdb", force_field="own.xml")
