@@ -230,6 +230,22 @@ def test_barostats_and_integrators_become_defaults(water):
     assert kd.System.from_openmm(theirs, topology, x).run.options["temperature"] == 300.0
 
 
+def test_an_imported_barostat_runs(water):
+    """OpenMM's barostat has no compressibility; a frequency of 0 turns it off."""
+    topology, x = water
+    theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6)
+    pressed = openmm.MonteCarloBarostat(1.0, 300.0, 5)
+    theirs.addForce(pressed)
+    integrator = openmm.LangevinMiddleIntegrator(300.0, 2.0, 0.001)
+    ours = kd.System.from_openmm(theirs, topology, x, integrator=integrator)
+    assert ours.run.options["compressibility"] == pytest.approx(7.4724e-4, rel=1e-4)  # of water, in nm^3 mol/kJ
+    run = kd.Simulation(ours, seed=1)
+    run.run(steps=20)
+    assert run.state.box.lengths != ours.box.lengths
+    pressed.setFrequency(0)
+    assert not {"barostat", "pressure"} & set(kd.System.from_openmm(theirs, topology, x).run.options)
+
+
 @pytest.mark.parametrize("which", ["alanine", "water"])
 def test_a_system_goes_to_openmm_and_comes_back(which, request):
     topology, x = request.getfixturevalue(which)
@@ -247,6 +263,23 @@ def test_a_system_goes_to_openmm_and_comes_back(which, request):
     assert energies[1] == pytest.approx(energies[0], rel=1e-13)
 
 
+def across(coulomb, factors):
+    """A molecule of two particles across the edge of a box, and one of three."""
+    x = np.array([[0.02, 0.5, 0.5], [1.95, 0.5, 0.5], [0.3, 1.0, 1.0], [0.4, 1.2, 1.0], [0.5, 1.1, 1.1]])
+    return kd.System(
+        x, masses=5 * [12.0], box=[2.0, 2.0, 2.0], units="gromacs", charges=[0.1, -0.1, 0.1, -0.2, 0.1],
+        topology=kd.Topology(bonds=[(0, 1), (2, 3), (3, 4)], factors=factors),
+        forces=[kd.LennardJones(1.0, 0.2, cutoff=0.9, truncation="cut"), coulomb, kd.HarmonicBond(1000.0, 0.1)],
+    )  # fmt: skip
+
+
+def test_molecules_across_the_edge_of_a_box_have_the_energy_of_openmm():
+    ours = across(kd.Coulomb("ewald", cutoff=0.9, accuracy=1e-8), (0.5, 0.0, 0.0))
+    theirs, _, x, _ = ours.to_openmm()
+    energy = sum(energies_of(context_of(theirs, x), theirs).values())
+    assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(energy, rel=1e-7)
+
+
 def test_what_openmm_lacks_is_named(alanine):
     topology, x = alanine
     ours = kd.System.from_openmm(built(topology, "amber14-all.xml"), topology, x)
@@ -255,6 +288,11 @@ def test_what_openmm_lacks_is_named(alanine):
         (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
         (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
         (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),
+        (ours.with_forces(*ours.forces, kd.LennardJones(cutoff=1.0)), "lennard-jones: the system has several"),
+        (
+            across(kd.Coulomb("reaction-field", cutoff=0.9), (0.0, 0.5, 1.0)),
+            r"coulomb: pair \[2, 4\] is scaled in a react",
+        ),
         (ours.with_forces(kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
     ):
         with pytest.raises(kd.InputError, match=match):
@@ -432,7 +470,7 @@ def test_no_force_field_runs_code(files, monkeypatch, kind, place):
 
 def test_an_include_found_nowhere_is_refused(files):
     (files / "own.xml").write_text('<ForceField><Include file="none.xml"/></ForceField>', encoding="utf-8")
-    with pytest.raises(kd.InputError, match="force field 'none.xml': no such file, and OpenMM ships none of this name"):
+    with pytest.raises(kd.InputError, match=r"'none\.xml': no such file, and OpenMM ships none of this name"):
         kd.load(files / "alanine.pdb", force_field=str(files / "own.xml"))
 
 

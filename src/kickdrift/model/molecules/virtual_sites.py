@@ -86,7 +86,7 @@ class VirtualSite:
         return int(max(self.particles.max(), self.of.max()))
 
     def repeated(self, copies: int, size: int) -> VirtualSite:
-        """The sites of equal molecules of ``size`` particles in a row; this one has those of the first."""
+        """The sites of equal molecules of ``size`` particles in a row. The first molecule has the sites of this one."""
         far = size * np.arange(copies)
         return VirtualSite(
             (far[:, None] + self.particles).ravel(),
@@ -186,7 +186,7 @@ def _table(site: VirtualSite) -> dict[str, Any]:
 
 
 def virtual_sites_of(given: Iterable[VirtualSite] | VirtualSites | None) -> VirtualSites | None:
-    """The virtual sites of a System from a list of `VirtualSite`, or those of an earlier System; None for none."""
+    """The virtual sites of a System from a list of `VirtualSite`. `VirtualSites` and None stay as they are."""
     if given is None or isinstance(given, VirtualSites):
         return given
     stated = [given] if isinstance(given, VirtualSite) else listed("virtual_sites", given, "a list of VirtualSite")
