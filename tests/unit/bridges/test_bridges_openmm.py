@@ -417,7 +417,8 @@ def test_a_top_and_a_gro_are_one_system(files):
 
 
 def test_a_structure_with_a_force_field_is_a_system(files):
-    ours = kd.load(files / "alanine.pdb", force_field="amber14-all.xml")
+    with pytest.warns(UserWarning, match="seed: this system draws nothing at random"):
+        ours = kd.load(files / "alanine.pdb", seed=1, force_field="amber14-all.xml")
     assert len(ours.constraints) == 12
     assert ours.units.name == "gromacs"
     assert kd.load(files / "alanine.pdb").units.name == "metal"  # bare atoms, through ASE
@@ -439,6 +440,7 @@ def test_bad_files_end_in_one_line(files):
         ("rigid: expected hydrogen, water, none, got 'all'", pdb, {"force_field": "amber14-all.xml", "rigid": "all"}),
         ("cutoff: expected a length above zero, got -1", pdb, {"force_field": "amber14-all.xml", "cutoff": -1}),
         ("cutoff: is for files of force fields", pdb, {"cutoff": 1.0}),
+        ("snapshot: is for archives of rebound", pdb, {"force_field": "amber14-all.xml", "snapshot": 0}),
     ):
         with pytest.raises(kd.InputError, match=match) as caught:
             kd.load(path, **more)

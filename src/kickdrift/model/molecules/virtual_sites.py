@@ -54,7 +54,7 @@ class VirtualSite:
     def __post_init__(self) -> None:
         put = object.__setattr__
         one = is_index(self.particles)
-        sites = [self.particles] if one else listed(f"{KEY}: particles", self.particles, "particles")
+        sites = [self.particles] if one else listed(f"{KEY}: particles", self.particles, "the numbers of particles")
         if not sites or not all(map(is_index, sites)):
             raise InputError(f"{KEY}: particles: expected the numbers of particles, got {shown(self.particles)}")
         rows = [self.of] if one else listed(f"{KEY}: of", self.of, "two or three particles for each site")
