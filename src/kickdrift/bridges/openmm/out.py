@@ -1,4 +1,4 @@
-"""OpenMM's objects of a System in units ``gromacs``: the way out, whose inverse is `kickdrift.bridges.openmm`."""
+"""OpenMM's objects of a System in units ``gromacs``: the way out; `kickdrift.bridges.openmm.system` is the way in."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import openmm
 import openmm.app as app
 from openmm import unit
 
-from kickdrift.bridges.openmm_files import Parts
-from kickdrift.bridges.openmm_nonbonded import FAR, METHODS
+from kickdrift.bridges.openmm.files import Parts
+from kickdrift.bridges.openmm.nonbonded import FAR, METHODS
 from kickdrift.errors import InputError
 from kickdrift.forces import (
     Coulomb,

@@ -10,10 +10,10 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from kickdrift.bridges.openmm_files import Asked, read
-from kickdrift.bridges.openmm_nonbonded import nonbonded
-from kickdrift.bridges.openmm_out import parts_of as parts_of  # System.to_openmm
-from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
+from kickdrift.bridges.openmm.files import Asked, read
+from kickdrift.bridges.openmm.nonbonded import nonbonded
+from kickdrift.bridges.openmm.out import parts_of as parts_of  # System.to_openmm
+from kickdrift.bridges.openmm.terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint
