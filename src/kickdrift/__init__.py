@@ -283,9 +283,9 @@ def _ase() -> ModuleType:
 
 
 def _openmm() -> ModuleType:
-    from kickdrift.bridges import openmm
+    from kickdrift.bridges.openmm import system
 
-    return openmm
+    return system
 
 
 def _rebound() -> ModuleType:

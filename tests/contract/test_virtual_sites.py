@@ -213,6 +213,8 @@ REFUSED = [
     ({"particles": 1, "of": [0, 2, 3]}, "particle 1 has a mass, and a site follows other particles; give it mass 0"),
     ({"particles": 3, "of": [0, 1, 7]}, "follows particle 7, which has no mass and cannot take its force"),
     ({"particles": 900}, "there is no particle 900"),
+    ({"particles": 10**30}, "particles: expected the numbers of particles, got 1000"),
+    ({"of": [0, 1, 10**30]}, "of: expected 3 different particles in each row, got [0, 1, 1000"),
 ]
 
 

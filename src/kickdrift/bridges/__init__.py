@@ -1,1 +1,1 @@
-"""Conversion of systems to and from other programs; one module for each program."""
+"""Conversion of systems to and from other programs; one module or folder for each program."""

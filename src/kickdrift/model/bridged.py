@@ -92,7 +92,7 @@ class Bridged:
             With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, the
             CustomTorsionForce of harmonic impropers, constraints, CMMotionRemover (which needs no counterpart), and
             MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction
-            of 1/ps
+            of 1/ps. Its moves follow from the compressibility of water, 4.5e-5 per bar.
         topology : openmm.app.Topology, for elements and bonds; None if there is none
         positions : (n, 3) in any unit of OpenMM, or as numbers in nm
         velocities : (n, 3) likewise, or as numbers in nm/ps; default zero
@@ -115,8 +115,8 @@ class Bridged:
         Raises
         ------
         InputError
-            For units other than gromacs, forces without a counterpart, truncations other than "cut", and cutoffs that
-            differ.
+            For units other than gromacs, forces without a counterpart, truncations other than "cut", cutoffs that
+            differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
         """
         return bridge("openmm", "System.to_openmm").parts_of(self)
 

@@ -74,6 +74,7 @@ def load(
         In a dict, arrays and tuples are lists, and structure files are searched in the current folder.
     seed : replaces the file's ``velocities.seed``
     overlaps : whether particles may overlap, for ``Simulation.minimize``, which moves them apart
+        Only system files are checked; particles of other files may always overlap.
     snapshot : of an archive of rebound, from 0; negative from the end; default the last one
     coordinates : file of the coordinates, such as .inpcrd, .rst7, .gro, .crd or .pdb
     force_field : files of the force field: OpenMM's XML for a structure, such as ("amber14-all.xml", "tip3p.xml"),
@@ -92,6 +93,10 @@ def load(
     path = find(name_or_path)
     given: dict[str, Any] = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
     if path.suffix.lower() in PARAMETERS or (force_field is not None and path.suffix.lower() in (".pdb", ".cif")):
+        if seed is not None:
+            _note_unused_seed()
+        if snapshot is not None:
+            raise InputError(f"snapshot: is for archives of rebound, and {path} is none")
         return _force_field_system(path, **given)
     for key, value in given.items():
         if value is not None:

@@ -230,6 +230,22 @@ def test_barostats_and_integrators_become_defaults(water):
     assert kd.System.from_openmm(theirs, topology, x).run.options["temperature"] == 300.0
 
 
+def test_an_imported_barostat_runs(water):
+    """OpenMM's barostat has no compressibility; a frequency of 0 turns it off."""
+    topology, x = water
+    theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6)
+    pressed = openmm.MonteCarloBarostat(1.0, 300.0, 5)
+    theirs.addForce(pressed)
+    integrator = openmm.LangevinMiddleIntegrator(300.0, 2.0, 0.001)
+    ours = kd.System.from_openmm(theirs, topology, x, integrator=integrator)
+    assert ours.run.options["compressibility"] == pytest.approx(7.4724e-4, rel=1e-4)  # of water, in nm^3 mol/kJ
+    run = kd.Simulation(ours, seed=1)
+    run.run(steps=20)
+    assert run.state.box.lengths != ours.box.lengths
+    pressed.setFrequency(0)
+    assert not {"barostat", "pressure"} & set(kd.System.from_openmm(theirs, topology, x).run.options)
+
+
 @pytest.mark.parametrize("which", ["alanine", "water"])
 def test_a_system_goes_to_openmm_and_comes_back(which, request):
     topology, x = request.getfixturevalue(which)
@@ -247,6 +263,23 @@ def test_a_system_goes_to_openmm_and_comes_back(which, request):
     assert energies[1] == pytest.approx(energies[0], rel=1e-13)
 
 
+def across(coulomb, factors):
+    """A molecule of two particles across the edge of a box, and one of three."""
+    x = np.array([[0.02, 0.5, 0.5], [1.95, 0.5, 0.5], [0.3, 1.0, 1.0], [0.4, 1.2, 1.0], [0.5, 1.1, 1.1]])
+    return kd.System(
+        x, masses=5 * [12.0], box=[2.0, 2.0, 2.0], units="gromacs", charges=[0.1, -0.1, 0.1, -0.2, 0.1],
+        topology=kd.Topology(bonds=[(0, 1), (2, 3), (3, 4)], factors=factors),
+        forces=[kd.LennardJones(1.0, 0.2, cutoff=0.9, truncation="cut"), coulomb, kd.HarmonicBond(1000.0, 0.1)],
+    )  # fmt: skip
+
+
+def test_molecules_across_the_edge_of_a_box_have_the_energy_of_openmm():
+    ours = across(kd.Coulomb("ewald", cutoff=0.9, accuracy=1e-8), (0.5, 0.0, 0.0))
+    theirs, _, x, _ = ours.to_openmm()
+    energy = sum(energies_of(context_of(theirs, x), theirs).values())
+    assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(energy, rel=1e-7)
+
+
 def test_what_openmm_lacks_is_named(alanine):
     topology, x = alanine
     ours = kd.System.from_openmm(built(topology, "amber14-all.xml"), topology, x)
@@ -255,6 +288,11 @@ def test_what_openmm_lacks_is_named(alanine):
         (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
         (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
         (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),
+        (ours.with_forces(*ours.forces, kd.LennardJones(cutoff=1.0)), "lennard-jones: the system has several"),
+        (
+            across(kd.Coulomb("reaction-field", cutoff=0.9), (0.0, 0.5, 1.0)),
+            r"coulomb: pair \[2, 4\] is scaled in a react",
+        ),
         (ours.with_forces(kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
     ):
         with pytest.raises(kd.InputError, match=match):
@@ -379,7 +417,8 @@ def test_a_top_and_a_gro_are_one_system(files):
 
 
 def test_a_structure_with_a_force_field_is_a_system(files):
-    ours = kd.load(files / "alanine.pdb", force_field="amber14-all.xml")
+    with pytest.warns(UserWarning, match="seed: this system draws nothing at random"):
+        ours = kd.load(files / "alanine.pdb", seed=1, force_field="amber14-all.xml")
     assert len(ours.constraints) == 12
     assert ours.units.name == "gromacs"
     assert kd.load(files / "alanine.pdb").units.name == "metal"  # bare atoms, through ASE
@@ -401,7 +440,49 @@ def test_bad_files_end_in_one_line(files):
         ("rigid: expected hydrogen, water, none, got 'all'", pdb, {"force_field": "amber14-all.xml", "rigid": "all"}),
         ("cutoff: expected a length above zero, got -1", pdb, {"force_field": "amber14-all.xml", "cutoff": -1}),
         ("cutoff: is for files of force fields", pdb, {"cutoff": 1.0}),
+        ("snapshot: is for archives of rebound", pdb, {"force_field": "amber14-all.xml", "snapshot": 0}),
     ):
         with pytest.raises(kd.InputError, match=match) as caught:
             kd.load(path, **more)
         assert "\n" not in str(caught.value)
+
+
+EVIL = """\
+<ForceField><NonbondedForce coulomb14scale="1" lj14scale="1" useDispersionCorrection="open('ran', 'w')"/></ForceField>
+"""
+
+
+@pytest.mark.parametrize("kind", ["NonbondedForce", "LennardJonesForce"])
+@pytest.mark.parametrize("place", ["given", "here", "further", "shipped"])
+def test_no_force_field_runs_code(files, monkeypatch, kind, place):
+    """OpenMM's reader evaluates an attribute, also in files that another includes from the working folder."""
+    work, shipped = files / "work", files / "shipped"
+    work.mkdir()
+    shipped.mkdir()
+    monkeypatch.chdir(work)
+    monkeypatch.setattr(app.forcefield, "_dataDirectories", [str(shipped)])
+    (work / "evil.xml").write_text(EVIL.replace("NonbondedForce", kind), encoding="utf-8")
+    for name, inner in (("here.xml", "evil.xml"), ("further.xml", "here.xml"), ("shipped/own.xml", "evil.xml")):
+        (files / name).write_text(f'<ForceField><Include file="{inner}"/></ForceField>', encoding="utf-8")
+    given = {"given": "evil.xml", "here": str(files / "here.xml"), "further": "../further.xml", "shipped": "own.xml"}
+    with pytest.raises(kd.InputError, match=r"evil.xml: useDispersionCorrection: expected True, False, 0 or 1, got"):
+        kd.load(files / "alanine.pdb", force_field=given[place])
+    assert not (work / "ran").exists()
+
+
+def test_an_include_found_nowhere_is_refused(files):
+    (files / "own.xml").write_text('<ForceField><Include file="none.xml"/></ForceField>', encoding="utf-8")
+    with pytest.raises(kd.InputError, match=r"'none\.xml': no such file, and OpenMM ships none of this name"):
+        kd.load(files / "alanine.pdb", force_field=str(files / "own.xml"))
+
+
+def test_own_force_fields_include_others(files, monkeypatch):
+    """Files of the folder and of OpenMM, each once, and a value that OpenMM evaluates."""
+    monkeypatch.chdir(files)
+    (files / "own.xml").write_text('<ForceField><Include file="a.xml"/><Include file="own.xml"/></ForceField>')
+    (files / "a.xml").write_text('<ForceField><Include file="amber14-all.xml"/></ForceField>')
+    ours = kd.load("alanine.pdb", force_field=("own.xml", "a.xml"))
+    assert len(ours.constraints) == 12
+    (files / "a.xml").write_text(EVIL.replace("open('ran', 'w')", "False"))
+    with pytest.raises(kd.InputError, match="No template found"):  # read to its end
+        kd.load("alanine.pdb", force_field="own.xml")

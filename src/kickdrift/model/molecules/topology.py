@@ -29,6 +29,7 @@ from kickdrift.model.state import Floats
 from kickdrift.text import counted, shown
 
 Ids = NDArray[np.int64]
+LARGEST = int(np.iinfo(np.int64).max)  # number that an array of particles holds
 SIZES = {"bonds": 2, "angles": 3, "dihedrals": 4, "impropers": 4}  # particles of each kind of item
 DEFAULT_TYPE = "1"  # of an item without a type, as in LAMMPS
 APART = ("bonded", "two bonds apart", "three bonds apart")
@@ -288,8 +289,8 @@ def _items(key: str, values: Any, size: int = 0) -> Ids:
 
 
 def is_index(value: Any) -> bool:
-    """Whether the value is a whole number, zero or more; True and False are not."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)
+    """Whether the value is a whole number from 0 to the largest that arrays hold; True and False are not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= int(value) <= LARGEST
 
 
 def items_of(key: str, values: Any, size: int) -> Ids:

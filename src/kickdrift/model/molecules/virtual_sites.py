@@ -54,7 +54,7 @@ class VirtualSite:
     def __post_init__(self) -> None:
         put = object.__setattr__
         one = is_index(self.particles)
-        sites = [self.particles] if one else listed(f"{KEY}: particles", self.particles, "particles")
+        sites = [self.particles] if one else listed(f"{KEY}: particles", self.particles, "the numbers of particles")
         if not sites or not all(map(is_index, sites)):
             raise InputError(f"{KEY}: particles: expected the numbers of particles, got {shown(self.particles)}")
         rows = [self.of] if one else listed(f"{KEY}: of", self.of, "two or three particles for each site")
@@ -86,7 +86,7 @@ class VirtualSite:
         return int(max(self.particles.max(), self.of.max()))
 
     def repeated(self, copies: int, size: int) -> VirtualSite:
-        """The sites of equal molecules of ``size`` particles in a row; this one has those of the first."""
+        """The sites of equal molecules of ``size`` particles in a row. The first molecule has the sites of this one."""
         far = size * np.arange(copies)
         return VirtualSite(
             (far[:, None] + self.particles).ravel(),
@@ -186,7 +186,7 @@ def _table(site: VirtualSite) -> dict[str, Any]:
 
 
 def virtual_sites_of(given: Iterable[VirtualSite] | VirtualSites | None) -> VirtualSites | None:
-    """The virtual sites of a System from a list of `VirtualSite`, or those of an earlier System; None for none."""
+    """The virtual sites of a System from a list of `VirtualSite`. `VirtualSites` and None stay as they are."""
     if given is None or isinstance(given, VirtualSites):
         return given
     stated = [given] if isinstance(given, VirtualSite) else listed("virtual_sites", given, "a list of VirtualSite")

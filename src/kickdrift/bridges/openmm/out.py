@@ -1,4 +1,4 @@
-"""OpenMM's objects of a System in units ``gromacs``: the way out, whose inverse is `kickdrift.bridges.openmm`."""
+"""OpenMM's objects of a System in units ``gromacs``: the way out; `kickdrift.bridges.openmm.system` is the way in."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import openmm
 import openmm.app as app
 from openmm import unit
 
-from kickdrift.bridges.openmm_files import Parts
-from kickdrift.bridges.openmm_nonbonded import FAR, METHODS
+from kickdrift.bridges.openmm.files import Parts
+from kickdrift.bridges.openmm.nonbonded import FAR, METHODS
 from kickdrift.errors import InputError
 from kickdrift.forces import (
     Coulomb,
@@ -68,6 +68,7 @@ def parts_of(system: System) -> Parts:
             for item, law in zip(items.tolist(), which.tolist(), strict=True):
                 add(target, item, laws[law])
     for force in bonded.values():
+        force.setUsesPeriodicBoundaryConditions(system.box.periodic)
         made.addForce(force)
     if system.constraints is not None:
         for (i, j), length in zip(system.constraints.pairs.tolist(), system.constraints.lengths.tolist(), strict=True):
@@ -78,7 +79,7 @@ def parts_of(system: System) -> Parts:
 def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
     if system.units.name != "gromacs":
-        raise InputError(f"to_openmm: units {system.units.name!r}: OpenMM's are those of gromacs, nm, ps, u and kJ/mol")
+        raise InputError(f"to_openmm: units {system.units.name!r}: expected gromacs (nm, ps, u, kJ/mol)")
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
     if system.virtual_sites is not None:
@@ -86,6 +87,8 @@ def _refuse(system: System) -> None:
     for force in system.forces:
         if type(force) not in (*BONDED, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
+    if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
+        raise InputError("to_openmm: lennard-jones: the system has several, and OpenMM one")
     for force in system.forces:
         if isinstance(force, PairForce) and (force.truncation != "cut" or force.pairs):
             raise InputError(
@@ -93,6 +96,13 @@ def _refuse(system: System) -> None:
             )
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
+        if isinstance(force, Coulomb) and force.method == "reaction-field" and system.topology is not None:
+            pairs, factors = system.topology.scaled
+            for i, j in pairs[factors != 0].tolist():
+                raise InputError(
+                    f"to_openmm: coulomb: pair {[i, j]} is scaled in a reaction field; OpenMM leaves the field out of "
+                    "such pairs, with other energies"
+                )
 
 
 def _nonbonded(system: System) -> Any:
@@ -129,6 +139,7 @@ def _nonbonded(system: System) -> Any:
                 terms[key] = charge, sigma, well
     for (i, j), term in terms.items():
         made.addException(i, j, *term)
+    made.setExceptionsUsePeriodicBoundaryConditions(system.box.periodic)
     return made
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.openmm_terms import number
+from kickdrift.bridges.openmm.terms import number
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Coulomb, ListedPairs
 from kickdrift.model.state import Floats

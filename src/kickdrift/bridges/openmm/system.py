@@ -10,10 +10,10 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from kickdrift.bridges.openmm_files import Asked, read
-from kickdrift.bridges.openmm_nonbonded import nonbonded
-from kickdrift.bridges.openmm_out import parts_of as parts_of  # System.to_openmm
-from kickdrift.bridges.openmm_terms import TAKEN, Molecules, number
+from kickdrift.bridges.openmm.files import Asked, read
+from kickdrift.bridges.openmm.nonbonded import nonbonded
+from kickdrift.bridges.openmm.out import parts_of as parts_of  # System.to_openmm
+from kickdrift.bridges.openmm.terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint
@@ -31,6 +31,7 @@ PAIRS, BAROSTAT = "NonbondedForce", "MonteCarloBarostat"
 NEEDLESS = "CMMotionRemover"  # methods keep the total momentum; Langevin baths move it, and temperatures count that
 UNKNOWN = "X"  # symbol of a site without an element
 MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stated; OpenMM's examples have this value
+WATER = "4.5e-5 bar^-1"  # compressibility; OpenMM's barostat has none, and the size of moves follows from it
 
 
 def system_of(
@@ -128,7 +129,7 @@ SITES: dict[str, Callable[[Any], tuple[tuple[float, ...], float]]] = {  # weight
 
 
 def _sites(given: Any) -> list[VirtualSite] | None:
-    """The virtual sites; those of equal form are one `VirtualSite`."""
+    """The virtual sites. Each `VirtualSite` holds all sites with the same weights and factor."""
     found: dict[Any, tuple[list[int], list[list[int]]]] = {}
     for i in filter(given.isVirtualSite, range(given.getNumParticles())):
         site = given.getVirtualSite(i)
@@ -181,12 +182,13 @@ def _run(barostat: Any, integrator: Any) -> RunDefaults:
             chosen |= {
                 "temperature": number(integrator.getTemperature()), "friction": number(integrator.getFriction())
             }  # fmt: skip
-    if barostat is not None:
+    if barostat is not None and barostat.getFrequency():
         temperature = number(barostat.getDefaultTemperature())
         bath = {"integrator": "baoa", "temperature": temperature, **MIDDLE}
         bar = number(barostat.getDefaultPressure())
         pressure = quantity(f"{bar!r} bar", "pressure", UNITS, "pressure")
         chosen = bath | chosen | {
-            "barostat": "monte-carlo", "pressure": pressure, "pressure_every": barostat.getFrequency()
+            "barostat": "monte-carlo", "pressure": pressure, "pressure_every": barostat.getFrequency(),
+            "compressibility": quantity(WATER, "compressibility", UNITS, "compressibility"),
         }  # fmt: skip
     return RunDefaults(**chosen)

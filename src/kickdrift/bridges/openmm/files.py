@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -27,6 +28,7 @@ FRAMES: dict[str, Callable[[str], Any]] = {  # readers of coordinates
     ".inpcrd": app.AmberInpcrdFile, ".rst7": app.AmberInpcrdFile, ".rst": app.AmberInpcrdFile,
     ".gro": app.GromacsGroFile, ".crd": app.CharmmCrdFile, ".pdb": app.PDBFile, ".cif": app.PDBxFile,
 }  # fmt: skip
+EVALUATED = "useDispersionCorrection"  # attribute whose text OpenMM's reader of XML evaluates as Python
 
 
 class Parts(NamedTuple):
@@ -127,23 +129,49 @@ def _charmm(path: Path, asked: Asked) -> Parts:
 
 
 def _structure(path: Path, asked: Asked) -> Parts:
-    for file in asked.force_field:
-        _refuse_scripts(Path(file))
+    force_field = app.ForceField(*_checked([os.fspath(file) for file in asked.force_field]))
     found = FRAMES[path.suffix.lower()](str(path))
     periodic = found.topology.getPeriodicBoxVectors() is not None
-    made = app.ForceField(*asked.force_field).createSystem(found.topology, **_settings(asked, periodic))
+    made = force_field.createSystem(found.topology, **_settings(asked, periodic))
     return Parts(made, found.topology, found.positions, None)
 
 
-def _refuse_scripts(file: Path) -> None:
-    """Refuse a user's force field with scripts, which OpenMM runs as Python. Files that OpenMM ships may have them."""
-    if not file.is_file():
-        return
-    for element in ElementTree.parse(file).iter():
+def _checked(files: list[str]) -> list[Any]:
+    """Force fields in XML and those that they include, each checked, as OpenMM's ForceField takes them. OpenMM reads
+    what was checked, because no file that it gets includes another."""
+    folders = [os.path.abspath(folder) for folder in app.forcefield._getDataDirectories()]
+    queue, found = [_place(file, folders) for file in files], list[Any]()
+    for path in queue:  # grows by the files that are included, in OpenMM's order
+        root = ElementTree.parse(path).getroot()
+        if not any(path.startswith(folder + os.sep) for folder in folders):
+            _refuse_code(path, root)
+        included = root.findall("Include")
+        for element in included:
+            inner = _place(element.attrib.get("file", ""), folders, os.path.dirname(path))
+            queue += [] if inner in queue else [inner]
+            root.remove(element)
+        found.append(BytesIO(ElementTree.tostring(root)) if included else path)
+    return found
+
+
+def _place(file: str, folders: Iterable[str], *beside: str) -> str:
+    """Path of a force field: ``beside`` the file that includes it, in the working folder, or where OpenMM ships it."""
+    paths = [os.path.abspath(os.path.join(folder, file)) for folder in (*beside, "", *folders)]
+    path = next(filter(os.path.isfile, paths), None)
+    if path is None:
+        raise InputError(f"force field {shown(file)}: no such file, and OpenMM ships none of this name")
+    return path
+
+
+def _refuse_code(file: str, root: ElementTree.Element) -> None:
+    """Refuse a user's force field with text that OpenMM would run as Python: scripts, and a value that it evaluates.
+    Files that OpenMM ships may have scripts."""
+    for element in root.iter():
         if element.tag in ("Script", "InitializationScript"):
             raise InputError(f"{file}: has a script, which OpenMM would run as Python; remove it")
-        if element.tag == "Include":
-            _refuse_scripts(file.parent / element.attrib.get("file", os.curdir))
+        value = element.attrib.get(EVALUATED)
+        if value not in (None, "True", "False", "0", "1"):
+            raise InputError(f"{file}: {EVALUATED}: expected True, False, 0 or 1, got {shown(value)}")
 
 
 READERS: dict[str, Callable[[Path, Asked], Parts]] = {
