@@ -35,6 +35,7 @@ BOXES = ("open", "slab", "periodic", "leaning", "plane")
 YES = "yes"
 REASONS = {  # words by the text of a refusal
     r"needs open space|open space, but": "has no periodic images",
+    r"needs a box that is periodic along three axes": "it sums over all images",
     r"a wall needs an open side": "the box has no open side",
     r"integrates a force, and": "a bounce is no force",
     r"frame is periodic along y": "the frame shears across x",
@@ -47,6 +48,9 @@ REASONS = {  # words by the text of a refusal
     r"needs the time derivative": "the force has no time derivative",
     r"takes only pair forces and gravity": "pairs and gravity alone",
     r"needs the Jacobian of": "too many unknowns for a Jacobian",
+    r"keeps no constraints": "the method keeps no constraints",
+    r"does not act on constraints": "the barostat moves no constraints",
+    r"only a native run keeps": "the program gets no constraints",
     r"a heat bath makes no sense": "gravity has no equilibrium",
     r"which has no volume": "open space has no volume",
     r"does not scale with the box": "the force has no virial",
@@ -61,6 +65,10 @@ REASONS = {  # words by the text of a refusal
     r"the device has no bonds": "the program lacks bonds",
     r"cannot use a leaning box|two dimensions|periodic along|perpendicular edges": "the program lacks this box",
 }  # fmt: skip
+VARIANTS = {  # further rows beside that of a force: parameters of the force, and whether pairs of particles are rigid
+    "coulomb by pme": ({"method": "pme", "alpha": None, "accuracy": 1e-3}, False),
+    "lennard-jones in rigid molecules": ({}, True),
+}
 FAMILIES = {"splitting": "velocity-verlet", "Kepler splitting": "wisdom-holman", "Runge-Kutta": "dormand-prince45"}
 NAMED = {"heat bath": "csvr", "multiple time steps": "respa"}  # other kinds of splittings
 OPTIONS = {"temperature": 1.0, "friction": 1.0, "tau": 0.5, "collision_rate": 1.0}
@@ -69,14 +77,21 @@ SOFT = PRESSED | {"compressibility": 0.1}
 
 
 def forces() -> list[str]:
-    """Names of the forces that ship."""
-    return [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")]
+    """Names of the forces that ship, with their variants."""
+    named = [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")]
+    return [*named, *VARIANTS]
+
+
+def class_of(name: str) -> Any:
+    """Class of the force of a row."""
+    return FORCES[name.split()[0]]
 
 
 def system_of(name: str, box: str) -> kd.System:
     """Some particles under one force of this name in a box. Raises InputError if the force does not take the box."""
     flat = {"amplitude": (0.3, 0.1, 0.0), "normal": (1.0, 0.0, 0.0)} if box == "plane" else {}
-    force = example(FORCES[name], cutoff=1.5, G=1e-4, **flat)
+    own, rigid = VARIANTS.get(name, ({}, False))
+    force = example(class_of(name), **{"cutoff": 1.5, "G": 1e-4} | flat | own)
     species, units, masses = ["A"], "nbody", np.where(np.arange(64) == 0, 1000.0, 1.0)
     x, edges = lattice("sc", 64, 0.9)
     rng = np.random.default_rng(3)
@@ -97,9 +112,13 @@ def system_of(name: str, box: str) -> kd.System:
     v -= masses @ v / masses.sum()
     lists = topology(force)
     edges_of = {"open": None, "slab": kd.Box(matrix=matrix, periodic=(True, True, False))}
+    ions = charges(force, len(x))
+    if name in VARIANTS and ions is not None:
+        ions = ions - ions.mean()  # sums over all images take no net charge of a slab
     made = kd.System(
         x, v, masses, edges_of.get(box, matrix), [force], units, species=species * len(x), topology=lists,
-        dimensions=2 if box == "plane" else 3, charges=charges(force, len(x)),
+        dimensions=2 if box == "plane" else 3, charges=ions,
+        constraints=[kd.Constraint(rigid=np.arange(len(x)).reshape(-1, 2).tolist())] if rigid else None,
     )  # fmt: skip
     if box == "plane" and lists is not None:  # whether bonds push particles out of it
         kd.Simulation(made, "velocity-verlet", 0.001).energy()
@@ -113,9 +132,9 @@ def usual(name: str) -> kd.System:
         system = system_of(name, "periodic")
     except InputError:
         system = system_of(name, "open")
-    if ".around." in FORCES[name].__module__:
+    if ".around." in class_of(name).__module__:
         return system.with_forces(*system.forces, kd.Gravity(G=1e-4))
-    if system.topology is not None or FORCES[name] in {*IN_LAMMPS, *IN_OPENMM}:
+    if system.topology is not None or class_of(name) in {*IN_LAMMPS, *IN_OPENMM}:
         return system.with_forces(*system.forces, kd.LennardJones(cutoff=1.5))
     return system
 
@@ -197,7 +216,8 @@ def rows_of(found: dict[str, list[str]]) -> list[list[str]]:
     """Rows of a table; forces whose cells are the same share a row."""
     rows: dict[tuple[str, ...], list[str]] = {}
     for name, cells in found.items():
-        rows.setdefault(tuple(cells), []).append(f"`{name}`")
+        force, *rest = name.split(maxsplit=1)
+        rows.setdefault(tuple(cells), []).append(" ".join([f"`{force}`", *rest]))
     return [[", ".join(names), *cells] for cells, names in rows.items()]
 
 

@@ -322,6 +322,7 @@ def test_all_pairs_in_open_space():
     system = ions(UPRIGHT).remade(box=None, forces=[kd.Coulomb("direct", dielectric=2.0)])
     _, _, _, r, _ = pairs_of(system)
     assert_sum(system, 0.5 / r, 0.5 / r**3)
+    assert kd.Simulation(system, dt=1e-3).run(1).charges.method == "direct"
 
 
 @pytest.mark.parametrize("surroundings", [None, 78.0])

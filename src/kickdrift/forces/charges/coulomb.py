@@ -289,8 +289,10 @@ class Coulomb(Grouped):
 
     def held(self, system: Subject) -> Coulomb:
         """The same force with what it chooses for a System as given values, so that it chooses the same elsewhere."""
+        if self.method not in ALL_IMAGES:
+            return self
         split = self.split(system)
-        if self.method not in ALL_IMAGES or not (split.waves or split.mesh):
+        if not (split.waves or split.mesh):
             return self
         values: dict[str, Any] = {"cutoff": split.cutoff, "alpha": split.alpha}
         if split.mesh:
