@@ -94,10 +94,12 @@ def subject_of(
     """The System or Problem of a command's argument. A Python file is run, and the file of a run has a System for each
     frame. ``files`` go with files of force fields, see `kickdrift.load`."""
     from kickdrift.systemfile.python_file import load_or_run
+    from kickdrift.systemfile.reading import refuse_files
 
     if is_run(name):
         if seed is not None:
             raise InputError("--seed: a frame draws no velocities; for a heat bath give -o seed=S")
+        refuse_files(name, files)
         return system_of_frame(name, frame)
     if frame is not None:
         raise InputError(f"{name}: --frame is for the file of a run")
@@ -205,6 +207,7 @@ Flush = Annotated[
 ]
 
 _METAVARS = {float: "X", int: "N", str: "NAME"}
+_FILES = {"coordinates": " Or the file of coordinates of a .prmtop, .parm7, .top or .psf."}
 _FEW = 3  # most methods that a flag's help names
 _PAIRS: Any = Annotated[
     list[str] | None,
@@ -249,7 +252,7 @@ def _flag(one: Option) -> Any:
         return Annotated[bool | None, typer.Option(f"--{MIXED}/--{DOUBLE}", help=help_)]
     methods = takers(one.name)
     whose = f" ({', '.join(methods)})" if one is not DT and len(methods) <= _FEW else ""
-    help_ = f"{one.help[:-1]}{f': {one.known}' if one.choices else ''}{whose}."
+    help_ = f"{one.help[:-1]}{f': {one.known}' if one.choices else ''}{whose}.{_FILES.get(one.name, '')}"
     if one.type is bool:
         return Annotated[bool | None, typer.Option(f"--{one.name}", help=help_)]
     several = "; X,X,… one for each unknown." if one.several else f"; {one.count} with commas." if one.count > 1 else ""

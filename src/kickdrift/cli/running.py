@@ -32,6 +32,7 @@ from kickdrift.engines import ENGINES
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options
+from kickdrift.integrators.options import COORDINATES
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
@@ -168,8 +169,9 @@ def run(
     given = {"flush": flush, "store": store, "compress": compress or None}
     file = file_options(output, given | {"write": write and tuple(each.strip() for each in write.split(","))})
     files: dict[str, Any] = {"force_field": force_field or None, "cutoff": cutoff, "rigid": rigid}
-    if Path(system).suffix.lower() in PARAMETERS:  # for other systems, an option of the method has this name
-        files["coordinates"] = options.pop("coordinates", None)
+    origin = options.get(COORDINATES.name)  # an option of the method, or a file
+    if origin is not None and (Path(system).suffix.lower() in PARAMETERS or Path(origin).suffix):
+        files["coordinates"] = options.pop(COORDINATES.name)
     chosen = with_keys(subject_of(system, seed, frame=frame, **files), equilibrate or [])
 
     from kickdrift.run.equilibration import equilibrate_as_told

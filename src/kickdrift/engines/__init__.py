@@ -108,7 +108,7 @@ class Engine:
         if tie := job.system.tied_by:
             return f"{tie}: only a native run keeps them; {self.name} is not given them"
         if job.method.name not in self.methods:
-            known = ", ".join(f"{ours} ({theirs})" for ours, theirs in self.methods.items())
+            known = ", ".join(a if a == b else f"{a} ({b})" for a, b in self.methods.items())
             return f"integrator {job.named!r}: {self.name} has {known}"
         if job.options.get(PRESSURE.name) is not None:
             return f"pressure: only a native run changes the box; {self.name} keeps it here"

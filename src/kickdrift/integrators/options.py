@@ -48,6 +48,7 @@ class Option:
     above, most : a number is greater than ``above``, and at most ``most``
     several : whether a Problem may have one number for each component of y
     count : how many numbers a value has
+    parts : their names in order, if they have any
     written : whether run files record the default if no value was given
 
     Raises
@@ -67,6 +68,7 @@ class Option:
     several: bool = False
     written: bool = True
     count: int = 1
+    parts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         name = self.name
@@ -104,12 +106,17 @@ class Option:
                 raise InputError(f"{self.name} must be text, got {shown(value)}")
             return value
         if self.count > 1:
-            if np.ndim(value) != 1 or len(value) != self.count:
-                raise InputError(f"{self.name} must be {self.count} numbers, got {shown(value)}")
+            self._counted(value if np.ndim(value) == 1 else (), value)
             return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
         if isinstance(value, tuple) and self.several:
             return tuple(self._number(f"{self.name}[{k}]", each) for k, each in enumerate(value))
         return self._number(self.name, value)
+
+    def _counted(self, values: Sequence[Any], given: Any) -> None:
+        """Raise InputError, with the text or value as given, unless there are as many numbers as the option has."""
+        if len(values) != self.count:
+            names = f", {', '.join(self.parts)}" if self.parts else ""
+            raise InputError(f"{self.name} must be {self.count} numbers{names}, got {shown(given)}")
 
     def _number(self, key: str, value: Any) -> float | int:
         found = number(value)
@@ -125,6 +132,7 @@ class Option:
         if self.count > 1:
             listed = text.strip().removeprefix("[").removesuffix("]").split(",")
             parts = [part.strip().strip("\"'") for part in listed]
+            self._counted(parts, text)
             return tuple(part if has_unit(part) else self._parsed(part) for part in parts)
         if self.dimension and has_unit(text):
             return text
@@ -146,6 +154,7 @@ class Option:
         """Return the value as a number in ``units`` if it is text with a unit, such as "300 K"; other values as they
         are. A Problem has no units. Raises InputError for a unit of another dimension, and in reduced units."""
         if self.count > 1 and isinstance(value, list | tuple):
+            self._counted(value, value)
             return tuple(time_in(each, units, self.name, self.dimension) for each in value)
         return time_in(value, units, self.name, self.dimension) if self.dimension else value
 
@@ -303,7 +312,7 @@ PRESSURE_EVERY = Option(
 )  # fmt: skip
 STRESS = Option(
     "stress", float, "Stress beside the pressure, with coupling = full: xx, yy, zz, yz, xz, xy; positive pulls.",
-    dimension="pressure", count=6, written=False,
+    dimension="pressure", count=6, written=False, parts=("xx", "yy", "zz", "yz", "xz", "xy"),
 )  # fmt: skip
 BAROSTATS = {  # options that each barostat needs, and others that it takes
     C_RESCALE: ((PRESSURE_TAU.name, COMPRESSIBILITY.name), (PRESSURE_EVERY.name,)),

@@ -26,6 +26,7 @@ _TOKEN = re.compile(
     re.DOTALL | re.ASCII,
 )
 PARAMETERS = (".prmtop", ".parm7", ".top", ".psf")  # files of force fields, which OpenMM reads
+WHOLE = (".prmtop", ".parm7")  # those that hold all parameters
 SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
 
 

@@ -18,7 +18,7 @@ from kickdrift.model.checks.values import numbers
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.systemfile.files import prefixed
-from kickdrift.systemfile.reading import load
+from kickdrift.systemfile.reading import load, refuse_files
 from kickdrift.text import choices, shown
 
 BESIDE = ("t_span", "jacobian", "energy", "exact", "args", "separable", "name")  # names that a file may define
@@ -34,6 +34,7 @@ def load_or_run(
         return load(name_or_path, seed, overlaps, **files)
     if seed is not None:
         raise InputError(f"seed: {os.fspath(name_or_path)} makes its own random numbers; expected a system file")
+    refuse_files(name_or_path, files)
     return from_python(Path(name_or_path))
 
 

@@ -30,7 +30,7 @@ from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import PARAMETERS, find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.files import PARAMETERS, WHOLE, find, parsed, plain, prefixed, toml_table
 from kickdrift.systemfile.particles import (
     as_given,
     box_of,
@@ -87,21 +87,19 @@ def load(
     InputError
         Names the file, the key and the expected value, or the particles that overlap.
     """
+    given: dict[str, Any] = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
     if isinstance(name_or_path, Mapping):
+        refuse_files("a dict", given)
         with prefixed("system: "):
             return _subject(plain(name_or_path), Path("system.toml"), "", seed, overlaps)
     path = find(name_or_path)
-    given: dict[str, Any] = {"coordinates": coordinates, "force_field": force_field, "cutoff": cutoff, "rigid": rigid}
     if path.suffix.lower() in PARAMETERS or (force_field is not None and path.suffix.lower() in (".pdb", ".cif")):
         if seed is not None:
             _note_unused_seed()
         if snapshot is not None:
             raise InputError(f"snapshot: is for archives of rebound, and {path} is none")
         return _force_field_system(path, **given)
-    for key, value in given.items():
-        if value is not None:
-            alone = f", and for .pdb and .cif with force_field, and {path} is none of these"
-            raise InputError(f"{key}: is for files of force fields ({choices(PARAMETERS)}){alone}")
+    refuse_files(path, given)
     if is_archive(path):
         if seed is not None:
             _note_unused_seed()
@@ -118,6 +116,14 @@ def load(
         return _subject(data, path, text, seed, overlaps)
 
 
+def refuse_files(what: str | os.PathLike[str], given: Mapping[str, Any]) -> None:
+    """Refuse arguments for files of force fields that are given with another system, which ``what`` names."""
+    for key, value in given.items():
+        if value is not None:
+            alone = f", and for .pdb and .cif with force_field, and {what} is none of these"
+            raise InputError(f"{key}: is for files of force fields ({choices(PARAMETERS)}){alone}")
+
+
 def _force_field_system(
     path: Path,
     coordinates: str | os.PathLike[str] | None,
@@ -126,8 +132,18 @@ def _force_field_system(
     rigid: str | None,
 ) -> System:
     """Return the System of files of a force field, in gromacs units."""
-    if coordinates is None and path.suffix.lower() in PARAMETERS:
-        raise InputError(f"{path}: {foreign(path) or 'give a file of coordinates: coordinates (--coordinates)'}")
+    kind = path.suffix.lower()
+    if coordinates is None and kind in PARAMETERS:
+        what = foreign(path)
+        if what and not what.startswith("is a topology"):
+            raise InputError(f"{path}: {what}")
+        what = what.rpartition("; ")[0]  # without the advice that it needs coordinates
+        raise InputError(f"{path}: give --coordinates FILE (coordinates in Python){what and f'; it {what}'}")
+    if coordinates is not None and kind not in PARAMETERS:
+        raise InputError(f"coordinates: {path} has its own; only {choices(PARAMETERS)} take others")
+    if force_field is not None and kind in WHOLE:
+        takers = [each for each in (*PARAMETERS, ".pdb", ".cif") if each not in WHOLE]
+        raise InputError(f"force_field: {path} holds its force field; only {choices(takers)} take another")
     files = [force_field] if isinstance(force_field, str) else list(force_field or ())
     reach = quantity(cutoff, "length", unit_system("gromacs"), "cutoff") if isinstance(cutoff, str) else cutoff
     if reach is not None and not (is_number(reach) and 0 < reach < np.inf):

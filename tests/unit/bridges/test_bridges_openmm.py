@@ -428,9 +428,18 @@ def test_bad_files_end_in_one_line(files):
     top, pdb = files / "acid.top", files / "alanine.pdb"
     (files / "broken.top").write_text(TOP.replace("C 6 12.011 0.0 A 0.35 0.3\n", ""), encoding="utf-8")
     (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
+    (files / "x.prmtop").write_text("%VERSION\n", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
-        (r"acid.top: is a topology of GROMACS \(top\); kickdrift reads all of it with coordinates", top, {}),
+        (r"acid.top: give --coordinates FILE \(coordinates in Python\); it is a topology of GROMACS", top, {}),
+        (
+            r"force_field: .*x.prmtop holds its force field; only \.top, \.psf",
+            files / "x.prmtop",
+            {"coordinates": pdb, "force_field": "amber14-all.xml"},
+        ),
+        (r"coordinates: .*alanine.pdb has its own", pdb, {"coordinates": pdb, "force_field": "amber14-all.xml"}),
+        ("coordinates: is for files of force fields", "lj-1000", {"coordinates": pdb}),
+        ("cutoff: is for files of force fields.*, and a dict is none of these", {"units": "lj"}, {"cutoff": 1.0}),
         ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
         (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
         ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),

@@ -10,6 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
+from kickdrift.systemfile.files import PARAMETERS
 from kickdrift.systemfile.reading import STRUCTURES
 from kickdrift_validation.fuzzing.lammps_data import CHAIN
 
@@ -83,7 +84,8 @@ def test_a_file_of_another_program_is_named_whatever_its_ending(folder):
             with pytest.raises(InputError) as refused:
                 kd.load(other)
             (folder / other).rename(folder / name)
-            assert str(refused.value).startswith(f"{other}: is {what.replace(name, other)}"), name
+            needs = "give --coordinates FILE (coordinates in Python); it " if other.endswith(PARAMETERS) else ""
+            assert str(refused.value).startswith(f"{other}: {needs}is {what.replace(name, other)}"), name
             assert "\n" not in str(refused.value)
             assert len(str(refused.value)) < 250
     with pytest.raises(InputError, match="is not an HDF5 file: it is a trajectory of CHARMM or NAMD"):

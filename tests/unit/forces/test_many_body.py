@@ -479,3 +479,16 @@ def test_triples_that_differ_by_their_digits_alone_are_taken(tmp_path):
     np.testing.assert_allclose(near, exact, atol=1e-7 * np.abs(exact).max())
     with pytest.raises(InputError, match=r"entries Si-Si-Xx and Si-Xx-Si differ in lambda_ times epsilon or"):
         kd.Simulation(system.with_forces([kd.StillingerWeber(WEBERS | {"Si-Si-Xx": one | {"lambda_": 1.0}})]), dt=0.001)
+
+
+def test_a_header_that_its_file_cannot_fulfil_and_a_density_of_nan_are_refused(tmp_path):
+    file = written(tmp_path / "a.eam.he", below_zero(copper_tables(20)), ("Cu",), "he")
+    lines = (tmp_path / "a.eam.he").read_text().split("\n")
+    n, drho, m, dr, cutoff, highest = lines[4].split()
+    for header, message in (
+        (f"{10**12} {drho} {m} {dr} {cutoff} {highest}", "1000000000000 and 21 points, more than a file of this size"),
+        (f"{n} {drho} {m} {dr} {cutoff} nan", "expected tables of five finite numbers or more"),
+    ):
+        (tmp_path / "a.eam.he").write_text("\n".join([*lines[:4], header, *lines[5:]]))
+        with pytest.raises(InputError, match=message):
+            kd.EmbeddedAtom(file)

@@ -255,7 +255,8 @@ def test_positions_stay_continuous_when_the_box_takes_other_edges(tmp_path):
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        ({"stress": [1, 2, 3]}, "stress must be 6 numbers, got"),
+        ({"stress": [1, 2, 3]}, r"stress must be 6 numbers, xx, yy, zz, yz, xz, xy, got \[1, 2, 3\]"),
+        ({"stress": [0, 0, "1 GPa"]}, r"stress must be 6 numbers, xx, .*, got \[0, 0, '1 GPa'\]"),
         ({"stress": [1, 2, 3, 0, 0, math.nan]}, r"stress\[5\] must be a finite number, got nan"),
         ({"stress": [0] * 6, "coupling": "per-axis"}, "stress: needs coupling = full"),
         ({"stress": [0] * 6, "pressure": None, "coupling": None}, ".*: is an option of a barostat, which needs a pres"),

@@ -77,12 +77,15 @@ def read_potential(name: str, file: str) -> Potential:
     content = potential_file(name, file)
     try:
         lines = iter(content.decode("utf-8", "replace").splitlines())
-        found = _read_funcfl(lines) if style == "eam" else _read_setfl(lines, style)
+        most = len(content) // 2  # numbers that a file of this size can hold
+        found = _read_funcfl(lines, most) if style == "eam" else _read_setfl(lines, style, most)
     except (ValueError, IndexError, StopIteration) as error:
         why = f"{error}" if str(error) else "the file ends too early"
         raise InputError(f"{name}: file: {file}: no potential of the form {style}: {why}") from None
     tables = (found.density, found.rphi, found.embedding)
-    if min(each.shape[-1] for each in tables) < 5 or not all(np.isfinite(each).all() for each in tables):
+    if min(each.shape[-1] for each in tables) < 5 or not all(
+        np.isfinite(each).all() for each in (*tables, found.highest_density or 0.0)
+    ):
         raise InputError(f"{name}: file: {file}: expected tables of five finite numbers or more")
     if not (0 < found.cutoff < np.inf and 0 < found.dr < np.inf and 0 < found.drho < np.inf):
         raise InputError(f"{name}: file: {file}: expected a positive cutoff and positive spacings")
@@ -118,22 +121,24 @@ def _row(lines: Iterator[str], count: int) -> NDArray[np.float64]:
     return np.array(found[:count])
 
 
-def _sizes(line: str, more: int = 0) -> tuple[int, float, int, float, list[float]]:
+def _sizes(line: str, most: int, more: int = 0) -> tuple[int, float, int, float, list[float]]:
     """Points and spacings of densities and of distances, and the numbers after them."""
     words = _words(line)
     points = [int(words[0]), int(words[2])]
     if min(points) < 1:
         raise ValueError(f"expected numbers of points, got {points[0]} and {points[1]}")
+    if max(points) > most:
+        raise ValueError(f"the header says {points[0]} and {points[1]} points, more than a file of this size can hold")
     return points[0], _number(words[1]), points[1], _number(words[3]), [_number(word) for word in words[4 : 5 + more]]
 
 
-def _read_funcfl(lines: Iterator[str]) -> Tables:
+def _read_funcfl(lines: Iterator[str], most: int) -> Tables:
     """One element, whose pair energy is that of two charges. LAMMPS leaves out the last points."""
     next(lines)
     number = int(_words(next(lines))[0])
     if not 0 < number < len(SYMBOLS):
         raise ValueError(f"no element has the number {number}")
-    densities, drho, points, dr, (cutoff,) = _sizes(next(lines))
+    densities, drho, points, dr, (cutoff,) = _sizes(next(lines), most)
     embedding, charge, density = (_row(lines, count)[:-1] for count in (densities, points, points))
     return Tables(
         (SYMBOLS[number],), cutoff, dr, drho, density[None, None], COULOMB * (charge * charge)[None, None],
@@ -141,14 +146,14 @@ def _read_funcfl(lines: Iterator[str]) -> Tables:
     )  # fmt: skip
 
 
-def _read_setfl(lines: Iterator[str], style: str) -> Tables:
+def _read_setfl(lines: Iterator[str], style: str, most: int) -> Tables:
     """Several elements, with one density of each, or one for each pair of elements."""
     for _ in range(3):
         next(lines)
     count, *elements = _words(next(lines))
     if len(elements) != int(count) or not elements:
         raise ValueError(f"expected {count} elements, got {len(elements)}")
-    densities, drho, points, dr, (cutoff, *highest) = _sizes(next(lines), style == "eam/he")
+    densities, drho, points, dr, (cutoff, *highest) = _sizes(next(lines), most, style == "eam/he")
     if style == "eam/he" and not highest:
         raise ValueError("the highest density is missing")
     n, of_pairs = len(elements), style != "eam/alloy"
