@@ -283,6 +283,18 @@ def test_the_step_bias_is_that_of_forces_on_centres():
     assert not kd.Simulation(system, "baoab", dt=0.004, temperature=1.5, friction=2.0).run(4).molecules.step_bias
 
 
+def test_the_step_bias_of_vibration_leaves_out_forces_along_rigid_distances():
+    """A rigid triangle with springs along its sides, beside a pair on a spring: its pull of 9 alone makes vibration."""
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.9, 0.0], [5.0, 0.0, 1.0], [5.4, 0.3, 2.2]])
+    springs = kd.Springs([[0, 1], [0, 2], [1, 2], [3, 4]], [500.0, 500.0, 500.0, 30.0], [0.0, 0.0, 0.0, 1.0])
+    system = kd.System(
+        x, None, [16.0, 1.0, 1.0, 2.0, 3.0], [20.0] * 3, [springs],
+        topology=kd.Topology([(3, 4)]), constraints=[kd.Constraint(rigid=[[0, 1, 2]])],
+    )  # fmt: skip
+    bias = kd.Simulation(system, "velocity-verlet", dt=1e-3).run(0).molecules.step_bias
+    assert bias["vibration"] == pytest.approx(1e-6 / 6.0 * 9.0**2 * (1 / 2.0 + 1 / 3.0), rel=1e-9)
+
+
 def test_an_equilibration_counts_its_steps_from_its_start():
     sim = kd.Simulation(triangles(), "baoab", dt=0.6, temperature=1.5, friction=0.5)
     with pytest.raises(RunError, match=r"step \d+ of the equilibration") as caught:

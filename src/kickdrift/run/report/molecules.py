@@ -10,6 +10,7 @@ import numpy as np
 from kickdrift.looks.molecules import ERROR, KINDS, TEMPERATURES, Molecules
 from kickdrift.looks.record import even_looks
 from kickdrift.looks.report_lines import molecule_lines
+from kickdrift.model.molecules.constraints import on_manifold
 from kickdrift.model.state import Floats, State
 from kickdrift.statistics.blocks import Mean, block_average
 from kickdrift.statistics.regression import quantile
@@ -59,7 +60,7 @@ def molecule_report(system: Any, sim: Any) -> MoleculeReport | None:
     errors = [sample.columns[ERROR] for sample in samples]
     molecules, state = Molecules(system, sim.method.drags), sim.state
     errors.append(molecules.error(state.phase))
-    bias = _step_bias(molecules, sim, state) if sim.method.kinetic_bias else {}
+    bias = _step_bias(system, molecules, sim, state) if sim.method.kinetic_bias else {}
     found: dict[str, Floats] = {}
     if samples:
         steps, times = np.array([s.step for s in samples]), np.array([s.time for s in samples])
@@ -84,16 +85,18 @@ def molecule_report(system: Any, sim: Any) -> MoleculeReport | None:
     )
 
 
-def _step_bias(molecules: Molecules, sim: Any, state: State) -> dict[str, float]:
+def _step_bias(system: Any, molecules: Molecules, sim: Any, state: State) -> dict[str, float]:
     """What the step takes from the temperature of each kind of motion at whole steps of velocity Verlet.
 
     The energy that it conserves has the kinetic part m v^2 / 2 + dt^2 v U'' v / 12. Its equilibrium lacks dt^2 / 6
     <F^2> / m of <m v^2>, for each degree of freedom, to leading order (Eastwood et al. 2010, doi:10.1021/ct9002916).
-    Forces on centres and torques are those of one moment, which serve many molecules."""
+    Forces along rigid distances move nothing and do not count. The others are those of one moment, which serve many
+    molecules."""
     a = sim.integration.flow.accelerations(state.phase, state.time)
     if a is None or molecules.freedoms is None:
         return {}
-    lacking = molecules.temperatures(np.array([state.phase[0], a])) * sim.dt**2 / 6.0
+    along, _ = on_manifold(system, system.constraints, system.coherent_masses, np.array([state.phase[0], a]))
+    lacking = molecules.temperatures(along) * sim.dt**2 / 6.0
     return {kind: float(each) for kind, each in zip(KINDS, lacking, strict=True) if np.isfinite(each)}
 
 
