@@ -414,3 +414,9 @@ def test_bad_files_end_in_one_line(files):
         with pytest.raises(kd.InputError, match=match) as caught:
             kd.load(path, **more)
         assert "\n" not in str(caught.value)
+
+
+def test_a_structure_without_a_force_field_runs_with_a_warning(files, kickdrift):
+    status, _, err = kickdrift("run", files / "alanine.pdb", "--dt", "1 fs", "--steps", "2")
+    assert status == 0
+    assert err.count("no force acts; give --force-field FILE") == 1
