@@ -392,7 +392,11 @@ def test_bad_files_end_in_one_line(files):
     (files / "x.prmtop").write_text("%VERSION\n", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
-        (r"acid.top: give --coordinates FILE \(coordinates in Python\); it is a topology of GROMACS", top, {}),
+        (
+            r"acid.top: give --coordinates FILE to kickdrift run \(coordinates in Python\); it is a topology of GROMACS",
+            top,
+            {},
+        ),
         (
             r"force_field: .*x.prmtop holds its force field; only \.top, \.psf",
             files / "x.prmtop",
