@@ -393,7 +393,7 @@ def test_bad_files_end_in_one_line(files):
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
         (
-            r"acid.top: give --coordinates FILE to kickdrift run \(coordinates in Python\); it is a topology of GROMACS",
+            r"acid.top: give --coordinates FILE to kickdrift run \(coordinates in Python\); it is a topology",
             top,
             {},
         ),
