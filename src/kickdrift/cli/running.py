@@ -37,6 +37,7 @@ from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.systemfile.files import PARAMETERS
+from kickdrift.systemfile.reading import STRUCTURES
 from kickdrift.text import shown
 
 WHOLE = ("steps", "interval")
@@ -173,6 +174,8 @@ def run(
     if origin is not None and (Path(system).suffix.lower() in PARAMETERS or Path(origin).suffix):
         files["coordinates"] = options.pop(COORDINATES.name)
     chosen = with_keys(subject_of(system, seed, frame=frame, **files), equilibrate or [])
+    if Path(system).suffix.lower() in STRUCTURES and isinstance(chosen, System) and not chosen.forces:
+        say("warning: no force acts; give --force-field FILE for a .pdb or .cif, or forces in a system file", quiet)
 
     from kickdrift.run.equilibration import equilibrate_as_told
     from kickdrift.run.files import check_suffix

@@ -42,7 +42,7 @@ def _renamed(suffix: str) -> str:
 
 
 def _with_coordinates(suffix: str) -> str:
-    return f"kickdrift reads all of it with coordinates (--coordinates), if its name ends in {suffix}"
+    return f"kickdrift run reads all of it with --coordinates FILE, if its name ends in {suffix}"
 
 
 def _packed(tool: str) -> str:

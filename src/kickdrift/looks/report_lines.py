@@ -139,6 +139,16 @@ def mean_with_units(mean: float, error: float | None, unit: str) -> str:
     return " = ".join(measured(with_error(value, off) if off else f"{value:.5g}", name) for value, off, name in texts)
 
 
+def tensor_lines(found: Mapping[str, Any], unit: str) -> list[tuple[str, str]]:
+    """Lines of the values of a TensorReport, with the unit of pressure."""
+    given = [found.get(key) for key in ("names", "means", "errors", "asked", "verdicts")]
+    columns = [each if isinstance(each, list | tuple) else () for each in given]
+    return [
+        (f"pressure {name}", f"{mean_text(mean, error, unit)}, asked {mean_with_units(asked, None, unit)}: {said}")
+        for name, mean, error, asked, said in zip(*columns, strict=False)
+    ]
+
+
 def verdict_text(asked: float | None, verdict: str | None, unit: str) -> str:
     """The value asked of a bath or a barostat with its verdict, as text; empty without a verdict."""
     return "" if verdict is None or asked is None else f", asked {measured(f'{asked:g}', unit)}: {verdict}"

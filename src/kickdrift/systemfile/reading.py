@@ -138,7 +138,9 @@ def _force_field_system(
         if what and not what.startswith("is a topology"):
             raise InputError(f"{path}: {what}")
         what = what.rpartition("; ")[0]  # without the advice that it needs coordinates
-        raise InputError(f"{path}: give --coordinates FILE (coordinates in Python){what and f'; it {what}'}")
+        raise InputError(
+            f"{path}: give --coordinates FILE to kickdrift run (coordinates in Python){what and f'; it {what}'}"
+        )
     if coordinates is not None and kind not in PARAMETERS:
         raise InputError(f"coordinates: {path} has its own; only {choices(PARAMETERS)} take others")
     if force_field is not None and kind in WHOLE:

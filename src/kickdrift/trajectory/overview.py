@@ -19,6 +19,7 @@ from kickdrift.looks.report_lines import (
     mean_text,
     method_text,
     molecule_lines,
+    tensor_lines,
     verdict_text,
 )
 from kickdrift.model.checks.values import unwarned
@@ -156,6 +157,10 @@ def _means(report: Mapping[str, Any], units: Mapping[str, str], dimensions: Any)
         if joined and not said and len(joined) <= FITS:
             return [("temperature", joined)]
         lines.append(("pressure", text))
+    tensor = report.get("tensor")
+    if isinstance(tensor, Mapping):
+        unit = f"{units['energy']}/{units['length']}^{dimensions}" if units["energy"] else ""
+        lines += tensor_lines(tensor, unit)
     volume: Any = report.get("volume")
     if _is_number(volume):
         unit = f"{units['length']}^{dimensions}" if units["length"] else ""

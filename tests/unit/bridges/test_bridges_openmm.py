@@ -431,7 +431,11 @@ def test_bad_files_end_in_one_line(files):
     (files / "x.prmtop").write_text("%VERSION\n", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
     for match, path, more in (
-        (r"acid.top: give --coordinates FILE \(coordinates in Python\); it is a topology of GROMACS", top, {}),
+        (
+            r"acid.top: give --coordinates FILE to kickdrift run \(coordinates in Python\); it is a topology",
+            top,
+            {},
+        ),
         (
             r"force_field: .*x.prmtop holds its force field; only \.top, \.psf",
             files / "x.prmtop",
@@ -456,6 +460,7 @@ def test_bad_files_end_in_one_line(files):
         assert "\n" not in str(caught.value)
 
 
+<<<<<<< HEAD
 EVIL = """\
 <ForceField><NonbondedForce coulomb14scale="1" lj14scale="1" useDispersionCorrection="open('ran', 'w')"/></ForceField>
 """
@@ -495,3 +500,9 @@ def test_own_force_fields_include_others(files, monkeypatch):
     (files / "a.xml").write_text(EVIL.replace("open('ran', 'w')", "False"))
     with pytest.raises(kd.InputError, match="No template found"):  # read to its end
         kd.load("alanine.pdb", force_field="own.xml")
+=======
+def test_a_structure_without_a_force_field_runs_with_a_warning(files, kickdrift):
+    status, _, err = kickdrift("run", files / "alanine.pdb", "--dt", "1 fs", "--steps", "2")
+    assert status == 0
+    assert err.count("no force acts; give --force-field FILE") == 1
+>>>>>>> house38

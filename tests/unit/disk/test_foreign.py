@@ -84,7 +84,11 @@ def test_a_file_of_another_program_is_named_whatever_its_ending(folder):
             with pytest.raises(InputError) as refused:
                 kd.load(other)
             (folder / other).rename(folder / name)
-            needs = "give --coordinates FILE (coordinates in Python); it " if other.endswith(PARAMETERS) else ""
+            needs = (
+                "give --coordinates FILE to kickdrift run (coordinates in Python); it "
+                if other.endswith(PARAMETERS)
+                else ""
+            )
             assert str(refused.value).startswith(f"{other}: {needs}is {what.replace(name, other)}"), name
             assert "\n" not in str(refused.value)
             assert len(str(refused.value)) < 250

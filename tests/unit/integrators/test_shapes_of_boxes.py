@@ -14,6 +14,7 @@ from kickdrift.integrators.asked import parsed
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.box.box import Images
 from kickdrift.model.box.cell import cell_of, lengths_and_tilts, live_cell
+from kickdrift.trajectory.overview import overview
 from tests.long import rest
 from tests.systems import liquid, needed
 
@@ -217,12 +218,12 @@ def test_a_liquid_does_not_hold_the_shape_of_its_box():
     assert sim.pressure() == pytest.approx(np.trace(tensor) / 3)
 
 
-def test_a_report_has_each_component_of_the_pressure():
+def test_a_report_has_each_component_of_the_pressure(tmp_path):
     stress = (0.5, 0.0, 0.0, 0.0, 0.0, 0.25)
     given = SOLID | {"pressure": 0.2, "compressibility": 0.03, "tau": 0.1, "pressure_tau": 0.1, "pressure_every": 5}
     sim = kd.Simulation(crystal(), "csvr", 0.004, **options_of("c-rescale", "csvr", stress=stress, **given))
     sim.advance(500)
-    report = sim.run(6000, every=10)
+    report = sim.run(6000, every=10, output=tmp_path / "run.h5md")
     found = report.tensor
     assert found.names == ("xx", "yy", "zz", "yz", "xz", "xy")
     assert found.asked == pytest.approx((-0.3, 0.2, 0.2, 0.0, 0.0, -0.25))
@@ -231,6 +232,9 @@ def test_a_report_has_each_component_of_the_pressure():
     assert max(off) < 5.0
     assert "asked -0.25 ε/σ^3: agrees" in str(report)
     assert report.as_json()["tensor"]["asked"][5] == -0.25
+    lines = [line for line in overview(tmp_path / "run.h5md") if line[0].startswith("pressure ")]
+    assert lines == found.lines("ε/σ^3")
+    assert "asked -0.25 eV/angstrom^3 = -40.054 GPa: agrees" in found.lines("eV/angstrom^3")[5][1]
 
 
 def test_positions_stay_continuous_when_the_box_takes_other_edges(tmp_path):

@@ -129,7 +129,7 @@ def _verdict(found: dict[str, Floats], canonical: dict[str, float], bias: dict[s
         apart = values - found["translation"]
         if (mean := _mean(apart, canonical[kind] + canonical["translation"])) is None:
             return "too short to judge equipartition"
-        error, far = float(mean.error), quantile(mean.blocks - 1, SURE)
+        error, far = float(mean.error), quantile(int(mean.blocks) - 1, SURE)
         value = float(mean.value)
         if abs(value) > far * error:
             words = "above" if value > 0 else "below"

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from kickdrift.integrators.options import PRESSURE, STRESS
 from kickdrift.looks.record import even_looks
+from kickdrift.looks.report_lines import tensor_lines
 from kickdrift.looks.tensor import NAMES, TENSOR
 from kickdrift.run.report.warnings import verdict
 from kickdrift.statistics.blocks import block_average
-from kickdrift.text import measured, with_error
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,7 @@ class TensorReport:
 
     def lines(self, unit: str) -> list[tuple[str, str]]:
         """Lines for people, with the unit of pressure."""
-        return [
-            (f"pressure {name}", f"{measured(with_error(mean, error) if error else f'{mean:.5g}', unit)} (mean), "
-             f"asked {measured(f'{asked:g}', unit)}: {said}")
-            for name, asked, mean, error, said in zip(
-                self.names, self.asked, self.means, self.errors, self.verdicts, strict=True
-            )
-        ]  # fmt: skip
+        return tensor_lines(asdict(self), unit)
 
 
 def tensor_report(system: Any, sim: Any) -> TensorReport | None:
