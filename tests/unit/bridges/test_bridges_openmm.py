@@ -460,7 +460,6 @@ def test_bad_files_end_in_one_line(files):
         assert "\n" not in str(caught.value)
 
 
-<<<<<<< HEAD
 EVIL = """\
 <ForceField><NonbondedForce coulomb14scale="1" lj14scale="1" useDispersionCorrection="open('ran', 'w')"/></ForceField>
 """
@@ -500,9 +499,9 @@ def test_own_force_fields_include_others(files, monkeypatch):
     (files / "a.xml").write_text(EVIL.replace("open('ran', 'w')", "False"))
     with pytest.raises(kd.InputError, match="No template found"):  # read to its end
         kd.load("alanine.pdb", force_field="own.xml")
-=======
+
+
 def test_a_structure_without_a_force_field_runs_with_a_warning(files, kickdrift):
     status, _, err = kickdrift("run", files / "alanine.pdb", "--dt", "1 fs", "--steps", "2")
     assert status == 0
     assert err.count("no force acts; give --force-field FILE") == 1
->>>>>>> house38
