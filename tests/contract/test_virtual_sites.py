@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis.certify import force_tests
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
 
@@ -89,6 +90,28 @@ def test_the_virial_is_the_slope_of_the_energy(normal):
         scaled = system.remade(box=[EDGE * side] * 3, positions=system.state.positions * side)
         sides.append(energy_at(scaled, scaled.state.phase[0].copy(), BoundForces(scaled)))
     assert virial == pytest.approx((sides[0] - sides[1]) / (2 * h), abs=2e-5)  # the error of Ewald's sum over h
+
+
+def test_certify_tests_the_forces_of_sites():
+    """Moves by whole edges and scaled boxes place the sites anew, and a site is no neighbour of its molecule."""
+    system = water(rigid=False, truncation="force-shift")
+    evaluate, rng = force_tests.Evaluator(system), np.random.default_rng(0)
+    states = force_tests.tested_states(evaluate, 1, 0.05, rng)
+    near = force_tests.nearest_distances(system)
+    assert near.min() > 0.9  # the bond; the site of oxygen is at 0.15
+    given = force_tests.Subject(evaluate, states, evaluate(states[0]), near, rng, (), ("virtual_site",), 1e-9)
+    rows = [*force_tests.symmetry_tests(given), force_tests.virial_test(given)]
+    assert [row.test for row in rows if row.verdict == "pass"] == [
+        "translation", "periodic images", "rotation", "virial = -dE/dV"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", [{"of": [0, 1, 9]}, {"particles": 9}])
+def test_a_site_beside_its_molecule_is_named(wrong):
+    given = table()
+    given["virtual_site"][0].update(wrong)
+    with pytest.raises(InputError, match=r"virtual_site.*no particle 9 in a molecule of 4 particles"):
+        kd.load(given)
 
 
 def test_the_pressure_of_rigid_molecules_with_sites_is_that_of_the_centres():

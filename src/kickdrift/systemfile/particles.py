@@ -334,6 +334,13 @@ def molecules_of(table: SystemTable, folder: Path) -> tuple[Topology | None, lis
     particles = table.particles
     if isinstance(particles, LatticeTable) and particles.molecule is not None:
         size, count = len(particles.molecule), particles.count
+        for k, each in enumerate(sites):
+            if each.last >= size:
+                with numbered(k, VIRTUAL_SITE):
+                    raise InputError(
+                        f"{VIRTUAL_SITE}: there is no particle {each.last} in a molecule of {size} particles, which "
+                        f"are 0 to {size - 1}"
+                    )
         if copies != count or one.size(least) > size:
             raise InputError(
                 f"topology.copies: the lattice has {count} molecules of {size} particles, and the topology has "

@@ -230,7 +230,8 @@ def _stages(
 def _listed(system: System) -> tuple[str, ...]:
     """Names of the forces on listed particles. Like particles are then not exchangeable."""
     scaled = system.topology is not None and len(system.topology.scaled.pairs) > 0
-    return (*system.acting("joins"), *(["topology"] if scaled else []))
+    sites = system.virtual_sites is not None
+    return (*system.acting("joins"), *(["topology"] if scaled else []), *(["virtual_site"] if sites else []))
 
 
 def _smoothness(given: force_tests.Subject, curves: dict[str, Floats]) -> ForceCheck:

@@ -13,6 +13,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import no_overflow
+from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.simulation import Simulation
@@ -114,12 +115,16 @@ def tested_states(evaluate: Evaluator, count: int, part: float, rng: np.random.G
 
 
 def nearest_distances(system: System) -> Floats:
-    """Distance from each particle to its nearest neighbour, (n,); 1 for a single particle."""
-    x, least = system.state.positions, np.ones(len(system))
-    for i in range(len(x) if len(x) > 1 else 0):
-        d = system.box.minimum_image(np.delete(x, i, axis=0) - x[i])
+    """Distance from each particle to its nearest neighbour, (n,); 1 for a single particle. A virtual site is no
+    neighbour, and has the distance of the first particle that it follows."""
+    x, least, sites = system.state.positions, np.ones(len(system)), system.virtual_sites
+    bodies = np.arange(len(x)) if sites is None else np.setdiff1d(np.arange(len(x)), sites.particles)
+    for i in bodies if len(bodies) > 1 else ():
+        d = system.box.minimum_image(x[bodies[bodies != i]] - x[i])
         nearest = float(np.sqrt((d**2).sum(axis=1).min()))
         least[i] = nearest or 1.0
+    if sites is not None:
+        least[sites.particles] = least[sites.of[:, 0]]
     return least
 
 
@@ -228,6 +233,8 @@ def symmetry_tests(given: Subject) -> Iterator[ForceCheck]:
         yield judged(SHIFT, _difference(evaluate(x + shift), at, np.eye(3)), given.bound(SAME))
     if system.box.periodic:
         whole = given.rng.integers(-2, 3, x.shape) * np.array(system.box.periodic_axes)
+        if system.virtual_sites is not None:  # the particles that a site follows lie in one image
+            whole = whole[molecules_of(system.virtual_sites.pairs, len(system))]
         yield judged(
             IMAGE,
             _difference(evaluate(x + whole @ system.box.matrix), at, np.eye(3)),

@@ -130,6 +130,11 @@ class VirtualSites:
     def __str__(self) -> str:
         return counted(len(self), "site", ",")
 
+    @property
+    def pairs(self) -> Ids:
+        """Pairs (2 s, 2) of the particles that each site follows, which lie in one image of the box."""
+        return np.concatenate([self.of[:, [0, 1]], self.of[:, [0, 2]]])
+
     def place(self, x: Floats) -> None:
         """Put the sites at their places at positions x (3, n), whose molecules lie in one image."""
         i, j, k = self.of.T
@@ -143,7 +148,7 @@ class VirtualSites:
     def settled(self, box: Box, held: Constraints | None, phase: Floats) -> Floats:
         """Phase (2, 3, n) with the molecules of sites and constraints in one image of the box, and the sites at rest at
         their places."""
-        pairs = np.concatenate([self.of[:, [0, 1]], self.of[:, [0, 2]], *([] if held is None else [held.pairs])])
+        pairs = np.concatenate([self.pairs, *([] if held is None else [held.pairs])])
         found = np.array([in_one_image(box, pairs, phase[0]), phase[1]])
         self.place(found[0])
         found[1][:, self.particles] = 0.0
