@@ -332,6 +332,7 @@ ABOVE.update(
         "problem lines": _loader("trajectory.overview", "overview_of_problem"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
+        "section figure": _loader("plots.results", "section_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),
