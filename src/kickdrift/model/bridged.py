@@ -75,6 +75,33 @@ class Bridged:
         return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
 
     @classmethod
+    def from_lammps(
+        cls, path: Any, units: str | None = None, commands: Iterable[str] = (), trusted: bool = False
+    ) -> Any:
+        """System of an input of LAMMPS, or of a data file with its coefficients, in the input's units.
+
+        LAMMPS reads the input up to its first run, in a process of its own. Its box, particles, lists, styles and
+        coefficients become the System, and the fixes nve, nvt, langevin, temp/csvr and shake the run's defaults and
+        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, also with
+        coul/long, eam, sw and tersoff; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
+        harmonic, cosine, charmm. Dihedrals: harmonic, charmm, fourier, opls, multi/harmonic. Impropers: harmonic, cvff.
+        A UserWarning names what was left out.
+
+        Parameters
+        ----------
+        path : file of the input or of the data
+        units : lj, metal or real, of a data file whose first line does not state them
+        commands : styles and coefficients that a data file lacks, such as ``["pair_style lj/cut 2.5"]``
+        trusted : whether the input may run commands of the shell, Python and loops
+
+        Raises
+        ------
+        InputError
+            For such commands in an input that is not trusted, for what kickdrift lacks, and whatever LAMMPS says.
+        """
+        return bridge("lammps", "System.from_lammps").system_of(path, units, tuple(commands), trusted)
+
+    @classmethod
     def from_openmm(
         cls, system: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None
     ) -> Any:
