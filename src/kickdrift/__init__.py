@@ -282,6 +282,18 @@ def _ase() -> ModuleType:
     return ase
 
 
+def _lammps() -> ModuleType:
+    from kickdrift.bridges.lammps import system
+
+    return system
+
+
+def _mdanalysis() -> ModuleType:
+    from kickdrift.bridges import mdanalysis
+
+    return mdanalysis
+
+
 def _openmm() -> ModuleType:
     from kickdrift.bridges.openmm import system
 
@@ -312,7 +324,7 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
-BRIDGES.update(ase=_ase, openmm=_openmm, rebound=_rebound)
+BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
