@@ -24,7 +24,7 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
-from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.law import WITH_TAIL, PairForce
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System
 
@@ -90,9 +90,10 @@ def _refuse(system: System) -> None:
     if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
         raise InputError("to_openmm: lennard-jones: the system has several, and OpenMM one")
     for force in system.forces:
-        if isinstance(force, PairForce) and (force.truncation != "cut" or force.pairs):
+        if isinstance(force, PairForce) and (force.truncation not in WITH_TAIL or force.pairs):
             raise InputError(
-                'to_openmm: lennard-jones: OpenMM has truncation "cut", and mixes by Lorentz and Berthelot alone'
+                'to_openmm: lennard-jones: OpenMM has truncation "cut" or "potential-switch", and mixes by Lorentz and '
+                "Berthelot alone"
             )
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
@@ -118,6 +119,9 @@ def _nonbonded(system: System) -> Any:
         made.addParticle(charge, *laws[kind])
     _set_method(made, system, pair, coulomb)
     made.setUseDispersionCorrection(bool(pair is not None and pair.tail))
+    if pair is not None and pair.switch_start is not None:
+        made.setUseSwitchingFunction(True)
+        made.setSwitchingDistance(pair.switch_start)
     terms: dict[tuple[int, int], tuple[float, float, float]] = {}
     if system.topology is not None:
         kinds = system.species_index
