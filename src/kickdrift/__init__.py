@@ -150,6 +150,7 @@ __all__ = [
     "CentralPotential",
     "ChaosReport",
     "CloseApproach",
+    "Cmap",
     "Collision",
     "Column",
     "Comparison",
