@@ -371,7 +371,7 @@ class Simulation(Present):
             equilibrate(self, asked, told, self._for_equilibration)
 
     def _for_equilibration(self, name: str, given: dict[str, Any]) -> Simulation:
-        """A Simulation of the same system by another method: by the program of the run, or natively if that lacks it."""
+        """A Simulation of the system by another method: by the program of this run, or natively if that lacks it."""
         lacks = self._engine.foreign and name not in self._engine.methods
         where: dict[str, Any] = {} if lacks else {"engine": self.engine, "processes": self.processes}
         return Simulation(self.system, name, threads=self.threads, events=(), **where, **given)
