@@ -70,8 +70,8 @@ def two_phases(cold, dt, temperature, hot, pressure, seed):
 # ## Constant pressure and enthalpy
 #
 # The barostat `mtk` needs the heat bath `nose-hoover`. A bath with a time constant of 100 ns does nothing in a run of
-# 100 ps. The two edges of the box keep thermostats of their own, which are two numbers beside thousands. So the enthalpy
-# is nearly constant. The temperature of the last two thirds is the melting point.
+# 100 ps. The edges of the box keep thermostats of their own, but these act on two numbers beside thousands. So the
+# enthalpy is nearly constant. The temperature of the last two thirds is the melting point.
 
 
 # %%
@@ -154,8 +154,8 @@ print(f"{time.process_time() - began:.0f} s of processor time")
 # Lines show the slopes by Clausius and Clapeyron. The points lie on them, though points and slopes come from different
 # runs. Simulations of Stillinger and Weber's silicon give (1691 ± 20) K at zero pressure
 # ([Broughton & Li 1987](https://doi.org/10.1103/PhysRevB.35.9120)). The copper of Zhou, Johnson and Wadley is known to
-# melt some 200 K below real copper, which melts at 1358 K. Errors are those of the wandering interfaces in short runs; what
-# the small box itself does to the points is not in them.
+# melt some 200 K below real copper, which melts at 1358 K. Errors are those of the wandering interfaces in short runs.
+# What the small box itself does to the points is not in them.
 
 # %%
 figure, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
