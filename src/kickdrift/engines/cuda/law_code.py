@@ -34,7 +34,7 @@ def positive(u: Any) -> Any:
     return max(u, u - u)
 
 
-HELPERS = {"positive": positive}  # device forms of what truncations call
+HELPERS: dict[str, Code] = {"positive": positive}  # device forms of what truncations and baths call
 
 
 def in_precision(function: Code, single: bool) -> Code:
