@@ -322,6 +322,25 @@ def test_a_law_that_the_device_cannot_compile_on_cuda(monkeypatch):
 
 
 @WITHOUT_DEVICE
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[2] Call to cuMemAlloc results in CUDA_ERROR_OUT_OF_MEMORY", "memory of the device is too small for 27 part"),
+        ("[222] CUDA_ERROR_UNSUPPORTED_PTX_VERSION", "the driver refuses .* too old: .222. .*; without --engine cuda"),
+    ],
+)
+def test_what_a_driver_refuses_on_cuda(text, said, monkeypatch):
+    from kickdrift.engines.cuda.forces import PairForces
+
+    def upload(forces, phase):
+        raise RuntimeError(text)
+
+    monkeypatch.setattr(PairForces, "upload", upload)
+    with pytest.raises(kd.InputError, match=f"^engine 'cuda': .*{said}"):
+        kd.Simulation(liquid(), engine="cuda", **MD).sample()
+
+
+@WITHOUT_DEVICE
 def test_cuda_says_how_many_particles_fit(monkeypatch):
     from kickdrift.engines.cuda import device
 

@@ -490,7 +490,7 @@ REFUSED = [
     ("cuda", leaning, {}, "box: it leans, .*; native, ase and lammps can"),
     ("cuda", silicon, {}, "force 'stillinger-weber': the device takes one .*; native and lammps can"),
     ("cuda", tube, {"precision": "mixed"}, f"precision: on the device, mixed needs .*{ALONE}"),
-    ("cuda", lambda: droplet(periodic=False), CSVR, "integrator .csvr.: on the device, it needs a box .* can"),
+    ("cuda", lambda: liquid(open_space=True), CSVR, "integrator .csvr.: on the device, it needs a box .* can"),
     ("cuda", liquid, {"integrator": "baoab", "temperature": 1.0, "friction": 1.0, "noise": "refine"}, "noise: .* can"),
 ]  # fmt: skip
 

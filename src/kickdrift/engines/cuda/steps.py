@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from kickdrift.engines.cuda.baths import Bath
-from kickdrift.engines.cuda.device import GO_ON, check_device
+from kickdrift.engines.cuda.device import GO_ON, check_device, failure
 from kickdrift.engines.cuda.forces import DeviceForces, GravityForces, PairForces
 from kickdrift.engines.cuda.launches import Launches
 from kickdrift.engines.cuda.motion import FAR, NOT_FINITE, TOO_LARGE, move_of
@@ -57,6 +57,14 @@ class CudaSession(Session):
         self._ending = 0.0 if last_drift or self._shaken[-1] else last_kick
 
     def reset(self, phase: Floats, time: float) -> None:
+        try:
+            self._begin(phase)
+        except Exception as error:
+            if told := failure(error, phase.shape[2]):
+                raise told from None
+            raise
+
+    def _begin(self, phase: Floats) -> None:
         self.launches.forget()
         self.particles = self.forces.upload(phase)
         self._life, self._age, self.lists, self.returns = float(FIRST_BLOCK), 0, 1, 0
@@ -77,7 +85,7 @@ class CudaSession(Session):
             self.forces.evaluate(self.particles)
         except Exception as error:
             law = getattr(self.job.system.forces[0], "law", None)
-            if law is None or not type(error).__module__.startswith("numba"):
+            if law is None or not type(error).__module__.startswith("numba") or failure(error, self.particles.n):
                 raise
             text = str(not_compiled(type(law), error)).replace(" for SIMD lanes", " for the device")
             raise InputError(f"engine 'cuda': {text}; {GO_ON}") from None
