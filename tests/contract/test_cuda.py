@@ -20,6 +20,7 @@ import pytest
 from numba import njit
 
 import kickdrift as kd
+from kickdrift.analysis.certify.force_tests import Evaluator
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from tests.folders import TOP
 from tests.oracle.forces import gravity_accelerations, pair_oracle
@@ -319,6 +320,18 @@ def test_a_law_that_the_device_cannot_compile_on_cuda(monkeypatch):
     said = "engine 'cuda': LennardJones: law does not compile for the device: .*; without --engine cuda the run is on"
     with pytest.raises(kd.InputError, match=said):
         sim.sample()
+
+
+@WITHOUT_DEVICE
+def test_force_checks_take_the_forces_of_cuda():
+    system = liquid()
+    ours, theirs = Evaluator(system), Evaluator(system, "cuda")
+    for way in (0.0, 0.05):
+        x = system.state.positions + way * np.sin(np.arange(81.0)).reshape(27, 3)
+        expected, found = ours(x), theirs(x)
+        assert np.abs(found.forces - expected.forces).max() < 1e-13 * np.abs(expected.forces).max()
+        assert found.energy == pytest.approx(expected.energy, rel=1e-12)
+        assert found.virial == pytest.approx(expected.virial, rel=1e-12)
 
 
 @WITHOUT_DEVICE

@@ -53,7 +53,7 @@ def draw(places, room, stage, step, seed):
         room[0, k], room[1, k], room[2, k] = x, y, third
 
 
-HELPERS["draw"] = draw
+HELPERS[csvr.draw] = draw
 
 
 @cuda.jit
