@@ -177,6 +177,8 @@ def _through(sim: Any, made: Any, asked: Equilibration, progress: Progress | Non
         state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
     _move(sim, state)
     said = sim.integration.record.warnings
+    if made.engine != sim.engine:
+        said.append(f"equilibrate: {sim.engine} has no {made.integrator}, so kickdrift itself has equilibrated")
     said += [f"equilibrate: {line}" for line in getattr(made.integration.stepper, "warnings", ())]
 
 
