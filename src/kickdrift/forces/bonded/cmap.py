@@ -15,7 +15,6 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.arguments import check_massive, is_one, items, number
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.model.checks.arguments import checked_arguments
-from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -103,20 +102,6 @@ class Cmap(Grouped):
         from kickdrift.forces.bonded.cmap_kernel import bind
 
         return bind(self, system)
-
-
-def patches(energies: Sequence[Sequence[float]]) -> Floats:
-    """Coefficients (n * n, 16) of the periodic bicubic spline through a map (n, n), one row for each patch.
-
-    Within a patch, U is the sum of c[4 a + b] t^a w^b, where t and w run from 0 to 1 along phi and psi."""
-    from scipy.interpolate import CubicSpline
-
-    closed = np.pad(np.array(energies, dtype=float), (0, 1), mode="wrap")
-    at = np.arange(len(closed), dtype=float)
-    along_phi = CubicSpline(at, closed, axis=0, bc_type="periodic").c[::-1]  # (a, n, n + 1)
-    both = CubicSpline(at, along_phi, axis=2, bc_type="periodic").c[::-1]  # (b, n of psi, a, n of phi)
-    n = len(at) - 1
-    return np.ascontiguousarray(both.transpose(3, 1, 2, 0)).reshape(n * n, 16)
 
 
 def _chain(name: str, k: int, values: Any) -> tuple[int, ...]:
