@@ -25,7 +25,7 @@ def has_stages(file: Path) -> bool:
 def refuse_beside_stages(name: str, given: Mapping[str, Any]) -> None:
     """Refuse options of ``run`` that each stage says for itself."""
     for key, value in given.items():
-        if value:
+        if value is not None and value is not False and value != {}:
             flag = key if key.startswith("-") else f"--{key.replace('_', '-')}"
             raise InputError(f"{flag}: {name} has stages, which say this in [[stage]] or [run]")
 
