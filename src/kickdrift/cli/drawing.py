@@ -207,7 +207,7 @@ def view(
 
 
 def page(
-    name: Annotated[str, argument("PAGE", "A page's name: which-integrator or stability.")],
+    name: Annotated[str, argument("PAGE", "A page's name: which-integrator, stability or chaos.")],
     output: Annotated[Path | None, option("FILE.html", "Default: PAGE.html here.", "--output", "-o")] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

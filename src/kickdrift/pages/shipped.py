@@ -1,6 +1,7 @@
 """The pages that ship: what each one runs, and what it says."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -70,10 +71,45 @@ def _stability(module: Module) -> dict[str, Any]:
     problem = Problem(_linear, [1.0, 0.0, 0.0, 0.0], name="z' = lambda z")
     methods = {each.name: each for each in INTEGRATORS.values() if isinstance(each, Tableau)}
     return {
-        name: module.runs(*_stepper(problem, replace(each, errors=(), error_order=0, dense=(), extra=()), 1.0))
-        | {"order": each.order}
+        name: module.runs(*_stepper(problem, _with_fixed_steps(each), 1.0)) | {"order": each.order}
         for name, each in methods.items()
     }
+
+
+def _double_pendulum(t: float, y: Any) -> Any:
+    a, b, u, w = y[0], y[1], y[2], y[3]
+    s, c = math.sin(a - b), math.cos(a - b)
+    share = 1.0 / (4.0 - 2.0 * c * c)
+    lower = 2.0 * s * (2.0 * u * u + 2.0 * math.cos(a) + w * w * c)
+    upper = -3.0 * math.sin(a) - math.sin(a - 2.0 * b) - 2.0 * s * (w * w + u * u * c)
+    return u, w, share * upper, share * lower
+
+
+def _energy_of_double_pendulum(t: float, y: Any) -> float:
+    swing = y[2] * y[2] + 0.5 * y[3] * y[3] + y[2] * y[3] * math.cos(y[0] - y[1])
+    return swing - 2.0 * math.cos(y[0]) - math.cos(y[1])
+
+
+def double_pendulum(y0: Sequence[float] = (2.0, 2.5, 0.0, 0.0)) -> Problem:
+    """Two pendulums, one on the other, of masses and lengths 1 where g = 1; y is two angles and their velocities.
+
+    Source: Shinbrot, Grebogi, Wisdom & Yorke 1992, doi:10.1119/1.16860."""
+    return Problem(_double_pendulum, y0, energy=_energy_of_double_pendulum, name="double-pendulum")
+
+
+def _chaos(module: Module) -> dict[str, Any]:
+    """Two methods on three Problems whose motion can be chaotic; names are "problem method"."""
+    problems = (double_pendulum(), ODES["henon-heiles"](), ODES["lorenz"]())
+    return {
+        f"{problem.name} {name}": module.runs(*_stepper(problem, _with_fixed_steps(INTEGRATORS[name])))
+        for problem in problems
+        for name in ("rk4", "dop853")
+    }
+
+
+def _with_fixed_steps(method: Any) -> Tableau:
+    """A Runge-Kutta method without its error estimate."""
+    return replace(method, errors=(), error_order=0, dense=(), extra=())
 
 
 def _stepper(problem: Problem, method: Any, dt: float = STEP) -> tuple[Problem, Any]:
@@ -107,5 +143,18 @@ import kickdrift as kd
 problem = kd.odes.harmonic_oscillator(omega={omega})
 sim = kd.Simulation(problem, integrator="{method}", dt={dt})
 print(sim.run(1000).energy)""",
+    ),
+    "chaos": Page(
+        "How fast do neighbours part?",
+        "Two copies of a double pendulum, a star in a galaxy or the Lorenz equations that begin almost alike.",
+        "chaos.js",
+        _chaos,
+        """\
+import kickdrift as kd
+from {place} import {problem}
+
+sim = kd.Simulation({problem}(y0={start}), integrator={method})
+sim.run(until={time})
+print(sim.state.y)""",
     ),
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.odes import ODES
@@ -18,7 +19,7 @@ from kickdrift.pages.image import Image
 from kickdrift.pages.linking import BASE, MISSING
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
 from kickdrift.pages.page import built, write_page
-from kickdrift.pages.shipped import PAGES
+from kickdrift.pages.shipped import PAGES, STEP, double_pendulum
 from tests.processes import python
 
 STEPS = 1000
@@ -38,7 +39,7 @@ print(json.dumps(found))
 
 
 def test_an_unknown_page_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"page 'liquid' is unknown; pages: which-integrator, stability"):
+    with pytest.raises(InputError, match=r"page 'liquid' is unknown; pages: which-integrator, stability, chaos"):
         write_page("liquid", tmp_path / "page.html")
 
 
@@ -79,6 +80,14 @@ def test_ready_pages_are_small_and_load_nothing(name):
     assert "http" not in text.replace('http-equiv="', "")
 
 
+def test_the_energy_of_the_double_pendulum_is_kept():
+    problem = double_pendulum()
+    sim = kd.Simulation(problem, integrator="rk4", dt=0.001)
+    before = problem.energy(0.0, problem.y0)
+    sim.run(2000)
+    assert abs(problem.energy(sim.time, sim.state.y) - before) < 1e-9
+
+
 def in_node(name, tmp_path):
     """Module of a page, and its states in node after STEPS steps."""
     node = shutil.which("node")
@@ -116,3 +125,12 @@ def test_states_in_node_are_those_of_this_machine(tmp_path):
         energy = ODES[problem]().energy(0.0, np.array(found[name]["y"]))
         assert math.isclose(found[name]["energy"], energy, rel_tol=1e-12)
         assert found[name]["evaluations"] >= STEPS * INTEGRATORS[method].evaluations
+
+
+@pytest.mark.long
+def test_chaotic_states_in_node_are_those_of_this_machine(tmp_path):
+    found = in_node("chaos", tmp_path)["henon-heiles rk4"]  # without sines, so that the bits are the same
+    code = f"import kickdrift as kd\nsim = kd.Simulation(kd.odes.henon_heiles(), integrator='rk4', dt={STEP})\n"
+    native = python(code + f"sim.run({STEPS})\nprint(sim.state.y.tolist())", **PLAIN_PROCESSOR)
+    assert native.returncode == 0, native.stderr
+    assert found["y"] == json.loads(native.stdout)

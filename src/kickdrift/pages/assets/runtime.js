@@ -127,11 +127,10 @@ export class Run {
     return Number(this.cursor[EVALUATIONS]);
   }
 
-  /** Total energy. */
+  /** Total energy; NaN where it is not finite, or there is none. */
   get energy() {
-    this.looks.set("t", this.time);
-    const status = this.looks.run();
-    if (status !== 0) return NaN;
+    this.looks?.set("t", this.time);
+    if (this.looks?.run() !== 0) return NaN;
     return this.masses ? this.sums[0] + this.kinetic : this.sums[0];
   }
 
