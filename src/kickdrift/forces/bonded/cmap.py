@@ -15,7 +15,6 @@ from kickdrift.errors import InputError
 from kickdrift.forces.seam.arguments import check_massive, is_one, items, number
 from kickdrift.forces.seam.group import Grouped
 from kickdrift.model.checks.arguments import checked_arguments
-from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -88,10 +87,12 @@ class Cmap(Grouped):
         return np.array([(*row[:4], *row[-4:]) for row in self.chains], np.int64)
 
     def check(self, system: Subject) -> None:
-        """Refuse particles that do not exist or have no mass."""
+        """Refuse particles that do not exist or have no mass, and two dimensions, which the force would leave."""
         n, ids = len(system), self.particles
         for k in np.flatnonzero((ids >= n).any(axis=1)):
             raise InputError(f"{self.name}: chains[{k}]: there is no particle {ids[k].max()}; ids are 0 to {n - 1}")
+        if system.dimensions == 2:
+            raise InputError(f"{self.name}: needs three dimensions; its dihedrals push particles out of a plane")
         check_massive(self.name, system, np.unique(ids))
 
     def fixes_box(self, system: Subject) -> str:
@@ -103,20 +104,6 @@ class Cmap(Grouped):
         from kickdrift.forces.bonded.cmap_kernel import bind
 
         return bind(self, system)
-
-
-def patches(energies: Sequence[Sequence[float]]) -> Floats:
-    """Coefficients (n * n, 16) of the periodic bicubic spline through a map (n, n), one row for each patch.
-
-    Within a patch, U is the sum of c[4 a + b] t^a w^b, where t and w run from 0 to 1 along phi and psi."""
-    from scipy.interpolate import CubicSpline
-
-    closed = np.pad(np.array(energies, dtype=float), (0, 1), mode="wrap")
-    at = np.arange(len(closed), dtype=float)
-    along_phi = CubicSpline(at, closed, axis=0, bc_type="periodic").c[::-1]  # (a, n, n + 1)
-    both = CubicSpline(at, along_phi, axis=2, bc_type="periodic").c[::-1]  # (b, n of psi, a, n of phi)
-    n = len(at) - 1
-    return np.ascontiguousarray(both.transpose(3, 1, 2, 0)).reshape(n * n, 16)
 
 
 def _chain(name: str, k: int, values: Any) -> tuple[int, ...]:
