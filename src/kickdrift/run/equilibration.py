@@ -255,7 +255,7 @@ def _heat_to(run: Integration, temperature: float) -> None:
             f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s"
         )
     stepper: Any = run.stepper
-    stepper.heat_to(temperature)
+    stepper.go_to({TEMPERATURE.name: temperature})
 
 
 def _move(sim: Any, state: State) -> None:

@@ -208,6 +208,8 @@ class Simulation(Present):
         if self.running:
             raise InputError("restore: the Simulation is already running")
         restore(self.integration, checkpoint)
+        if self.integration.ramp:
+            self.options = self.integration.options
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
     @alone
@@ -298,6 +300,9 @@ class Simulation(Present):
         check_columns_fit(written.columns, plan)
         run, self.plan = self.integration, None
         begin(self, plan.backward, goal, exact)
+        if run.ramp:
+            run.ramp_over(plan.whole_steps_end)
+            self.options = run.options
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
