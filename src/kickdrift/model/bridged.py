@@ -171,8 +171,8 @@ class Bridged:
         Raises
         ------
         InputError
-            For units other than gromacs, forces without a counterpart, truncations other than "cut", cutoffs that
-            differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
+            For units other than gromacs, forces without a counterpart, truncations other than "cut" and
+            "potential-switch", cutoffs that differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
         """
         return bridge("openmm", "System.to_openmm").parts_of(self)
 
