@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certify.certificate import EnsembleChecks, ForceChecks
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.certify.force_testing import force_checks
+    from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
+    "EngineComparison": "kickdrift.analysis.compare.engine_forces",
+    "EngineForces": "kickdrift.analysis.compare.engine_forces",
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
     "ForceChecks": "kickdrift.analysis.certify.certificate",
     "OrbitReport": "kickdrift.analysis.orbits.secular_report",
@@ -39,6 +42,7 @@ _HOMES = {
     "Section": "kickdrift.analysis.orbits.section",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
+    "compare_engines": "kickdrift.analysis.compare.engine_forces",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
     "engine_checks": "kickdrift.analysis.certify.certifying",
     "ensemble_checks": "kickdrift.analysis.certify.certifying",
@@ -59,6 +63,8 @@ _HOMES = {
 __all__ = [
     "Diffusion",
     "ElasticConstants",
+    "EngineComparison",
+    "EngineForces",
     "EnsembleChecks",
     "ForceChecks",
     "OrbitReport",
@@ -69,6 +75,7 @@ __all__ = [
     "Section",
     "Spectrum",
     "block_average",
+    "compare_engines",
     "elastic_constants",
     "engine_checks",
     "ensemble_checks",

@@ -201,6 +201,9 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift compare ode-kepler --accuracy 1e-6", "Recommend a method and a step for this accuracy."),
         ("kickdrift compare two-body --integrator leapfrog --integrator rk4", "Two methods."),
     ),
+    "compare-engines": (
+        ("kickdrift compare-engines kremer-grest-1000", "The forces of one system here, in LAMMPS and in OpenMM."),
+    ),
     "chaos": (("kickdrift chaos figure-eight", "MEGNO and the Lyapunov exponent of the figure-eight orbit."),),
     "transits": (
         ("kickdrift transits trappist-1 b --until '20 day' --direction 0,-1,0", "Transit times of a planet."),

@@ -1,4 +1,4 @@
-"""The commands ``compare``, ``chaos``, ``transits``, ``certify`` and ``analyze``."""
+"""The commands ``compare``, ``compare-engines``, ``chaos``, ``transits``, ``certify`` and ``analyze``."""
 
 from __future__ import annotations
 
@@ -61,6 +61,26 @@ def compare(
             plot_comparison(found, plot, overwrite=overwrite)
     if found.recommendation and found.recommendation.choice is None:
         raise typer.Exit(1)
+
+
+def compare_engines(
+    system: opt.Subject,
+    engine: Annotated[list[str] | None, option("NAME", "Engine; repeat for several (default: all).")] = None,
+    frame: opt.Frame = None,
+    seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Energies by term, forces and pressures of one system in every engine that takes it, and where they differ
+    most."""
+    refuse_outputs({"json": json_file}, overwrite, [system])
+    from kickdrift.analysis.compare.engine_forces import compare_engines as compared
+
+    subject = subject_of(system, seed, frame=frame)
+    with busy("computing forces in each engine", quiet):
+        found = compared(subject, engine)
+    show_found(found, json_file, overwrite)
 
 
 @with_options("dt", "rtol", "atol")
