@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from kickdrift.model.molecules.virtual_sites import VirtualSite
     from kickdrift.model.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
+    from kickdrift.model.stages import Stage
     from kickdrift.model.state import State
     from kickdrift.model.system import System
     from kickdrift.plots.figures import stability
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve.solve import Solution, solve
+    from kickdrift.run.stages import StageReports, run_stages
     from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
@@ -105,6 +107,8 @@ _HOMES = {
     "Simulation": "run.simulation",
     "Solution": "run.solve.solve",
     "Sphere": "model.events.collision",
+    "Stage": "model.stages",
+    "StageReports": "run.stages",
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.molecules.topology",
@@ -136,6 +140,7 @@ _HOMES = {
     "register_step": "integrators.own.registration",
     "register_tableau": "integrators.own.registration",
     "resume": "run.resuming",
+    "run_stages": "run.stages",
     "solve": "run.solve.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
@@ -214,6 +219,8 @@ __all__ = [
     "Solution",
     "Sphere",
     "Springs",
+    "Stage",
+    "StageReports",
     "State",
     "StillingerWeber",
     "System",
@@ -254,6 +261,7 @@ __all__ = [
     "register_step",
     "register_tableau",
     "resume",
+    "run_stages",
     "solve",
     "stability",
     "template",
@@ -281,6 +289,18 @@ def _ase() -> ModuleType:
     from kickdrift.bridges import ase
 
     return ase
+
+
+def _lammps() -> ModuleType:
+    from kickdrift.bridges.lammps import system
+
+    return system
+
+
+def _mdanalysis() -> ModuleType:
+    from kickdrift.bridges import mdanalysis
+
+    return mdanalysis
 
 
 def _openmm() -> ModuleType:
@@ -313,7 +333,7 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
-BRIDGES.update(ase=_ase, openmm=_openmm, rebound=_rebound)
+BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
@@ -333,6 +353,7 @@ ABOVE.update(
         "problem lines": _loader("trajectory.overview", "overview_of_problem"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
+        "section figure": _loader("plots.results", "section_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),

@@ -17,7 +17,7 @@ import typer
 
 from kickdrift.cli.benchmarks import bench_compile, bench_lammps, bench_lj_energy, bench_speed, validate
 from kickdrift.cli.console import open_streams, out, say, stopped_at
-from kickdrift.cli.drawing import movie, plot, view
+from kickdrift.cli.drawing import movie, page, plot, view
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import cite, doctor, export, info, list_, new, schema, show
 from kickdrift.cli.help import Command, Group
@@ -25,6 +25,7 @@ from kickdrift.cli.measuring import analyze, certify, chaos, compare, transits
 from kickdrift.cli.options import option
 from kickdrift.cli.running import relax, resume, run
 from kickdrift.cli.watching import INTERRUPTED, Interrupted
+from kickdrift.disk.foreign import is_lammps_input
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
@@ -82,8 +83,8 @@ def telling(command: Callable[..., None]) -> Callable[..., None]:
 
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,
-    show, schema, cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, page, movie, export,
+    info, show, schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(
@@ -124,7 +125,7 @@ def options(
         option(
             "FILE.py",
             "First load a Python file that registers methods or forces, or a module of calculators "
-            "(ase.calculators.emt) that files may name.",
+            "(ase.calculators.emt) that files may name. An input of LAMMPS named here may run commands.",
             "--load",
             envvar="KICKDRIFT_LOAD",
         ),
@@ -137,7 +138,12 @@ def options(
     from kickdrift.integrators.own.registration import load_code
 
     for path in load or []:
-        load_code(path)
+        if is_lammps_input(path):
+            from kickdrift.bridges.lammps.script import TRUSTED
+
+            TRUSTED.add(path.resolve())
+        else:
+            load_code(path)
 
 
 def main() -> None:

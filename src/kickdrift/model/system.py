@@ -38,8 +38,10 @@ from kickdrift.model.molecules.constraints import Constraints, Projected, constr
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.molecules.virtual_sites import VirtualSite, VirtualSites, virtual_sites_of
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.stages import Stage, checked_stages
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
+from kickdrift.model.turned import turned
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
@@ -60,7 +62,7 @@ _KEPT = (
 )  # passed on by `remade`
 
 
-def _later_seed(seed: int | None, time: float) -> int | None:
+def later_seed(seed: int | None, time: float) -> int | None:
     """Seed for a run that begins at this time: ``seed`` itself at time 0, and another one at every other time."""
     if time == 0:
         return seed
@@ -92,6 +94,7 @@ class System(Bridged, ShownSystem):
     charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
     constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
     virtual_sites : list of `VirtualSite`, sites without mass that follow other particles; default none
+    stages : list of `Stage`, the runs of a protocol for `run_stages`; default none
     """
 
     state: State
@@ -113,6 +116,7 @@ class System(Bridged, ShownSystem):
     charges: Floats | None = None
     constraints: Constraints | None = None
     virtual_sites: VirtualSites | None = None
+    stages: tuple[Stage, ...] = ()
 
     def __init__(
         self,
@@ -137,6 +141,7 @@ class System(Bridged, ShownSystem):
         charges: ArrayLike | None = None,
         constraints: Iterable[Constraint] | Constraints | None = None,
         virtual_sites: Iterable[VirtualSite] | VirtualSites | None = None,
+        stages: Iterable[Stage] = (),
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -165,6 +170,7 @@ class System(Bridged, ShownSystem):
         put(self, "name", name)
         put(self, "run", (run or RunDefaults()).in_units(self.units))
         put(self, "equilibration", equilibration)
+        put(self, "stages", checked_stages(stages))
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
         put(self, "seed", None if seed is None else whole_number("seed", seed, 0))
@@ -248,11 +254,18 @@ class System(Bridged, ShownSystem):
 
     def anew(self, state: State) -> System:
         """Return the system with its bodies in this state, for a new run that begins there: with no steps done, and
-        without ``equilibration``, ``invariants`` and the text of a file, which are of the start. The seed depends on
-        the time, so that runs in a chain have different noise."""
+        without ``equilibration``, ``stages``, ``invariants`` and the text of a file, which are of the start. The seed
+        depends on the time, so that runs in a chain have different noise."""
         made = self.at(state.phase, state.time, ids=state.ids, box=state.box)
-        seed = _later_seed(self.seed, state.time)
-        for key, value in (("equilibration", None), ("invariants", {}), ("source", ""), ("seed", seed)):
+        seed = later_seed(self.seed, state.time)
+        gone: tuple[tuple[str, Any], ...] = (
+            ("equilibration", None),
+            ("stages", ()),
+            ("invariants", {}),
+            ("source", ""),
+            ("seed", seed),
+        )
+        for key, value in gone:
             object.__setattr__(made, key, value)
         return made
 
@@ -280,6 +293,12 @@ class System(Bridged, ShownSystem):
         check_kinds(equilibration=(equilibration, Equilibration))
         made = copy(self)
         object.__setattr__(made, "equilibration", equilibration)
+        return made
+
+    def with_stages(self, *stages: Stage) -> System:
+        """Return the system with these stages of a protocol, or with none."""
+        made = copy(self)
+        object.__setattr__(made, "stages", checked_stages(stages))
         return made
 
     # --- new systems from old ones ---
@@ -369,10 +388,28 @@ class System(Bridged, ShownSystem):
         own: dict[str, Any] = {
             "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
             "species": [self.species[k] for k in self.species_index], "equilibration": self.equilibration,
+            "stages": self.stages,
         } | {key: getattr(self, key) for key in _KEPT}  # fmt: skip
         ids = changes.pop("ids", state.ids)
         made = System(**own | changes)
         return made.at(made.state.phase, state.time, state.steps_done, ids)
+
+    def rotated(self, turn: Any) -> System:
+        """Return the system in other axes: positions, velocities, and the poles and spins of its forces are turned.
+
+        Parameters
+        ----------
+        turn : a rotation matrix (3, 3), whose rows are the new axes; a rotation of SciPy, such as
+            ``Rotation.from_euler("z", 30, degrees=True)``; or "invariable": the plane perpendicular to the total
+            angular momentum becomes the x-y plane, with the new x as near to the old as possible
+
+        Raises
+        ------
+        InputError
+            For a periodic box, for a force from outside (a field, a trap, a wall), and for what is no rotation.
+        """
+        made: System = turned(self, turn)
+        return made
 
     def to_toml(self) -> str:
         """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
