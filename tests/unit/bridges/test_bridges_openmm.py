@@ -152,13 +152,13 @@ def test_maps_of_two_dihedrals_are_those_of_openmm(alanine):
 
 
 def test_charmm36_in_openmms_custom_forces_is_that_of_openmm(alanine):
-    """Lennard-Jones by pairs of types, 1-4 pairs as bonds, impropers by a formula, and CMAP."""
+    """Lennard-Jones by pairs of types, 1-4 pairs as bonds, and CMAP."""
     topology, x = alanine
     theirs = built(topology, "charmm36_2024.xml")
     ours = kd.System.from_openmm(theirs, topology, x)
     energies = energies_of(context_of(theirs, x), theirs)
     names = {force.name for force in ours.forces}
-    assert {"lennard-jones", "listed-pairs", "harmonic-improper", "cmap"} <= names
+    assert {"lennard-jones", "listed-pairs", "cmap"} <= names
     found = BoundForces(ours).measure(0.0, ours.state.phase).potential
     assert found == pytest.approx(sum(energies.values()), rel=1e-8)
     expected = context_of(theirs, x).getState(forces=True).getForces(asNumpy=True)._value
