@@ -128,8 +128,9 @@ PAGES = {
         _compared,
         """\
 import kickdrift as kd
+from kickdrift.odes import {problem}
 
-sim = kd.Simulation(kd.odes.{problem}({start}), integrator="{method}", dt={dt})
+sim = kd.Simulation({problem}({start}), integrator="{method}", dt={dt})
 print(sim.run({steps}, every={every}).energy)""",
     ),
     "stability": Page(
@@ -139,10 +140,10 @@ print(sim.run({steps}, every={every}).energy)""",
         _stability,
         """\
 import kickdrift as kd
+from kickdrift.odes import harmonic_oscillator
 
-problem = kd.odes.harmonic_oscillator(omega={omega})
-sim = kd.Simulation(problem, integrator="{method}", dt={dt})
-print(sim.run(1000).energy)""",
+sim = kd.Simulation(harmonic_oscillator(omega={omega}), integrator="{method}"{step})
+print(sim.run({end}).energy)""",
     ),
     "chaos": Page(
         "How fast do neighbours part?",

@@ -80,6 +80,25 @@ def test_ready_pages_are_small_and_load_nothing(name):
     assert "http" not in text.replace('http-equiv="', "")
 
 
+SHOWN = {  # values for the lines in Python
+    "which-integrator": {"problem": "kepler", "start": "0.5", "method": "rk4", "dt": 0.1, "steps": 20, "every": 10},
+    "stability": {"omega": 1.0, "method": "rk4", "step": ", dt=0.1", "end": 20},
+    "chaos": {
+        "place": "kickdrift.odes",
+        "problem": "lorenz",
+        "start": "[1, 1, 1]",
+        "method": "'rk4', dt=0.1",
+        "time": 1,
+    },
+}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_same_in_python_runs(name, capsys):
+    exec(PAGES[name].python.format(**SHOWN[name]), {})
+    assert capsys.readouterr().out
+
+
 def test_the_energy_of_the_double_pendulum_is_kept():
     problem = double_pendulum()
     sim = kd.Simulation(problem, integrator="rk4", dt=0.001)
@@ -130,7 +149,13 @@ def test_states_in_node_are_those_of_this_machine(tmp_path):
 @pytest.mark.long
 def test_chaotic_states_in_node_are_those_of_this_machine(tmp_path):
     found = in_node("chaos", tmp_path)["henon-heiles rk4"]  # without sines, so that the bits are the same
-    code = f"import kickdrift as kd\nsim = kd.Simulation(kd.odes.henon_heiles(), integrator='rk4', dt={STEP})\n"
-    native = python(code + f"sim.run({STEPS})\nprint(sim.state.y.tolist())", **PLAIN_PROCESSOR)
+    code = f"""
+import kickdrift as kd
+from kickdrift.odes import henon_heiles
+sim = kd.Simulation(henon_heiles(), integrator="rk4", dt={STEP})
+sim.run({STEPS})
+print(sim.state.y.tolist())
+"""
+    native = python(code, **PLAIN_PROCESSOR)
     assert native.returncode == 0, native.stderr
     assert found["y"] == json.loads(native.stdout)

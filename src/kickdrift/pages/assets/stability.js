@@ -43,7 +43,8 @@ function page(root, runs, python) {
     figure.line([[x0, 0], [x1, 0]], "--edge");
     figure.line([[0, y0], [0, y1]], "--edge");
     for (const [a, b] of values) figure.dot(a * dt, b * dt, stable ? "--b" : "--alarm");
-    python({ method: method.value, omega: short(w), dt });
+    const fixed = ["euler", "midpoint", "rk4"].includes(method.value); // in Python the others choose their steps
+    python({ method: method.value, omega: short(w), step: fixed ? `, dt=${dt}` : "", end: fixed ? 1000 : "until=1000.0" });
   }
   return redraw;
 }
