@@ -18,7 +18,8 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation import force_gradients
 from kickdrift_validation.example_forces import charges, crystal, example, topology

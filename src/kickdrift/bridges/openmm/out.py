@@ -94,6 +94,8 @@ def _refuse(system: System) -> None:
             raise InputError(
                 'to_openmm: lennard-jones: OpenMM has truncation "cut", and mixes by Lorentz and Berthelot alone'
             )
+        if isinstance(force, PairForce) and len(force.ends(system.species)) > 1:
+            raise InputError("to_openmm: lennard-jones: OpenMM has one cutoff for all pairs of species")
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
         if isinstance(force, Coulomb) and force.method == "reaction-field" and system.topology is not None:
