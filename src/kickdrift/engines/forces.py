@@ -134,7 +134,7 @@ def only_lennard_jones(
 
 def truncation_of(force: Any, system: System) -> str:
     """Truncation of all pairs of species, after ``only_lennard_jones``; "" for other forces."""
-    return next(iter(force.ends(system.species))).truncation if type(force) is LennardJones else ""
+    return str(next(iter(force.ends(system.species))).truncation) if hasattr(force, "ends") else ""
 
 
 def small_units(system: System) -> str | None:

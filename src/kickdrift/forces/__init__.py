@@ -37,11 +37,31 @@ from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
+from kickdrift.forces.pairs.shipped import (
+    BornMayerHuggins,
+    Buckingham,
+    GaussianCore,
+    Mie,
+    Morse,
+    Soft,
+    WeeksChandlerAndersen,
+    Yukawa,
+    Zbl,
+)
 from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
+    Mie,
+    WeeksChandlerAndersen,
+    Buckingham,
+    BornMayerHuggins,
+    Morse,
+    Yukawa,
+    GaussianCore,
+    Soft,
+    Zbl,
     Coulomb,
     Gravity,
     GravityTree,

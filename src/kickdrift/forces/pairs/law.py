@@ -156,14 +156,14 @@ class PairForce(ListedForce, Grouped):
         return self.law._replace(**{key: value for key, value in values.items() if key not in End._fields})
 
     def _largest_cutoff(self) -> float:
-        """The largest cutoff of its own that a species or pair has, or 2.5 times the largest sigma of the others."""
+        """The largest of the cutoffs that species and pairs have, and of the reaches of the others' laws: 2.5 sigma,
+        unless the law says another."""
         found = []
         for where, given in self._tables_given():
-            sigma = getattr(self._filled(where, given), "sigma", None)
-            if "cutoff" in given:
-                found.append(given["cutoff"])
-            elif sigma:
-                found.append(DEFAULT_CUTOFF * sigma)
+            law = self._filled(where, given)
+            reach = getattr(law, "reach", DEFAULT_CUTOFF * getattr(law, "sigma", 0.0))
+            if "cutoff" in given or reach:
+                found.append(given.get("cutoff", reach))
             else:
                 raise InputError(f"{self.name}: cutoff is needed")
         return max(found, key=number)
@@ -196,12 +196,14 @@ class PairForce(ListedForce, Grouped):
             if name not in self.species:
                 raise InputError(f"{self.name}: species {name!r} has no parameters (and no pair {a}-{b} is given)")
         first, second = (self._filled(f" of species {name}", self.species[name])._asdict() for name in (a, b))
-        if a != b and not set(first) <= {"epsilon", "sigma"}:
+        shared = {key for key in getattr(self.Parameters, "shared", ()) if first[key] == second[key]}
+        if a != b and not set(first) - shared <= {"epsilon", "sigma"}:
             raise InputError(f"{self.name}: pair {a}-{b} is needed: only epsilon and sigma can be mixed")
         if a != b and first.get("epsilon", 0.0) * second.get("epsilon", 0.0) < 0:
             raise InputError(f"{self.name}: pair {a}-{b} is needed: epsilons of different signs have no geometric mean")
         means = {"sigma": lambda p, q: 0.5 * (p + q), "epsilon": lambda p, q: math.sqrt(p * q)}
-        return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
+        same = shared if a != b else set(first)
+        return self.Parameters(**{k: first[k] if k in same else means[k](first[k], second[k]) for k in first})
 
     def jumps_at_cutoff(self, species: Sequence[str]) -> bool:
         """Tell whether the force between some species jumps at the cutoff: beyond a thousandth of its size at 0.9
