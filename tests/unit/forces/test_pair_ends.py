@@ -89,11 +89,11 @@ def test_cutoffs_mix_as_sigma_does():
         ({"species": {"A": {"cutoff": -1.0}}}, "cutoff of species A must be a positive length, got -1.0"),
         ({"species": {"A": {"truncation": "smooth"}}}, "truncation of species A 'smooth' is not one of cut, shift"),
         ({"pairs": {("A", "A"): {"switch_start": 1.0}}},
-         'switch_start of pair A-A goes with truncation "switch", not "shift"'),
+         'switch_start of pair A-A goes with truncation "switch" or "potential-switch", not "shift"'),
         ({"truncation": "switch", "pairs": {("A", "A"): {"switch_start": 3.0}}},
          "switch_start of pair A-A must lie between 0 and the cutoff 2.5, got 3"),
         ({"truncation": "cut", "tail": True, "species": {"A": {"truncation": "shift"}}},
-         'tail = true completes truncation "cut", not "shift" of species A'),
+         'tail = true completes truncation "cut" or "potential-switch", not "shift" of species A'),
         ({"species": {"A": {"cutof": 2.0}}}, "species A: unknown parameter 'cutof'; expected epsilon, sigma, cutoff"),
     ],
 )  # fmt: skip

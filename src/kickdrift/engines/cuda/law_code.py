@@ -82,7 +82,7 @@ def truncated_law(force: Any, names: Sequence[str], single: bool) -> tuple[Code,
     given, at_end = force.pair_law(names[0], names[0]), at_cutoff_of(force, names, names[0], names[0])
     by = truncation_of(force, names)
     if isinstance(by, OfPairs):
-        kinds: tuple[Any, ...] = type(given), type(at_end), type(by.first), type(by.then)
+        kinds: tuple[Any, ...] = type(given), type(at_end), *map(type, by)
         return _terms_of_ends(kinds, single), table.ravel()
     classes: tuple[Any, ...] = type(given), type(by), type(at_end)
     if len(names) > 1:
@@ -121,16 +121,17 @@ def _terms_of_pairs(classes: tuple[Any, ...], by: Any, single: bool) -> Code:
 @lru_cache(maxsize=16)
 def _terms_of_ends(classes: tuple[Any, ...], single: bool) -> Code:
     """The device function for the truncations of an ``OfPairs``, likewise; see `truncations.truncated`."""
-    of_law, at, first, then = classes
+    of_law, at, *steps = classes
     law, within = in_precision(of_law.law, single), on_device(nearer)
-    one, other = in_precision(first.apply, single), in_precision(then.apply, single)
+    first, then, last = (in_precision(each.apply, single) for each in steps)
     parameters, at_end = _numbers_of_pairs(of_law, at)
 
     def terms(r2, table, row):
         energy, force_over_r = law(parameters(table, row), r2)
         end = at_end(table, row)
-        energy, force_over_r = one(end, end, r2, energy, force_over_r)
-        energy, force_over_r = other(end, end, r2, energy, force_over_r)
+        energy, force_over_r = first(end, end, r2, energy, force_over_r)
+        energy, force_over_r = then(end, end, r2, energy, force_over_r)
+        energy, force_over_r = last(end, end, r2, energy, force_over_r)
         return within(r2, end.cutoff2, energy), within(r2, end.cutoff2, force_over_r)
 
     return on_device(terms)

@@ -17,6 +17,7 @@ from kickdrift.forces.pairs.truncations import (
     AtOwnCutoff,
     Cut,
     ForceShift,
+    PotentialSwitch,
     Shift,
     Switch,
     at_own_cutoff,
@@ -136,4 +137,5 @@ def truncation_at(end: End) -> Any:
         "shift": Shift(),
         "force-shift": ForceShift(cutoff),
         "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
+        "potential-switch": PotentialSwitch(start, 1.0 / (cutoff - start)),
     }[end.truncation]

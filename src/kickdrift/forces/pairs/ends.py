@@ -6,14 +6,16 @@ This module does not import numba, so reading and checking a system file stays f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
 
-TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
+TRUNCATIONS = ("cut", "shift", "force-shift", "switch", "potential-switch")
+SWITCHED = TRUNCATIONS[3:]
+WITH_TAIL = ("cut", "potential-switch")
 SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
 SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume stays within the range of float64
 
@@ -23,7 +25,7 @@ class End(NamedTuple):
 
     cutoff: float
     truncation: str
-    switch_start: float | None  # of truncation "switch" alone
+    switch_start: float | None  # of a switch alone
 
 
 def checked_end(name: str, where: str, cutoff: Any, truncation: Any, start: Any) -> End:
@@ -37,9 +39,9 @@ def checked_end(name: str, where: str, cutoff: Any, truncation: Any, start: Any)
             f"{name}: cutoff{where} must be between {SHORTEST:g} and {LONGEST:g}, so that its powers are numbers, "
             f"got {shown(cutoff)}"
         )
-    if truncation != "switch":
+    if truncation not in SWITCHED:
         if start is not None:
-            raise InputError(f'{name}: switch_start{where} goes with truncation "switch", not "{truncation}"')
+            raise InputError(f'{name}: switch_start{where} goes with truncation {either(SWITCHED)}, not "{truncation}"')
         return End(cutoff, truncation, None)
     start = SWITCH_START * cutoff if start is None else start
     if not math.isfinite(number(start)):
@@ -47,6 +49,11 @@ def checked_end(name: str, where: str, cutoff: Any, truncation: Any, start: Any)
     if not 0 < start < cutoff:
         raise InputError(f"{name}: switch_start{where} must lie between 0 and the cutoff {cutoff:g}, got {start:g}")
     return End(cutoff, truncation, start)
+
+
+def either(names: Sequence[str]) -> str:
+    """Two names in quotes, with "or" between them."""
+    return " or ".join(f'"{name}"' for name in names)
 
 
 def own_end(name: str, where: str, given: Mapping[str, Any], base: End) -> End:

@@ -16,7 +16,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
-from kickdrift.forces.pairs.ends import End, checked_end, mixed_end, own_end
+from kickdrift.forces.pairs.ends import WITH_TAIL, End, checked_end, either, mixed_end, own_end
 from kickdrift.forces.seam.group import Grouped, ListedForce, brief, refuse_massless
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
@@ -38,12 +38,13 @@ class PairForce(ListedForce, Grouped):
     cutoff : float
         Pairs further apart do not interact; default 2.5 times the largest ``sigma``. Where pairs have cutoffs of their
         own, this is the largest.
-    truncation : "cut", "shift" (of the energy), "force-shift" or "switch" (four times continuously differentiable)
+    truncation : "cut", "shift" (of the energy), "force-shift", "switch" (four times continuously differentiable) or
+        "potential-switch" (twice; the switch of OpenMM, and GROMACS' of that name)
     switch_start : float, optional
-        Start of the switch; default 0.8 cutoff.
+        Start of a switch; default 0.8 cutoff.
     tail : bool
         Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146);
-        only with truncation "cut", whose energies it completes.
+        only with truncation "cut" or "potential-switch", whose energies it completes.
     species : {name: {parameter: value}}, optional
         The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
         arithmetic, epsilon the geometric mean). ``cutoff``, ``truncation`` and ``switch_start`` may stand here too;
@@ -93,9 +94,11 @@ class PairForce(ListedForce, Grouped):
                     f"{self.name}: cutoff{where} is {own.cutoff:g}, beyond the cutoff {end.cutoff:g} of the force, "
                     "which is the largest of all pairs"
                 )
-            if self.tail and own.truncation != "cut":
+            if self.tail and own.truncation not in WITH_TAIL:
                 at = "" if own == end else where
-                raise InputError(f'{self.name}: tail = true completes truncation "cut", not "{own.truncation}"{at}')
+                raise InputError(
+                    f'{self.name}: tail = true completes truncation {either(WITH_TAIL)}, not "{own.truncation}"{at}'
+                )
             law = self._filled(where, given)
             check_law(f"{self.name}{where}", law, own.cutoff)
             check_slope(f"{self.name}{where}", law, own.cutoff)
@@ -249,10 +252,14 @@ class PairForce(ListedForce, Grouped):
         energy = virial = 0.0
         for a, n_a in zip(system.species, counts, strict=True):
             for b, n_b in zip(system.species, counts, strict=True):
-                p, cutoff = self.pair_law(a, b), self.pair_end(a, b).cutoff
+                p, (cutoff, _, start) = self.pair_law(a, b), self.pair_end(a, b)
                 density = circle * n_a * n_b / system.volume
                 try:
-                    u_part, w_part = (_over_tail(p, k, power, cutoff) for k, power in ((0, p_u), (1, p_w)))
+                    if start is None:
+                        u_part, w_part = (_over_tail(p, k, power, cutoff) for k, power in ((0, p_u), (1, p_w)))
+                    else:
+                        u_part = _over_tail(p, 0, p_u, cutoff, start)
+                        w_part = system.dimensions * u_part  # integrated by parts; the energy has no jump
                 except ArithmeticError:
                     raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
                 energy += density * u_part
@@ -266,12 +273,23 @@ class PairForce(ListedForce, Grouped):
         return bind(self, system, threads, mixed)
 
 
-def _over_tail(law: Any, part: int, power: int, cutoff: float) -> float:
+def _over_tail(law: Any, part: int, power: int, cutoff: float, start: float | None = None) -> float:
     """Integral of an energy (part 0) or a force over r (part 1) over u = 1 / r, from 0 to 1 / cutoff; ArithmeticError
-    if the integral does not converge. With ``full_output``, SciPy returns its doubts and changes no warnings."""
+    if the integral does not converge. If a potential-switch begins at ``start``, with what it takes away up to the
+    cutoff. With ``full_output``, SciPy returns its doubts and changes no warnings."""
     from scipy.integrate import quad
 
-    found = quad(lambda u: law.law(u**-2)[part] / u**power, 0, 1 / cutoff, epsabs=0, epsrel=1e-12, full_output=1)
+    def missing(r: float) -> float:
+        if start is None or r >= cutoff:
+            return 1.0
+        u = (r - start) / (cutoff - start)
+        return u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+
+    far, points = 1 / (cutoff if start is None else start), None if start is None else [1 / cutoff]
+    found = quad(
+        lambda u: missing(1 / u) * law.law(u**-2)[part] / u**power, 0, far, epsabs=0, epsrel=1e-12, points=points,
+        full_output=1,
+    )  # fmt: skip
     if len(found) > 3:
         raise ArithmeticError(found[3])
     return float(found[0])

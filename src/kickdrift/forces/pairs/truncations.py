@@ -1,4 +1,4 @@
-"""Truncations of pair laws: cut, shift, force-shift and switch. Each works on numbers and on SIMD lanes.
+"""Truncations of pair laws: cut, shift, force-shift, switch and potential-switch, on numbers and on SIMD lanes.
 
 One cutoff for all pairs is a number of the truncation. Where pairs of species end apart, the numbers of each pair stand
 beside its parameters, in an `AtOwnCutoff`.
@@ -75,6 +75,25 @@ class Switch(NamedTuple):
         return energy * s, force_over_r * s + energy * slope
 
 
+class PotentialSwitch(NamedTuple):
+    """U(r) S(r), where S falls from 1 at ``start`` to 0 at the cutoff, twice continuously differentiable.
+
+    S = (1 - u)^3 (1 + 3 u + 6 u^2) with u = (r - start) / (r_c - start) is the switching function of OpenMM, and
+    GROMACS' "Potential-switch".
+    """
+
+    start: float
+    inverse_way: float  # 1 / (r_c - start)
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        r = math.sqrt(r2)
+        u = positive((r - self.start) * self.inverse_way)
+        w = 1.0 - u
+        w2, u2 = w * w, u * u
+        s = w2 * w * (1.0 + u * (3.0 + u * 6.0))
+        return energy * s, force_over_r * s + energy * (30.0 * self.inverse_way * (u2 * w2)) / r
+
+
 @by_type
 def positive(u):
     """Return u, or zero where u is negative."""
@@ -88,8 +107,9 @@ def positive(u):
 class AtOwnCutoff(NamedTuple):
     """Energy and force over r of a pair at its own cutoff, and the numbers of its truncation.
 
-    ``apply`` of `ForceShift` and `Switch` finds here the numbers that it else has itself. Energy and force over r are
-    zero where the pair's truncation does not shift them; ``shifted`` and ``force_shifted`` are 1 where it does, else 0.
+    ``apply`` of `ForceShift` and the switches finds here the numbers that it else has itself. Energy and force over r
+    are zero where the pair's truncation does not shift them; ``shifted`` and ``force_shifted`` are 1 where it does,
+    else 0.
     """
 
     energy: float
@@ -98,6 +118,8 @@ class AtOwnCutoff(NamedTuple):
     cutoff2: float
     start2: float
     inverse_width: float  # zero without a switch, which then is 1 everywhere
+    start: float
+    inverse_way: float  # likewise
     shifted: float
     force_shifted: float
 
@@ -106,25 +128,28 @@ class OfPairs(NamedTuple):
     """Truncations of pairs of species that end apart, with the numbers of each in its `AtOwnCutoff`."""
 
     first: Any  # one of the truncations above, without numbers
-    then: Any  # `Switch` where the first is not all
+    then: Any  # `Switch`, or `Cut` where no pair has it
+    last: Any  # `PotentialSwitch`, or `Cut` likewise
 
 
 def of_pairs(ends: set[End]) -> OfPairs:
     """The truncations that the pairs with these ends need."""
     names = {end.truncation for end in ends}
     first: Any = ForceShift(0.0) if "force-shift" in names else Shift() if "shift" in names else Cut()
-    return OfPairs(first, Switch(0.0, 0.0) if "switch" in names else Cut())
+    then: Any = Switch(0.0, 0.0) if "switch" in names else Cut()
+    return OfPairs(first, then, PotentialSwitch(0.0, 0.0) if "potential-switch" in names else Cut())
 
 
 def at_own_cutoff(law: Any, end: End) -> AtOwnCutoff:
     """The numbers of a pair with this law and this end."""
     energy, force_over_r = law.law(end.cutoff**2)
-    cutoff, start = float(end.cutoff), end.switch_start
+    cutoff = float(end.cutoff)
     shifted, force_shifted = float("shift" in end.truncation), float(end.truncation == "force-shift")
-    start2, width = (0.0, 0.0) if start is None else (float(start) ** 2, 1.0 / (cutoff**2 - float(start) ** 2))
+    square, plain = float(end.truncation == "switch"), float(end.truncation == "potential-switch")
+    start = float(end.switch_start or 0.0)
     return AtOwnCutoff(
-        shifted * float(energy), force_shifted * float(force_over_r), cutoff, cutoff**2, start2, width, shifted,
-        force_shifted,
+        shifted * float(energy), force_shifted * float(force_over_r), cutoff, cutoff**2,
+        start**2, square / (cutoff**2 - start**2), start, plain / (cutoff - start), shifted, force_shifted,
     )  # fmt: skip
 
 
@@ -133,11 +158,12 @@ def truncated(truncation, at_cutoff, r2, energy, force_over_r):
     """Return energy and force over r of a truncated law: below the common cutoff, or of pairs that end apart at all
     distances."""
     if truncation.instance_class is OfPairs:
-        first, then = (as_written(each.instance_class.apply) for each in truncation.types)
+        first, then, last = (as_written(each.instance_class.apply) for each in truncation.types)
 
         def of_pair(truncation, at_cutoff, r2, energy, force_over_r):
             energy, force_over_r = first(at_cutoff, at_cutoff, r2, energy, force_over_r)
             energy, force_over_r = then(at_cutoff, at_cutoff, r2, energy, force_over_r)
+            energy, force_over_r = last(at_cutoff, at_cutoff, r2, energy, force_over_r)
             return nearer(r2, at_cutoff.cutoff2, energy), nearer(r2, at_cutoff.cutoff2, force_over_r)
 
         return of_pair
@@ -180,6 +206,8 @@ def ended(at_cutoff, energy, force_over_r):
             dual_like(at_cutoff.cutoff2, energy),
             dual_like(at_cutoff.start2, energy),
             dual_like(at_cutoff.inverse_width, energy),
+            dual_like(at_cutoff.start, energy),
+            dual_like(at_cutoff.inverse_way, energy),
             shifted,
             force_shifted,
         )

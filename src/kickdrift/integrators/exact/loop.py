@@ -166,11 +166,12 @@ def truncated(truncation: Any) -> Callable[..., Any]:
     """Compiled function that applies a truncation of this type."""
     if truncation.instance_class is not OfPairs:
         return strict(truncation.instance_class.apply)
-    first, then = (strict(each.instance_class.apply) for each in truncation.types)
+    first, then, last = (strict(each.instance_class.apply) for each in truncation.types)
 
     def of_pair(truncation, at_cutoff, r2, energy, force_over_r):
         energy, force_over_r = first(at_cutoff, at_cutoff, r2, energy, force_over_r)
         energy, force_over_r = then(at_cutoff, at_cutoff, r2, energy, force_over_r)
+        energy, force_over_r = last(at_cutoff, at_cutoff, r2, energy, force_over_r)
         return energy, nearer(r2, at_cutoff.cutoff2, force_over_r)
 
     return strict(of_pair)
