@@ -31,7 +31,12 @@ PAIR_LAWS = [name for name, cls in SHIPPED.items() if issubclass(cls, PairForce)
 GRADIENTS = [name for name in force_gradients.others() if name in SHIPPED]
 BONDED = [name for name, cls in SHIPPED.items() if issubclass(cls, BondedForce)]
 OF_EACH_KIND = {"harmonic-bond", "harmonic-angle", "opls-dihedral", "harmonic-improper"}  # whose laws share one loop
-COMPILED_IN_SHORT = ["lennard-jones", "mie", "soft", "weeks-chandler-andersen"]  # powers, waves and a choice by lanes
+COMPILED_IN_SHORT = [
+    "lennard-jones",
+    "mie",
+    "soft-pair",
+    "weeks-chandler-andersen",
+]  # powers, waves and a choice by lanes
 CUTOFF = 2.5
 
 

@@ -19,10 +19,10 @@ ZBL = COULOMB * SILICON * COPPER, 0.46850 / (SILICON**0.23 + COPPER**0.23)
 STYLES = {  # the law's parameters, LAMMPS' style and its coefficients
     "buckingham": ((300.0, 0.25, 1.2), "buck 2.0", "300.0 0.25 1.2"),
     "born-mayer-huggins": ((1.0, 0.25, 1.1, 1.2, 0.3), "born 2.0", "1.0 0.25 1.1 1.2 0.3"),
-    "morse": ((1.0, 5.0, 1.1), "morse 2.0", "1.0 5.0 1.1"),
+    "morse-pair": ((1.0, 5.0, 1.1), "morse 2.0", "1.0 5.0 1.1"),
     "yukawa": ((2.0, 1.3), "yukawa 1.3 2.0", "2.0"),
     "mie": ((0.5, 0.88, 11.3, 7.1), "mie/cut 2.0", "0.5 0.88 11.3 7.1"),
-    "soft": ((2.0, 1.8), "soft 1.8", "2.0"),
+    "soft-pair": ((2.0, 1.8), "soft 1.8", "2.0"),
     "weeks-chandler-andersen": ((1.5, 1.2), f"lj/cut {2 ** (1 / 6) * 1.2!r}", "1.5 1.2"),
     "gaussian-core": ((2.0, 0.9), "gauss 2.0", f"-2.0 {1 / 0.9**2!r}"),
     "zbl": (ZBL, "zbl 1.9 2.0", f"{SILICON} {COPPER}"),
@@ -72,7 +72,7 @@ def test_mie_with_12_and_6_is_lennard_jones():
 
 def test_the_default_cutoff_is_the_reach_of_the_law():
     assert kd.WeeksChandlerAndersen(sigma=1.2).cutoff == pytest.approx(1.2 * 2 ** (1 / 6))
-    assert kd.Soft(sigma=1.8).cutoff == 1.8
+    assert kd.SoftPair(sigma=1.8).cutoff == 1.8
     assert kd.Mie(sigma=1.8).cutoff == 4.5
     with pytest.raises(InputError, match="born-mayer-huggins: cutoff is needed"):
         kd.BornMayerHuggins()

@@ -63,7 +63,7 @@ class BornMayerHuggins(NamedTuple):
 
 
 @pair_law
-class Morse(NamedTuple):
+class MorsePair(NamedTuple):
     """U(r) = depth (exp(-2 width (r - length)) - 2 exp(-width (r - length))); Morse, Phys. Rev. 34, 57 (1929),
     doi:10.1103/PhysRev.34.57."""
 
@@ -115,7 +115,7 @@ class Mie(NamedTuple):
 
 
 @pair_law
-class Soft(NamedTuple):
+class SoftPair(NamedTuple):
     """U(r) = A (1 + cos(pi r / sigma)) below sigma, zero beyond; it pushes overlapping particles apart."""
 
     A: float = 1.0
