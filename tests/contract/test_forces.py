@@ -36,7 +36,7 @@ COMPILED_IN_SHORT = [
     "mie",
     "soft-pair",
     "weeks-chandler-andersen",
-]  # powers, waves and a choice by lanes
+]  # powers, waves, choices
 CUTOFF = 2.5
 
 
