@@ -18,6 +18,7 @@ import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda.words import numbers_in
+from kickdrift.forces.pairs import truncations
 from kickdrift.forces.pairs.binding import at_cutoff_of, pair_numbers, truncation_of
 from kickdrift.forces.pairs.truncations import OfPairs
 
@@ -39,7 +40,7 @@ def nearer(r2: Any, cutoff2: Any, value: Any) -> Any:
     return value if r2 < cutoff2 else value - value
 
 
-HELPERS = {"positive": positive}  # device forms of what truncations call
+HELPERS: dict[Any, Code] = {truncations.positive: positive}  # device forms of what truncations and baths call
 
 
 def in_precision(function: Code, single: bool) -> Code:
@@ -48,19 +49,19 @@ def in_precision(function: Code, single: bool) -> Code:
     function = getattr(function, "py_func", function)
     number = np.float32 if single else np.float64
 
-    def turned(name: str, value: Any) -> Any:
+    def turned(value: Any) -> Any:
         if type(value) is float:
             return number(value)
         inner = getattr(value, "py_func", value)
         if isinstance(inner, FunctionType) and inner is not function:
-            return in_precision(HELPERS.get(name, inner), single)
+            return in_precision(HELPERS.get(value, inner), single)
         return value
 
     code = function.__code__
     constants = tuple(number(value) if type(value) is float else value for value in code.co_consts)
-    values = {name: turned(name, value) for name, value in function.__globals__.items() if name in code.co_names}
+    values = {name: turned(value) for name, value in function.__globals__.items() if name in code.co_names}
     cells = tuple(
-        CellType(turned(name, cell.cell_contents))
+        CellType(turned(cell.cell_contents))
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True)
     )
     defaults = tuple(number(value) if type(value) is float else value for value in function.__defaults__ or ())
