@@ -26,7 +26,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift.jit.threads.chunks import team_of

@@ -18,7 +18,8 @@ from kickdrift.forces import FORCES
 from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation import force_gradients
 from kickdrift_validation.example_forces import charges, crystal, example, topology
@@ -30,6 +31,12 @@ PAIR_LAWS = [name for name, cls in SHIPPED.items() if issubclass(cls, PairForce)
 GRADIENTS = [name for name in force_gradients.others() if name in SHIPPED]
 BONDED = [name for name, cls in SHIPPED.items() if issubclass(cls, BondedForce)]
 OF_EACH_KIND = {"harmonic-bond", "harmonic-angle", "opls-dihedral", "harmonic-improper"}  # whose laws share one loop
+COMPILED_IN_SHORT = [
+    "lennard-jones",
+    "mie",
+    "soft-pair",
+    "weeks-chandler-andersen",
+]  # powers, waves, choices
 CUTOFF = 2.5
 
 
@@ -60,7 +67,7 @@ def pair_sums(force, system: kd.System) -> tuple[np.ndarray, float]:
     return found, energy
 
 
-@pytest.mark.parametrize("name", PAIR_LAWS)
+@pytest.mark.parametrize("name", shortened(PAIR_LAWS, COMPILED_IN_SHORT))
 def test_a_compiled_pair_law_is_the_law(name):
     force = FORCES[name](cutoff=CUTOFF, truncation="cut")
     start = liquid(216)
@@ -82,7 +89,7 @@ def test_a_law_is_the_slope_of_its_energy(name):
         return law.law(s * s if paired else s)[0]
 
     angles = () if paired or FORCES[name].kind == "bonds" else (-1.3, 2.9)
-    for s in (0.95, 1.0, 1.3, 2.0, *angles):
+    for s in (0.95, 1.02, 1.3, 2.0, *angles):
         slopes = [(energy(s + d) - energy(s - d)) / (2 * d) for d in (h, h / 2)]
         slope = (4 * slopes[1] - slopes[0]) / 3
         size = max(abs(slope), abs(energy(s)))
@@ -91,7 +98,7 @@ def test_a_law_is_the_slope_of_its_energy(name):
 
 
 @pytest.mark.parametrize("truncation", TRUNCATIONS)
-@pytest.mark.parametrize("name", PAIR_LAWS)
+@pytest.mark.parametrize("name", shortened(PAIR_LAWS, ["lennard-jones"]))
 def test_a_truncated_pair_law_is_the_gradient_of_its_energy(name, truncation):
     force = FORCES[name](cutoff=CUTOFF, truncation=truncation)
     assert force_gradients.gradient(force, force_gradients.places(), force_gradients.EDGE) < force_gradients.SLOPE

@@ -8,6 +8,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation.example_forces import charges, crystal, example, topology
@@ -43,7 +44,10 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 
 @pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
 def test_a_force_comes_back_from_its_text(name):
-    species, pairs = {"A": {}, "B": {"sigma": 0.9}}, {("B", "A"): {"epsilon": 0.3}}
+    law = getattr(FORCES[name], "Parameters", None) if issubclass(FORCES[name], PairForce) else None
+    first, last = (law._fields[0], law._fields[-1]) if law else ("epsilon", "sigma")
+    species = {"A": {}, "B": {last: 0.9, "cutoff": 1.2, "truncation": "force-shift"}}
+    pairs = {("B", "A"): {first: 0.3, "truncation": "switch", "switch_start": 0.9}}
     lists = {"springs": {"stiffness": (2.0, 3.0)}, "listed-pairs": {"sigma": (0.8, 0.9)}}  # which list their own pairs
     own = lists.get(name, {"pairs": pairs, "softening": 0.1, "G": 1e-4})
     force = example(FORCES[name], cutoff=1.5, species=species, group=1, **own)

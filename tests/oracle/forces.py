@@ -66,8 +66,36 @@ def interacting_pairs(force, system: System) -> Pairs:
     i, j, separation, r = i[near], j[near], separation[near], r[near]
     epsilon, sigma = mixed_parameters(force, system)
     a, b = system.species_index[i], system.species_index[j]
-    energy, radial = truncated_lennard_jones(force, r, epsilon[a, b], sigma[a, b])
+    if not own_ends(force):
+        energy, radial = truncated_lennard_jones(force, r, epsilon[a, b], sigma[a, b])
+        return Pairs(i, j, separation, r, energy, radial)
+    energy, radial, names = np.zeros_like(r), np.zeros_like(r), system.species
+    for k, m in itertools.product(range(len(names)), repeat=2):
+        end = pair_end(force, names[k], names[m])
+        some = (a == k) & (b == m) & (r < end.cutoff)
+        energy[some], radial[some] = truncated_lennard_jones(end, r[some], epsilon[k, m], sigma[k, m])
     return Pairs(i, j, separation, r, energy, radial)
+
+
+class PairEnd(NamedTuple):
+    cutoff: float
+    truncation: str
+    switch_start: float
+
+
+def own_ends(force) -> bool:
+    """Whether a species or a pair has a cutoff or a truncation of its own."""
+    tables = [*(force.species or {}).values(), *(force.pairs or {}).values()]
+    return any({"cutoff", "truncation"} & set(table) for table in tables)
+
+
+def pair_end(force, first: str, second: str) -> PairEnd:
+    """Cutoff and truncation of two species: those of the pair if given, else the mean cutoff of the two."""
+    own = [(force.species or {}).get(name, {}) for name in (first, second)]
+    pair = {k: v for names in ((first, second), (second, first)) for k, v in (force.pairs or {}).get(names, {}).items()}
+    cutoff = pair.get("cutoff", sum(given.get("cutoff", force.cutoff) for given in own) / 2)
+    truncation = pair.get("truncation", own[0].get("truncation", force.truncation))
+    return PairEnd(cutoff, truncation, pair.get("switch_start", 0.8 * cutoff))
 
 
 def nearest_image(box, separation: np.ndarray) -> np.ndarray:

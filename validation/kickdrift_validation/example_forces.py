@@ -44,6 +44,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "gas-drag": {"coefficient": 0.1, "scale": 1.0, "headwind": 0.05},
     "central-potential": {"acceleration": -0.1, "power": -1.0},
     "mass-change": {"rate": -0.1},
+    **{key: {"cutoff": 2.0} for key in ("buckingham", "born-mayer-huggins", "morse-pair", "yukawa", "zbl")},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
     "fene": {"length": 20.0},

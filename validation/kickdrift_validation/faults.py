@@ -69,7 +69,7 @@ FAULTS = (
         "energy += density * u_part", "energy += 0.5 * density * u_part",
     ),
     Fault(
-        "switch-slope", "a factor of two lost in the switch's derivative", "forces/pairs/lanes.py",
+        "switch-slope", "a factor of two lost in the switch's derivative", "forces/pairs/truncations.py",
         "slope = 1260.0 *", "slope = 630.0 *",
     ),
     Fault(

@@ -19,7 +19,8 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
-from kickdrift.forces.pairs.law import TRUNCATIONS, PairForce
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift_validation.claim import Claim, at_most, claim, main
 from kickdrift_validation.example_forces import charges, crystal, example, topology
 from kickdrift_validation.lennard_jones import direct, frames_of

@@ -14,7 +14,7 @@ import numpy as np
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.pairs.law import TRUNCATIONS
+from kickdrift.forces.pairs.ends import TRUNCATIONS
 from kickdrift.forces.slopes.pushes import push_of_parameter
 from kickdrift.forces.slopes.variations import varied
 from kickdrift_validation.claim import Claim, at_most, claim, largest, main, not_run

@@ -40,6 +40,8 @@ def refusal(job: Job) -> str | None:
     laws = {force.pair_law(a, b) for a in system.species for b in system.species}
     if len(laws) > 1:
         return f"species: ASE's LennardJones has one sigma and epsilon, and {choices(system.species)} differ"
+    if len(force.ends(system.species)) > 1:
+        return f"cutoff: ASE's LennardJones has one, and pairs of {choices(system.species)} have their own"
     return None
 
 
@@ -89,8 +91,9 @@ class AseSession(Session):
         if many_body(system):
             self._atoms.calc = _calculator(force)
         else:
-            law = force.pair_law(system.species[0], system.species[0])
-            self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=force.cutoff, smooth=False)
+            first = system.species[0]
+            law, end = force.pair_law(first, first), force.pair_end(first, first)
+            self._atoms.calc = LennardJones(sigma=law.sigma, epsilon=law.epsilon, rc=end.cutoff, smooth=False)
         self._dynamics, self._heat = dynamics(self._atoms, self.job, self.seed)
 
     def advance(self, steps: int, until: float) -> int:

@@ -122,10 +122,19 @@ def only_lennard_jones(
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
         return f"{given}: {takes}"
-    truncation = forces[0].truncation
-    if truncation not in truncations:
-        return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"
+    pair_force: Any = forces[0]
+    used = sorted({end.truncation for end in pair_force.ends(system.species)})
+    for truncation in used:
+        if truncation not in truncations:
+            return f"truncation {truncation!r}: possible are {' and '.join(repr(each) for each in truncations)}"
+    if len(used) > 1:
+        return f"truncations {' and '.join(map(repr, used))}: only one for all pairs of species is possible"
     return None
+
+
+def truncation_of(force: Any, system: System) -> str:
+    """Truncation of all pairs of species, after ``only_lennard_jones``; "" for other forces."""
+    return str(next(iter(force.ends(system.species))).truncation) if hasattr(force, "ends") else ""
 
 
 def small_units(system: System) -> str | None:

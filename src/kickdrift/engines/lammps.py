@@ -19,6 +19,7 @@ from kickdrift.engines.forces import (
     small_units,
     style_of,
     text_of,
+    truncation_of,
 )
 from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
@@ -55,7 +56,7 @@ def refusal(job: Job) -> str | None:
         return "coulomb: slabs are not possible"
     if reason := bonded_refusal(system) or lammps_refusal(job.system):
         return reason
-    cut = getattr(beside_charges(system), "truncation", None)
+    cut = truncation_of(beside_charges(system), system)
     if coulomb_of(system) is not None and cut in (LINEAR, TABLED):
         return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
     if system.dimensions == 2 and beside_charges(system).tail:
@@ -74,8 +75,8 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
 
 def remarks(job: Job) -> list[str]:
     """How LAMMPS' forces differ from those asked for."""
-    force = beside_charges(without(job.system, IN_LAMMPS))
-    if getattr(force, "truncation", "") != TABLED:
+    system = without(job.system, IN_LAMMPS)
+    if truncation_of(beside_charges(system), system) != TABLED:
         return []
     return [
         f"LAMMPS takes truncation {TABLED!r} from tables of {POINTS:,} points, with relative errors up to {ERROR:g}"
@@ -104,15 +105,21 @@ def model_of(job: Job, seed: int) -> Model:
         given |= {"many_body": (style_of(force), text_of(force), force.named(species))}
     elif force is not None:
         pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
-        laws = [(i + 1, j + 1, force.pair_law(species[i], species[j])) for i, j in pairs]
+        laws = [
+            (i + 1, j + 1, force.pair_law(*named), force.pair_end(*named))
+            for i, j in pairs
+            for named in [(species[i], species[j])]
+        ]
+        truncation = truncation_of(force, system)
         given |= {
-            "pairs": tuple((i, j, float(law.epsilon), float(law.sigma)) for i, j, law in laws),
-            "shifted": force.truncation == "shift", "linear": force.truncation == LINEAR,
+            "pairs": tuple((i, j, float(p.epsilon), float(p.sigma), float(end.cutoff)) for i, j, p, end in laws),
+            "shifted": truncation == "shift", "linear": truncation == LINEAR,
             "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
-        if force.truncation == TABLED:
-            ends = float(force.switch_start), float(force.cutoff)
-            given["tables"] = tuple(switched(law, (i, j), *ends) for i, j, law in laws)
+        if truncation == TABLED:
+            given["tables"] = tuple(
+                switched(law, (i, j), float(end.switch_start), float(end.cutoff)) for i, j, law, end in laws
+            )
     walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),

@@ -168,7 +168,7 @@ class Model(NamedTuple):
     ----------
     types : (n,) int32, from 1; particles of one type share mass and parameters
     masses : by type
-    pairs : (type, type, epsilon, sigma) for each pair of types; empty for a many-body force and for charges alone
+    pairs : (type, type, epsilon, sigma, cutoff) for each pair of types; empty for a many-body force and charges alone
     shifted, tail : options of pair_modify
     dimensions : 2 or 3
     fixes : commands of the fixes that take a step
@@ -184,7 +184,7 @@ class Model(NamedTuple):
     box: Box
     types: NDArray[np.int32]
     masses: tuple[float, ...]
-    pairs: tuple[tuple[int, int, float, float], ...]
+    pairs: tuple[tuple[int, int, float, float, float], ...]
     cutoff: float
     shifted: bool
     tail: bool
@@ -202,7 +202,7 @@ class Model(NamedTuple):
     @property
     def longest(self) -> float:
         """Largest sigma; of charges alone, a third of the cutoff."""
-        return max((sigma for *_, sigma in self.pairs), default=self.cutoff / 3.0)
+        return max((sigma for *_, sigma, _ in self.pairs), default=self.cutoff / 3.0)
 
 
 def model_style(model: Model) -> str:
@@ -268,7 +268,7 @@ class World:
             self._commands(
                 f"pair_style {style}",
                 f"pair_modify shift {yes[model.shifted]} tail {yes[model.tail]}",
-                *(f"pair_coeff {i} {j} {epsilon!r} {sigma!r} {model.cutoff!r}" for i, j, epsilon, sigma in model.pairs),
+                *("pair_coeff " + " ".join(map(repr, pair)) for pair in model.pairs),
                 *([] if model.pairs else ["pair_coeff * *"]),
             )
         if model.ewald:

@@ -30,6 +30,7 @@ from kickdrift.engines.forces import (
     small_units,
     split,
     strange,
+    truncation_of,
 )
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
@@ -170,20 +171,31 @@ def _plain(quantity: Any) -> Any:
 def _lennard_jones(system: System, force: Any) -> Any:
     import openmm
 
-    made = openmm.CustomNonbondedForce(TRUNCATIONS[force.truncation] + LENNARD_JONES + MIXTURE)
-    laws = [[force.pair_law(a, b) for a in system.species] for b in system.species]
+    energy = TRUNCATIONS[truncation_of(force, system)] + LENNARD_JONES + MIXTURE
+    tables = {key: [getattr(law, key) for law in _of_pairs(system, force.pair_law)] for key in ("epsilon", "sigma")}
+    ends = _of_pairs(system, force.pair_end)
+    if len(set(ends)) > 1:
+        energy = f"step(cutoff-s*r)*all; all={energy}; cutoff=ends(kind1,kind2); start=starts(kind1,kind2)"
+        tables |= {"ends": [end.cutoff for end in ends], "starts": [end.switch_start or 0.0 for end in ends]}
+    made = openmm.CustomNonbondedForce(energy)
     count = len(system.species)
-    for key in ("epsilon", "sigma"):
-        values = [float(getattr(law, key)) for row in laws for law in row]
-        made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, values))
+    for key, values in tables.items():
+        made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, [float(value) for value in values]))
     made.addPerParticleParameter("kind")
-    _add_range(made, force)
+    if len(set(ends)) == 1:
+        made.addGlobalParameter("cutoff", float(ends[0].cutoff))
+        made.addGlobalParameter("start", float(ends[0].switch_start or 0.0))
     for kind in system.species_index.tolist():
         made.addParticle([kind])
     exclude(made, system)
-    made.setCutoffDistance(force.cutoff)
+    made.setCutoffDistance(max(end.cutoff for end in ends))
     made.setNonbondedMethod(made.CutoffPeriodic if system.box.periodic else made.CutoffNonPeriodic)
     return _scaled(made)
+
+
+def _of_pairs(system: System, of_pair: Callable[[str, str], Any]) -> list[Any]:
+    """What a function returns for each pair of species, by rows of a table."""
+    return [of_pair(a, b) for b in system.species for a in system.species]
 
 
 def _charged(system: System, coulomb: Coulomb) -> list[Any]:
@@ -215,13 +227,6 @@ def _scaled(force: Any) -> Any:
     force.addGlobalParameter("s", 1.0)
     force.addEnergyParameterDerivative("s")
     return force
-
-
-def _add_range(made: Any, force: Any) -> None:
-    """Give a force of OpenMM the cutoff of a pair force, and the start of its switch."""
-    made.addGlobalParameter("cutoff", float(force.cutoff))
-    if force.switch_start is not None:
-        made.addGlobalParameter("start", float(force.switch_start))
 
 
 def exclude(force: Any, system: System) -> None:
@@ -263,17 +268,18 @@ def _scaled_pairs(system: System, force: Any) -> Any:
     import openmm
 
     assert system.topology is not None
-    energy = f"scale*step(cutoff-r)*all; all={TRUNCATIONS[force.truncation]}{LENNARD_JONES}"
+    energy = f"scale*step(cutoff-r)*all; all={TRUNCATIONS[truncation_of(force, system)]}{LENNARD_JONES}"
     made = openmm.CustomBondForce(energy)
     _scaled(made)
-    _add_range(made, force)
-    for key in ("scale", "e", "l"):
+    for key in ("scale", "e", "l", "cutoff", "start"):
         made.addPerBondParameter(key)
     kinds = system.species_index
     for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
         if factor > 0:
-            law = force.pair_law(system.species[kinds[i]], system.species[kinds[j]])
-            made.addBond(i, j, [factor, float(law.epsilon), float(law.sigma)])
+            named = system.species[kinds[i]], system.species[kinds[j]]
+            law, end = force.pair_law(*named), force.pair_end(*named)
+            numbers = factor, law.epsilon, law.sigma, end.cutoff, end.switch_start or 0.0
+            made.addBond(i, j, [float(number) for number in numbers])
     made.setUsesPeriodicBoundaryConditions(system.box.periodic)
     return made
 

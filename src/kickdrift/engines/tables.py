@@ -26,7 +26,7 @@ class PairTable(NamedTuple):
 
 
 def switched(law: Any, types: tuple[int, int], start: float, cutoff: float) -> PairTable:
-    """Table of a Lennard-Jones law with the switch of ``forces.pairs.lanes.Switch``."""
+    """Table of a Lennard-Jones law with the switch of ``forces.pairs.truncations.Switch``."""
     r2 = np.linspace((INNER * float(law.sigma)) ** 2, cutoff**2, POINTS)
     s6 = (float(law.sigma) ** 2 / r2) ** 3
     energy = 4.0 * float(law.epsilon) * (s6 * s6 - s6)

@@ -38,11 +38,31 @@ from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
+from kickdrift.forces.pairs.shipped import (
+    BornMayerHuggins,
+    Buckingham,
+    GaussianCore,
+    Mie,
+    MorsePair,
+    SoftPair,
+    WeeksChandlerAndersen,
+    Yukawa,
+    Zbl,
+)
 from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
 _ALL: tuple[Any, ...] = (
     LennardJones,
+    Mie,
+    WeeksChandlerAndersen,
+    Buckingham,
+    BornMayerHuggins,
+    MorsePair,
+    Yukawa,
+    GaussianCore,
+    SoftPair,
+    Zbl,
     Coulomb,
     Gravity,
     GravityTree,

@@ -75,4 +75,5 @@ def _pair_law(force: PairForce, system: System, x: Floats) -> Iterator[tuple[Flo
         for b, other in enumerate(system.species[a:], start=a):
             some = inside & (first == a) & (second == b)
             if some.any():
+                some &= r2 < float(force.pair_end(name, other).cutoff) ** 2
                 yield apart[some], scale[some] * force_over_r(force, name, other, r2[some])

@@ -17,7 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from kickdrift.forces import FORCES
 from kickdrift.forces.around import mass_change, radiation, relativity, tides
-from kickdrift.forces.pairs import law as pair_law
+from kickdrift.forces.pairs.ends import TRUNCATIONS
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options
 from kickdrift.integrators.options import RAMPED
@@ -46,7 +46,7 @@ _NAME_OR_NUMBER: Json = {"type": ["string", "integer"]}
 # Values of keys whose type hints say too little, by table and key; "*" is any table.
 _VALUES: dict[tuple[str, str], Json] = {
     ("*", "mixing"): {"enum": ["lorentz-berthelot"]},
-    ("*", "truncation"): {"enum": list(pair_law.TRUNCATIONS)},
+    ("*", "truncation"): {"enum": list(TRUNCATIONS)},
     ("relativity-1pn", "form"): {"enum": list(relativity.FORMS)},
     ("radiation-pressure", "form"): {"enum": list(radiation.FORMS)},
     ("mass-change", "form"): {"enum": list(mass_change.FORMS)},

@@ -28,6 +28,7 @@ from pydantic_core import ErrorDetails
 
 from kickdrift.errors import InputError
 from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.pairs.ends import End
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.checks import values as checks
@@ -254,7 +255,10 @@ def force_table(cls: type) -> type[Table]:
     plain = Annotated[float, BeforeValidator(In("dimensionless"))]
     number: dict[str, Any] = dict.fromkeys(law, plain)
     number |= {key: Annotated[float, BeforeValidator(In(kind))] for key, kind in dimensions.items()}
-    one: Any = create_model("one", __base__=Table, **{key: (number[key], None) for key in law})  # type: ignore[call-overload]
+    given: dict[str, Any] = {key: (number[key], None) for key in law}
+    if issubclass(cls, PairForce):
+        given |= {key: (number.get(key, str), None) for key in End._fields}
+    one: Any = create_model("one", __base__=Table, **given)
     names: Any = (Annotated[list[str], Field(min_length=2, max_length=2)], ...)
     fields: dict[str, Any] = {"type": (str, ...)}
     for key, parameter in inspect.signature(cls).parameters.items():

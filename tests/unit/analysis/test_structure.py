@@ -110,6 +110,23 @@ def slow_structure_factor(x, k) -> np.ndarray:
     return np.mean(np.abs(np.exp(-1j * x @ k.T).sum(axis=1)) ** 2, axis=0) / x.shape[1]
 
 
+def test_partial_structure_factors_equal_slow_sums_and_add_up():
+    rng = np.random.default_rng(8)
+    x, kinds = rng.uniform(0, 5, (40, 3)), ["A"] * 25 + ["B"] * 15
+    vectors = np.array([[1, 0, 0], [1, -2, 1], [3, 1, 2]])
+    k = 2 * np.pi * vectors / 5.0
+    rho = {name: np.exp(-1j * x[np.array(kinds) == name] @ k.T).sum(axis=0) for name in "AB"}
+    found = {}
+    for pair in (("A", "A"), ("A", "B"), ("B", "A"), ("B", "B")):
+        found[pair] = structure_factor(x, [5.0] * 3, vectors=vectors, pair=pair, species=kinds).s
+        expected = (rho[pair[0]] * rho[pair[1]].conj()).real / 40
+        np.testing.assert_allclose(found[pair], expected, rtol=1e-11, atol=1e-13)
+    whole = structure_factor(x, [5.0] * 3, vectors=vectors).s
+    np.testing.assert_allclose(sum(found.values()), whole, rtol=1e-11)
+    with pytest.raises(InputError, match="structure_factor: pair: no species 'C'; known are A, B"):
+        structure_factor(x, [5.0] * 3, vectors=vectors, pair=("A", "C"), species=kinds)
+
+
 def test_structure_factor_equals_slow_sums(monkeypatch):
     x = coordinates(frames=3, n=40)
     vectors = np.array([[1, 0, 0], [0, -2, 1], [3, 3, -3], [0, 0, 5], [-1, 0, 0]])

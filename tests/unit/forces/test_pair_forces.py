@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.pairs.law import TRUNCATIONS, pair_law
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import pair_law
 from kickdrift.model.system import System
 from kickdrift_validation.folders import DATA
 from tests.long import rest

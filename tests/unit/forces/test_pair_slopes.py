@@ -14,7 +14,8 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.pairs.law import TRUNCATIONS, pair_law
+from kickdrift.forces.pairs.ends import TRUNCATIONS
+from kickdrift.forces.pairs.law import pair_law
 from kickdrift.forces.slopes.variations import varied
 from kickdrift.model.starts.builders import lattice
 from tests.long import shortened

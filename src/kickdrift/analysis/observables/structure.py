@@ -63,7 +63,7 @@ def in_shells(
 
 
 class Waves(NamedTuple):
-    """Wave vectors, sorted for ``intensity``: columns (p, 2) of a and b that share their values of c."""
+    """Wave vectors, sorted for ``amplitudes``: columns (p, 2) of a and b that share their values of c."""
 
     units: Floats  # (3, 3) reciprocal vectors as rows
     low: NDArray[np.int64]  # (3,) smallest a, b, c, and the largest
@@ -81,8 +81,8 @@ class Waves(NamedTuple):
         low, high = wanted.min(axis=0), wanted.max(axis=0)
         return cls(units, low, high, columns - low[:2], column[order], wanted[order, 2] - low[2], order)
 
-    def intensity(self, x: Floats) -> Floats:
-        """|sum over particles of exp(-i k·r)|² / n for each vector (m,), in the caller's order.
+    def amplitudes(self, x: Floats) -> NDArray[np.complex128]:
+        """Sum over particles of exp(-i k·r) for each vector (m,), in the caller's order.
 
         The factors of each reciprocal vector are tabulated. For given a, b, one matrix product sums over particles for
         all c.
@@ -91,15 +91,21 @@ class Waves(NamedTuple):
         along = [
             np.exp(-1j * np.arange(self.low[axis], self.high[axis] + 1)[:, None] * phases[axis]) for axis in range(3)
         ]
-        result = np.empty(len(self.order))
+        result = np.empty(len(self.order), complex)
         size = max(1, ROOM // n)
         for start in range(0, len(self.columns), size):
             a, b = self.columns[start : start + size].T
             sums = (along[0][a] * along[1][b]) @ along[2].T
             some = slice(*np.searchsorted(self.column, (start, start + len(a))))
-            amplitude = sums[self.column[some] - start, self.depth[some]]
-            result[self.order[some]] = (amplitude.real**2 + amplitude.imag**2) / n
+            result[self.order[some]] = sums[self.column[some] - start, self.depth[some]]
         return result
+
+    def intensity(self, x: Floats, first: NDArray[np.int64], second: NDArray[np.int64]) -> Floats:
+        """Real part of the first particles' amplitudes times the conjugate ones of the second, over the number of all
+        particles, for each vector (m,); the particles of ``first`` are in ``second`` too if both are the same array."""
+        a = self.amplitudes(x[first])
+        b = a if second is first else self.amplitudes(x[second])
+        return np.asarray((a.real * b.real + a.imag * b.imag) / len(x))
 
 
 class RadialDistribution(NamedTuple):
@@ -174,7 +180,7 @@ def radial_distribution(
         raise InputError(
             f"radial_distribution: r_max = {r_max:g} is not in (0, {half:g}], half the least height of the box"
         )
-    first, second = _members(found, pair)
+    first, second = _members(found, pair, "radial_distribution")
     unlike = first is not second
     ordered = len(first) * (len(second) if unlike else len(first) - 1)
     if ordered < 1:
@@ -208,8 +214,14 @@ def structure_factor(
     width: float | None = None,
     *,
     vectors: ArrayLike | None = None,
+    pair: tuple[str, str] | None = None,
+    species: Sequence[str] | None = None,
 ) -> StructureFactor:
     """Static structure factor S(k) = <|sum of exp(-i k·r)|²> / n on the wave vectors that fit a periodic box.
+
+    With ``pair`` it is the partial one of species a and b, S_ab(k) = <real part of rho_a(k) rho_b(-k)> / n, where rho_a
+    is the sum over particles of species a and n counts all particles (Hansen & McDonald, Theory of Simple Liquids,
+    2013, section 4.1). S is the sum of S_ab over all ordered pairs of species.
 
     These are k = a a* + b b* + c c*, with whole a, b, c not all zero and the reciprocal vectors of the edges. In a
     rectangular box a* is 2π/Lx along x (Allen & Tildesley 2017, section 8.2, doi:10.1093/oso/9780198803195.001.0001).
@@ -227,9 +239,12 @@ def structure_factor(
         of a liquid
     width : width of the shells; default half the smallest |k|, π over the longest edge of a rectangular box
     vectors : (m, 3) whole numbers a, b, c; each is then a shell of its own, in the given order
+    pair : two species; default all particles of any species
+    species : the species of each particle, with positions alone
     """
-    found = vectors_of(source, "positions", box=box)
+    found = vectors_of(source, "positions", box=box, species=species)
     _check_periodic(found, "structure_factor")
+    first, second = _members(found, pair, "structure_factor")
     mean = mean_box(found.boxes)
     units = reciprocal(mean)
     if vectors is None:
@@ -251,7 +266,9 @@ def structure_factor(
     else:
         k = _lengths(wanted @ units, shell, each)
     shown = zip(found.each(), of_frames, strict=True)
-    rows = (np.bincount(shell, waves._replace(units=own).intensity(x), shells) / each for x, own in shown)
+    rows = (
+        np.bincount(shell, waves._replace(units=own).intensity(x, first, second), shells) / each for x, own in shown
+    )
     s = mean_over_frames(len(found), rows)
     return StructureFactor(k, s.value, s.error, each, len(found))
 
@@ -294,16 +311,16 @@ def _in_space(x: Floats) -> Floats:
     return x
 
 
-def _members(found: Vectors, pair: tuple[str, str] | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _members(found: Vectors, pair: tuple[str, str] | None, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Particles of the two species; the same array twice if the species are equal."""
     if pair is None:
         every = np.arange(found.particles)
         return every, every
     if isinstance(pair, str) or len(pair) != 2:
-        raise InputError(f"radial_distribution: pair: expected two species, got {pair!r}")
+        raise InputError(f"{name}: pair: expected two species, got {pair!r}")
     members = {name: np.flatnonzero(found.species == name) for name in pair}
-    for name, those in members.items():
+    for each, those in members.items():
         if not those.size:
             known = ", ".join(sorted(set(found.species)))
-            raise InputError(f"radial_distribution: pair: no species {name!r}; known are {known}")
+            raise InputError(f"{name}: pair: no species {each!r}; known are {known}")
     return members[pair[0]], members[pair[1]]

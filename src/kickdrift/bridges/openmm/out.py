@@ -25,7 +25,8 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
-from kickdrift.forces.pairs.law import WITH_TAIL, PairForce
+from kickdrift.forces.pairs.ends import WITH_TAIL
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System
 
@@ -98,6 +99,8 @@ def _refuse(system: System) -> None:
                 'to_openmm: lennard-jones: OpenMM has truncation "cut" or "potential-switch", and mixes by Lorentz and '
                 "Berthelot alone"
             )
+        if isinstance(force, PairForce) and len(force.ends(system.species)) > 1:
+            raise InputError("to_openmm: lennard-jones: OpenMM has one cutoff for all pairs of species")
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
         if isinstance(force, Coulomb) and force.method == "reaction-field" and system.topology is not None:

@@ -18,9 +18,9 @@ import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda.words import numbers_in
-from kickdrift.forces.pairs import lanes
-from kickdrift.forces.pairs.binding import pair_numbers, truncation_of
-from kickdrift.forces.pairs.lanes import AtCutoff
+from kickdrift.forces.pairs import truncations
+from kickdrift.forces.pairs.binding import at_cutoff_of, pair_numbers, truncation_of
+from kickdrift.forces.pairs.truncations import OfPairs
 
 Code = Callable[..., Any]
 
@@ -35,7 +35,12 @@ def positive(u: Any) -> Any:
     return max(u, u - u)
 
 
-HELPERS: dict[Any, Code] = {lanes.positive: positive}  # device forms of what truncations and baths call
+def nearer(r2: Any, cutoff2: Any, value: Any) -> Any:
+    """Return the value where r2 is below the square of the cutoff, else zero."""
+    return value if r2 < cutoff2 else value - value
+
+
+HELPERS: dict[Any, Code] = {truncations.positive: positive}  # device forms of what truncations and baths call
 
 
 def in_precision(function: Code, single: bool) -> Code:
@@ -75,15 +80,19 @@ def truncated_law(force: Any, names: Sequence[str], single: bool) -> tuple[Code,
     """
     numbers = pair_numbers(force, names)
     table = numbers.reshape(len(numbers), -1).T.astype(np.float32 if single else np.float64)
-    given, by = force.pair_law(names[0], names[0]), truncation_of(force)
-    classes: tuple[Any, Any] = type(given), type(by)
+    given, at_end = force.pair_law(names[0], names[0]), at_cutoff_of(force, names, names[0], names[0])
+    by = truncation_of(force, names)
+    if isinstance(by, OfPairs):
+        kinds: tuple[Any, ...] = type(given), type(at_end), *map(type, by)
+        return _terms_of_ends(kinds, single), table.ravel()
+    classes: tuple[Any, ...] = type(given), type(by), type(at_end)
     if len(names) > 1:
         return _terms_of_pairs(classes, by, single), table.ravel()
-    return _terms(classes, given, AtCutoff(*numbers[-2:, 0, 0].tolist()), by, single), table.ravel()
+    return _terms(classes, given, at_end, by, single), table.ravel()
 
 
 @lru_cache(maxsize=16)
-def _terms(classes: tuple[Any, Any], *values: Any) -> Code:
+def _terms(classes: tuple[Any, ...], *values: Any) -> Code:
     """The device function for a class of laws, a class of truncations, and the numbers of both."""
     *given, single = values
     parameters, at_end, by = (numbers_of(each, single) for each in given)
@@ -97,18 +106,42 @@ def _terms(classes: tuple[Any, Any], *values: Any) -> Code:
 
 
 @lru_cache(maxsize=16)
-def _terms_of_pairs(classes: tuple[Any, Any], by: Any, single: bool) -> Code:
+def _terms_of_pairs(classes: tuple[Any, ...], by: Any, single: bool) -> Code:
     """The device function for classes of laws and truncations, with the law's numbers in a table."""
     law, apply = in_precision(classes[0].law, single), in_precision(classes[1].apply, single)
     numbers = numbers_of(by, single)
-    columns = len(classes[0]._fields) + len(AtCutoff._fields)
-    parameters, at_end = numbers_in(classes[0], 0, columns), numbers_in(AtCutoff, columns - 2, columns)
+    parameters, at_end = _numbers_of_pairs(classes[0], classes[2])
 
     def terms(r2, table, row):
         energy, force_over_r = law(parameters(table, row), r2)
         return apply(numbers, at_end(table, row), r2, energy, force_over_r)
 
     return on_device(terms)
+
+
+@lru_cache(maxsize=16)
+def _terms_of_ends(classes: tuple[Any, ...], single: bool) -> Code:
+    """The device function for the truncations of an ``OfPairs``, likewise; see `truncations.truncated`."""
+    of_law, at, *steps = classes
+    law, within = in_precision(of_law.law, single), on_device(nearer)
+    first, then, last = (in_precision(each.apply, single) for each in steps)
+    parameters, at_end = _numbers_of_pairs(of_law, at)
+
+    def terms(r2, table, row):
+        energy, force_over_r = law(parameters(table, row), r2)
+        end = at_end(table, row)
+        energy, force_over_r = first(end, end, r2, energy, force_over_r)
+        energy, force_over_r = then(end, end, r2, energy, force_over_r)
+        energy, force_over_r = last(end, end, r2, energy, force_over_r)
+        return within(r2, end.cutoff2, energy), within(r2, end.cutoff2, force_over_r)
+
+    return on_device(terms)
+
+
+def _numbers_of_pairs(of_law: Any, at: Any) -> tuple[Code, Code]:
+    """Device functions that take the parameters of a law, and the numbers of its end, from a table of pairs."""
+    first, columns = len(of_law._fields), len(of_law._fields) + len(at._fields)
+    return numbers_in(of_law, 0, columns), numbers_in(at, first, columns)
 
 
 HEADROOM = 6  # bits between the largest pair force that a liquid reaches and the largest sum

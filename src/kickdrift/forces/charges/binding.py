@@ -22,8 +22,8 @@ from kickdrift.forces.lists.row_lanes import row_lanes
 from kickdrift.forces.pairs import binding as pair_binding
 from kickdrift.forces.pairs.beside_pairs import BesidePairs
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
-from kickdrift.forces.pairs.lanes import AtCutoff, Cut
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.truncations import AtCutoff, Cut
 from kickdrift.forces.seam.kernel import FORCES_AND_SUMS, OK, BoundForce, call_force, run_body
 from kickdrift.jit.handle import Handle, handle_at
 from kickdrift.jit.lanes.memory import aligned

@@ -19,7 +19,6 @@ from kickdrift.forces.lists.load import PRUNED, SEARCHED, scaled_tail
 from kickdrift.forces.lists.row_lanes import RowLanes
 from kickdrift.forces.lists.sums import add_accelerations
 from kickdrift.forces.pairs import sum as sum  # the tasks of chunks
-from kickdrift.forces.pairs.lanes import AtCutoff
 from kickdrift.forces.pairs.sampled import gather_again, is_summed, sum_forces
 from kickdrift.forces.pairs.sorted_steps import step_by, steps_code
 from kickdrift.forces.pairs.upkeep import fill_tables, refresh_force
@@ -44,7 +43,7 @@ class PairWork(NamedTuple):
     """A pair law bound to a System."""
 
     law: Any  # the law's NamedTuple of parameters, for the first pair of species
-    at_cutoff: AtCutoff  # for the first pair of species
+    at_cutoff: Any  # AtCutoff or AtOwnCutoff, for the first pair of species
     tables: Any  # Tables, or None for one species
     truncation: Any
     mixed: Any  # None, or the total mass, in mixed precision

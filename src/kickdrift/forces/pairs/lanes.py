@@ -1,15 +1,11 @@
-"""A pair law with its parameters and truncation, evaluated in SIMD lanes.
+"""A pair law with its parameters and truncation, evaluated in SIMD lanes."""
 
-Truncations are cut, shift, force-shift, switch and potential-switch. Each works on numbers and on SIMD lanes.
-"""
-
-import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import types
 
 from kickdrift.forces.lists.pair_rows import slot_of
+from kickdrift.forces.pairs.truncations import end_of, ended, truncated
 from kickdrift.forces.pairs.upkeep import brings_terms, is_small
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import functions as functions  # what duals take part in
@@ -17,108 +13,12 @@ from kickdrift.jit.duals.dual import dual, dual_fields, of_lanes
 from kickdrift.jit.duals.operators import dual_like
 from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lanes_like
-from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import named_lanes
 from kickdrift.jit.lanes.single import (
     named_lanes_single,
 )
 from kickdrift.jit.lanes.tabled import Places, Tabled, all_taken, placed, places_of, tabled
-from kickdrift.jit.lanes.vectors import Lanes, single_type
-
-
-class AtCutoff(NamedTuple):
-    """Energy and force over r of a pair at the cutoff."""
-
-    energy: float
-    force_over_r: float
-
-
-class Cut(NamedTuple):
-    """U(r) unchanged: the energy jumps at the cutoff, so no method conserves it."""
-
-    def apply(self, at_cutoff, r2, energy, force_over_r):
-        return energy, force_over_r
-
-
-class Shift(NamedTuple):
-    """U(r) - U(r_c): the energy is continuous, the force jumps at the cutoff."""
-
-    def apply(self, at_cutoff, r2, energy, force_over_r):
-        return energy - at_cutoff.energy, force_over_r
-
-
-class ForceShift(NamedTuple):
-    """U(r) - U(r_c) + (r - r_c) F(r_c): energy and force are continuous (Toxvaerd & Dyre 2011,
-    doi:10.1063/1.3558787)."""
-
-    cutoff: float
-
-    def apply(self, at_cutoff, r2, energy, force_over_r):
-        force_at_cutoff = at_cutoff.force_over_r * self.cutoff
-        r = math.sqrt(r2)
-        shifted = energy - at_cutoff.energy + (r - self.cutoff) * force_at_cutoff
-        return shifted, force_over_r - force_at_cutoff / r
-
-
-class Switch(NamedTuple):
-    """U(r) S(r), where S falls from 1 at ``start`` to 0 at the cutoff, four times continuously differentiable.
-
-    S = (1 - u)^5 (1 + 5 u + 15 u^2 + 35 u^3 + 70 u^4) is the smooth step of degree nine (Ebert et al., Texturing and
-    Modeling, 2003, ch. 2, generalised). Its argument u = (r^2 - start^2) / (r_c^2 - start^2) needs no square root, and
-    this form has no cancellation at the cutoff. The degree is high because a potential with k continuous derivatives
-    limits a method to order k.
-    """
-
-    start2: float
-    inverse_width: float  # 1 / (r_c^2 - start^2)
-
-    def apply(self, at_cutoff, r2, energy, force_over_r):
-        u = positive((r2 - self.start2) * self.inverse_width)  # above 1 only beyond the cutoff, where lanes are masked
-        w = 1.0 - u
-        w2, uw = w * w, u * w
-        s = w2 * w2 * w * (1.0 + u * (5.0 + u * (15.0 + u * (35.0 + u * 70.0))))
-        # F / r = -(1/r) d(U S)/dr = F_U S / r - U dS/du du/dr / r, with du/dr / r = 2 / (r_c^2 - start^2)
-        uw2 = uw * uw
-        slope = 1260.0 * self.inverse_width * (uw2 * uw2)
-        return energy * s, force_over_r * s + energy * slope
-
-
-class PotentialSwitch(NamedTuple):
-    """U(r) S(r), where S falls from 1 at ``start`` to 0 at the cutoff, twice continuously differentiable.
-
-    S = (1 - u)^3 (1 + 3 u + 6 u^2) with u = (r - start) / (r_c - start) is the switching function of OpenMM, and
-    GROMACS' "Potential-switch".
-    """
-
-    start: float
-    inverse_width: float  # 1 / (r_c - start)
-
-    def apply(self, at_cutoff, r2, energy, force_over_r):
-        r = math.sqrt(r2)
-        u = positive((r - self.start) * self.inverse_width)
-        w = 1.0 - u
-        w2, u2 = w * w, u * u
-        s = w2 * w * (1.0 + u * (3.0 + u * 6.0))
-        return energy * s, force_over_r * s + energy * (30.0 * self.inverse_width * (u2 * w2)) / r
-
-
-@by_type
-def positive(u):
-    """Return u, or zero where u is negative."""
-    if isinstance(u, Lanes):
-        return lambda u: select(u > 0.0, u, 0.0)
-    if of_lanes(u):
-        return lambda u: np.where(u > 0.0, u, 0.0)
-    return lambda u: max(u, 0.0)
-
-
-@by_type
-def truncated(truncation, at_cutoff, r2, energy, force_over_r):
-    """Return energy and force over r of a truncated law, below its cutoff."""
-    apply = as_written(truncation.instance_class.apply)
-    return lambda truncation, at_cutoff, r2, energy, force_over_r: apply(
-        truncation, at_cutoff, r2, energy, force_over_r
-    )
+from kickdrift.jit.lanes.vectors import single_type
 
 
 class LawSlope(NamedTuple):
@@ -220,9 +120,9 @@ def truncated_terms(parameters, at_cutoff, truncation, r2):
 
     def slopes(parameters, at_cutoff, truncation, r2):
         p = dual_fields(parameters.law, parameters.by, r2)
-        square, end = dual_like(r2, r2), dual_like(parameters.cutoff2, r2)
+        square, end = dual_like(r2, r2), dual_like(end_of(at_cutoff, parameters.cutoff2), r2)
         energy, force_over_r = law(p, end)
-        at_end = AtCutoff(like_r2(energy, r2), like_r2(force_over_r, r2))
+        at_end = ended(at_cutoff, like_r2(energy, r2), like_r2(force_over_r, r2))
         energy, force_over_r = law(p, square)
         energy, force_over_r = truncated(truncation, at_end, square, like_r2(energy, r2), like_r2(force_over_r, r2))
         return energy.slope, force_over_r.slope

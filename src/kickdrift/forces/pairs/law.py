@@ -16,6 +16,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
+from kickdrift.forces.pairs.ends import WITH_TAIL, End, checked_end, either, mixed_end, own_end
 from kickdrift.forces.seam.group import Grouped, ListedForce, brief, refuse_massless
 from kickdrift.model.checks.values import number
 from kickdrift.text import shown
@@ -24,13 +25,8 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 PAIR_LAW = Form("pair_law", ("p", "r2"), "a pair's energy and force must depend on p and r2 alone")
-TRUNCATIONS = ("cut", "shift", "force-shift", "switch", "potential-switch")
-SWITCHED = TRUNCATIONS[3:]
-WITH_TAIL = ("cut", "potential-switch")
-SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
 DEFAULT_CUTOFF = 2.5  # in sigma
 SMALL_JUMP = 1e-3  # of the force at 0.9 cutoffs
-SHORTEST, LONGEST = 1e-100, 1e100  # limits of a cutoff: its sphere's volume stays within the range of float64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,7 +36,8 @@ class PairForce(ListedForce, Grouped):
     Attributes
     ----------
     cutoff : float
-        Pairs further apart do not interact; default 2.5 times the largest ``sigma``.
+        Pairs further apart do not interact; default 2.5 times the largest ``sigma``. Where pairs have cutoffs of their
+        own, this is the largest.
     truncation : "cut", "shift" (of the energy), "force-shift", "switch" (four times continuously differentiable) or
         "potential-switch" (twice; the switch of OpenMM, and GROMACS' of that name)
     switch_start : float, optional
@@ -50,17 +47,18 @@ class PairForce(ListedForce, Grouped):
         only with truncation "cut" or "potential-switch", whose energies it completes.
     species : {name: {parameter: value}}, optional
         The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
-        arithmetic, epsilon the geometric mean).
+        arithmetic, epsilon the geometric mean). ``cutoff``, ``truncation`` and ``switch_start`` may stand here too;
+        a cutoff mixes as sigma does.
     pairs : {(name, name): {parameter: value}}, optional
-        Parameters of named pairs; they override mixing.
+        Parameters of named pairs, and their ``cutoff``, ``truncation`` and ``switch_start``; they override mixing.
     """
 
     cutoff: float | None = None
     truncation: str = "shift"
     switch_start: float | None = None
     tail: bool = False
-    species: Mapping[str, Mapping[str, float]] | None = None
-    pairs: Mapping[tuple[str, str], Mapping[str, float]] | None = None
+    species: Mapping[str, Mapping[str, Any]] | None = None
+    pairs: Mapping[tuple[str, str], Mapping[str, Any]] | None = None
     mixing: str = "lorentz-berthelot"
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
@@ -72,51 +70,38 @@ class PairForce(ListedForce, Grouped):
         for key in (*self.Parameters._fields, "cutoff", "switch_start"):
             if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
                 object.__setattr__(self, key, value.item())  # a float32 would limit the precision of the law
-        if self.truncation not in TRUNCATIONS:
-            raise InputError(f"{self.name}: truncation {shown(self.truncation)} is not one of {', '.join(TRUNCATIONS)}")
         if self.mixing != "lorentz-berthelot":
             raise InputError(f"{self.name}: mixing {shown(self.mixing)} is not one of lorentz-berthelot")
         if not isinstance(self.tail, bool | np.bool_):
             raise InputError(f"{self.name}: tail must be True or False, got {shown(self.tail)}")
         self._check_tables()
-        if self.tail and self.truncation not in WITH_TAIL:
-            raise InputError(
-                f'{self.name}: tail = true completes truncation {_either(WITH_TAIL)}, not "{self.truncation}"'
-            )
         for where, law in self._laws_given():
             for key, value in law._asdict().items():
                 if not math.isfinite(number(value)) or (self.dimensions.get(key) == "length" and value <= 0):
                     kind = "positive" if self.dimensions.get(key) == "length" else "finite"
                     raise InputError(f"{self.name}: {key}{where} must be a {kind} number, got {shown(value)}")
         if self.cutoff is None:
-            sigmas = [getattr(law, "sigma", None) for _, law in self._laws_given()]
-            if not all(sigmas):
-                raise InputError(f"{self.name}: cutoff is needed")
-            object.__setattr__(self, "cutoff", DEFAULT_CUTOFF * max(s for s in sigmas if s))
-        assert self.cutoff is not None
-        if not (math.isfinite(number(self.cutoff)) and self.cutoff > 0):
-            raise InputError(f"{self.name}: cutoff must be a positive length, got {shown(self.cutoff)}")
-        if not SHORTEST < self.cutoff < LONGEST:
-            raise InputError(
-                f"{self.name}: cutoff must be between {SHORTEST:g} and {LONGEST:g}, so that its powers are numbers, "
-                f"got {shown(self.cutoff)}"
-            )
-        if self.truncation in SWITCHED:
-            start = SWITCH_START * self.cutoff if self.switch_start is None else self.switch_start
-            if not math.isfinite(number(start)):
-                raise InputError(f"{self.name}: switch_start must be a length, got {shown(start)}")
-            if not 0 < start < self.cutoff:
+            object.__setattr__(self, "cutoff", self._largest_cutoff())
+        for where, given in self._tables_given():
+            if "cutoff" in given:
+                checked_end(self.name, where, given["cutoff"], "cut", None)
+        end = checked_end(self.name, "", self.cutoff, self.truncation, self.switch_start)
+        object.__setattr__(self, "switch_start", end.switch_start)
+        for where, given in self._tables_given():
+            own = own_end(self.name, where, given, end)
+            if own.cutoff > end.cutoff:
                 raise InputError(
-                    f"{self.name}: switch_start must lie between 0 and the cutoff {self.cutoff:g}, got {start:g}"
+                    f"{self.name}: cutoff{where} is {own.cutoff:g}, beyond the cutoff {end.cutoff:g} of the force, "
+                    "which is the largest of all pairs"
                 )
-            object.__setattr__(self, "switch_start", start)
-        elif self.switch_start is not None:
-            raise InputError(
-                f'{self.name}: switch_start goes with truncation {_either(SWITCHED)}, not "{self.truncation}"'
-            )
-        for where, law in self._laws_given():
-            check_law(f"{self.name}{where}", law, self.cutoff)
-            check_slope(f"{self.name}{where}", law, self.cutoff)
+            if self.tail and own.truncation not in WITH_TAIL:
+                at = "" if own == end else where
+                raise InputError(
+                    f'{self.name}: tail = true completes truncation {either(WITH_TAIL)}, not "{own.truncation}"{at}'
+                )
+            law = self._filled(where, given)
+            check_law(f"{self.name}{where}", law, own.cutoff)
+            check_slope(f"{self.name}{where}", law, own.cutoff)
 
     def __str__(self) -> str:
         return brief(self, "species")
@@ -128,12 +113,10 @@ class PairForce(ListedForce, Grouped):
 
     def acting_on(self, system: Subject) -> dict[Any, str] | None:
         """The pairs of species between which the law is not zero everywhere."""
-        assert self.cutoff is not None
-        probes = [(part * self.cutoff) ** 2 for part in (0.3, 0.5, 0.8)]
         found = {}
         for a, b in combinations_with_replacement(sorted(system.species), 2):
-            law = self.pair_law(a, b)
-            if any(any(law.law(r2)) for r2 in probes):
+            law, cutoff = self.pair_law(a, b), self.pair_end(a, b).cutoff
+            if any(any(law.law((part * cutoff) ** 2)) for part in (0.3, 0.5, 0.8)):
                 found[a, b] = f"pairs {a}-{b}"
         return found
 
@@ -157,48 +140,84 @@ class PairForce(ListedForce, Grouped):
                 if not isinstance(values, Mapping):
                     raise InputError(f"{self.name}: {key}[{shown(name)}]: expected a table, got {shown(values)}")
 
-    def _laws_given(self) -> list[tuple[str, Any]]:
-        given = [("", self.law)] if not self.species else []
-        given += [(f" of species {s}", self._filled(s, values)) for s, values in (self.species or {}).items()]
-        given += [(f" of pair {a}-{b}", self._filled(f"{a}-{b}", p)) for (a, b), p in (self.pairs or {}).items()]
-        return given
+    def _tables_given(self) -> list[tuple[str, Mapping[str, Any]]]:
+        """Tables of parameters, each with words that say where it stands; an empty one for the force's own."""
+        given: list[tuple[str, Mapping[str, Any]]] = [("", {})] if not self.species else []
+        given += [(f" of species {s}", values) for s, values in (self.species or {}).items()]
+        return given + [(f" of pair {a}-{b}", values) for (a, b), values in (self.pairs or {}).items()]
 
-    def _filled(self, where: str, values: Mapping[str, float]) -> Any:
-        unknown = set(values) - set(self.Parameters._fields)
-        if unknown:
-            known = ", ".join(self.Parameters._fields)
+    def _laws_given(self) -> list[tuple[str, Any]]:
+        return [(where, self._filled(where, given)) for where, given in self._tables_given()]
+
+    def _filled(self, where: str, values: Mapping[str, Any]) -> Any:
+        known = (*self.Parameters._fields, *End._fields)
+        if unknown := set(values) - set(known):
             raise InputError(
-                f"{self.name}: {where}: unknown parameter {shown(min(map(str, unknown)))}; expected {known}"
+                f"{self.name}: {where.removeprefix(' of ')}: unknown parameter {shown(min(map(str, unknown)))}; "
+                f"expected {', '.join(known)}"
             )
-        return self.law._replace(**values)
+        return self.law._replace(**{key: value for key, value in values.items() if key not in End._fields})
+
+    def _largest_cutoff(self) -> float:
+        """The largest of the cutoffs that species and pairs have, and of the reaches of the others' laws: 2.5 sigma,
+        unless the law says another."""
+        found = []
+        for where, given in self._tables_given():
+            law = self._filled(where, given)
+            reach = getattr(law, "reach", DEFAULT_CUTOFF * getattr(law, "sigma", 0.0))
+            if "cutoff" in given or reach:
+                found.append(given.get("cutoff", reach))
+            else:
+                raise InputError(f"{self.name}: cutoff is needed")
+        return max(found, key=number)
+
+    def _given(self, a: str, b: str) -> Mapping[str, Any] | None:
+        """Table of the pair of species a and b, or None."""
+        return next((self.pairs[pair] for pair in ((a, b), (b, a)) if self.pairs and pair in self.pairs), None)
+
+    def pair_end(self, a: str, b: str) -> End:
+        """Where and how the pair of species a and b ceases to interact."""
+        assert self.cutoff is not None
+        whole, species = End(self.cutoff, self.truncation, self.switch_start), self.species or {}
+        ends = (own_end(self.name, f" of species {name}", species.get(name, {}), whole) for name in (a, b))
+        found = own_end(self.name, f" of pair {a}-{b}", self._given(a, b) or {}, mixed_end(*ends))
+        if not found.truncation:
+            raise InputError(f"{self.name}: pair {a}-{b} is needed: truncations of different kinds have no mean")
+        return found
+
+    def ends(self, species: Sequence[str]) -> set[End]:
+        """Ends of all pairs of these species: one, unless pairs have cutoffs or truncations of their own."""
+        return {self.pair_end(a, b) for a, b in combinations_with_replacement(species, 2)}
 
     def pair_law(self, a: str, b: str) -> Any:
         """Parameters of the law between species a and b."""
-        for pair in ((a, b), (b, a)):
-            if self.pairs and pair in self.pairs:
-                return self._filled(f"{a}-{b}", self.pairs[pair])
+        if (given := self._given(a, b)) is not None:
+            return self._filled(f" of pair {a}-{b}", given)
         if not self.species:
             return self.law
         for name in (a, b):
             if name not in self.species:
                 raise InputError(f"{self.name}: species {name!r} has no parameters (and no pair {a}-{b} is given)")
-        first, second = (self._filled(name, self.species[name])._asdict() for name in (a, b))
-        if a != b and not set(first) <= {"epsilon", "sigma"}:
+        first, second = (self._filled(f" of species {name}", self.species[name])._asdict() for name in (a, b))
+        shared = {key for key in getattr(self.Parameters, "shared", ()) if first[key] == second[key]}
+        if a != b and not set(first) - shared <= {"epsilon", "sigma"}:
             raise InputError(f"{self.name}: pair {a}-{b} is needed: only epsilon and sigma can be mixed")
         if a != b and first.get("epsilon", 0.0) * second.get("epsilon", 0.0) < 0:
             raise InputError(f"{self.name}: pair {a}-{b} is needed: epsilons of different signs have no geometric mean")
         means = {"sigma": lambda p, q: 0.5 * (p + q), "epsilon": lambda p, q: math.sqrt(p * q)}
-        return self.Parameters(**{k: first[k] if a == b else means[k](first[k], second[k]) for k in first})
+        same = shared if a != b else set(first)
+        return self.Parameters(**{k: first[k] if k in same else means[k](first[k], second[k]) for k in first})
 
     def jumps_at_cutoff(self, species: Sequence[str]) -> bool:
         """Tell whether the force between some species jumps at the cutoff: beyond a thousandth of its size at 0.9
         cutoffs. A cutoff in the minimum of the potential makes no jump."""
-        if self.truncation not in ("cut", "shift"):
-            return False
-        assert self.cutoff is not None
-        near, far = (0.9 * self.cutoff) ** 2, self.cutoff**2
-        laws = [self.pair_law(a, b) for k, a in enumerate(species) for b in species[k:]]
-        return any(abs(p.law(far)[1]) > SMALL_JUMP * abs(p.law(near)[1]) for p in laws)
+        for a, b in combinations_with_replacement(species, 2):
+            end, law = self.pair_end(a, b), self.pair_law(a, b)
+            if end.truncation in ("cut", "shift"):
+                near, far = law.law((0.9 * end.cutoff) ** 2)[1], law.law(end.cutoff**2)[1]
+                if abs(far) > SMALL_JUMP * abs(near):
+                    return True
+        return False
 
     def shortest(self) -> float:
         """Smallest length among the law's parameters (sigma); particles much closer than this overlap."""
@@ -221,7 +240,7 @@ class PairForce(ListedForce, Grouped):
             raise InputError(f"{self.name}: {far}")
         for a in system.species:
             for b in system.species:
-                check_law(self.name, self.pair_law(a, b), self.cutoff)
+                check_law(self.name, self.pair_law(a, b), self.pair_end(a, b).cutoff)
 
     def tail_corrections(self, system: Subject) -> tuple[float, float]:
         """Energy and virial from beyond the cutoff, by quadrature of the law for a uniform fluid."""
@@ -233,13 +252,13 @@ class PairForce(ListedForce, Grouped):
         energy = virial = 0.0
         for a, n_a in zip(system.species, counts, strict=True):
             for b, n_b in zip(system.species, counts, strict=True):
-                p = self.pair_law(a, b)
+                p, (cutoff, _, start) = self.pair_law(a, b), self.pair_end(a, b)
                 density = circle * n_a * n_b / system.volume
                 try:
-                    if self.switch_start is None:
-                        u_part, w_part = (_over_tail(p, k, power, self.cutoff) for k, power in ((0, p_u), (1, p_w)))
+                    if start is None:
+                        u_part, w_part = (_over_tail(p, k, power, cutoff) for k, power in ((0, p_u), (1, p_w)))
                     else:
-                        u_part = _over_tail(p, 0, p_u, self.cutoff, self.switch_start)
+                        u_part = _over_tail(p, 0, p_u, cutoff, start)
                         w_part = system.dimensions * u_part  # integrated by parts; the energy has no jump
                 except ArithmeticError:
                     raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
@@ -274,10 +293,6 @@ def _over_tail(law: Any, part: int, power: int, cutoff: float, start: float | No
     if len(found) > 3:
         raise ArithmeticError(found[3])
     return float(found[0])
-
-
-def _either(names: Sequence[str]) -> str:
-    return " or ".join(f'"{each}"' for each in names)
 
 
 def _example(name: Any) -> str:

@@ -47,7 +47,7 @@ def bind(force: PairForce, key: str, system: System, threads: int, column: int, 
     work = bound.parts
     law = LawSlope(work.law, type(work.law)(*(float(each) for each in by[:, 0, 0])), work.cutoff**2)
     numbers = pair_numbers(force, system.species)
-    numbers = np.concatenate([numbers[:-2], by, numbers[-2:]])
+    numbers = np.insert(numbers, [len(work.law)], by, axis=0)
     tables = tables_of(numbers, system.species_index, work.pairs.x.size // 3, work.lanes)
     own = PairKernel(work._replace(law=law, tables=tables, tail=(0.0, 0.0)))
     return PairPushKernel(PairPush(own.parts, 0, 0, np.zeros((2, 3, n)), np.zeros((3, n)), column, size), own)

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces.pairs.binding import law_class, truncation_of
-from kickdrift.forces.pairs.lanes import AtCutoff, pair_terms
+from kickdrift.forces.pairs.binding import at_common_cutoff, law_class, truncation_at
+from kickdrift.forces.pairs.lanes import pair_terms
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.jit.compile import driver
 from kickdrift.jit.lanes.functions import lanes_like
@@ -15,14 +15,12 @@ from kickdrift.model.state import Floats
 
 
 def force_over_r(force: PairForce, first: str, second: str, r2: Floats) -> Floats:
-    """-U'(r) / r between two species, truncated, at squared distances (m,) below that of the cutoff."""
-    cls = law_class(force)
-    law = cls(*(float(value) for value in force.pair_law(first, second)))
-    at_cutoff = AtCutoff(*(float(value) for value in law.law(float(force.cutoff or 0.0) ** 2)))
+    """-U'(r) / r between two species, truncated, at squared distances (m,) below that of their cutoff."""
+    law, end = law_class(force)(*map(float, force.pair_law(first, second))), force.pair_end(first, second)
     padded = np.full(-(-len(r2) // WIDTH) * WIDTH, 1.0)
     padded[: len(r2)] = r2
     found = np.empty_like(padded)
-    evaluate((law, at_cutoff, truncation_of(force), None), padded, found)
+    evaluate((law, at_common_cutoff(law, end), truncation_at(end), None), padded, found)
     return found[: len(r2)]
 
 

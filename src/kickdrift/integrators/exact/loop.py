@@ -12,7 +12,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from kickdrift.forces.bound.table import EVALUATIONS
-from kickdrift.forces.pairs.lanes import AtCutoff
+from kickdrift.forces.pairs.truncations import OfPairs, nearer
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.exact.list import (
     AXIS,
@@ -41,7 +41,7 @@ class ExactPairs(NamedTuple):
     """A pair law on the lattice."""
 
     law: Any  # the law's NamedTuple of parameters (of the first pair of species, if there are several)
-    at_cutoff: AtCutoff  # likewise
+    at_cutoff: Any  # likewise; AtCutoff or AtOwnCutoff
     tables: Any  # SpeciesTables, or None for one species
     truncation: Any
     cutoff2: float
@@ -54,7 +54,7 @@ class SpeciesTables(NamedTuple):
     """Parameters per pair of species."""
 
     law: NDArray[np.float64]  # (parameters, species, species)
-    at_cutoff: NDArray[np.float64]  # (2, species, species)
+    at_cutoff: NDArray[np.float64]  # (numbers of an AtCutoff or AtOwnCutoff, species, species)
     species: NDArray[np.int64]  # (n,)
 
 
@@ -143,7 +143,7 @@ def gravity_kicks(force, particles):
 @by_type
 def pair_force(law, at_cutoff, truncation, tables, i, j, r2):
     """Truncated force over r between particles i and j."""
-    of_law, apply = strict(law.instance_class.law), strict(truncation.instance_class.apply)
+    of_law, apply = strict(law.instance_class.law), truncated(truncation)
     if isinstance(tables, types.NoneType):
 
         def one_species(law, at_cutoff, truncation, tables, i, j, r2):
@@ -152,15 +152,29 @@ def pair_force(law, at_cutoff, truncation, tables, i, j, r2):
 
         return one_species
 
-    parameters = from_table(law.instance_class)
+    parameters, numbers = from_table(law.instance_class), from_table(at_cutoff.instance_class)
 
     def many_species(law, at_cutoff, truncation, tables, i, j, r2):
         a, b = tables.species[i], tables.species[j]
         energy, force_over_r = of_law(parameters(tables.law, a, b), r2)
-        here = AtCutoff(tables.at_cutoff[0, a, b], tables.at_cutoff[1, a, b])
-        return apply(truncation, here, r2, energy, force_over_r)[1]
+        return apply(truncation, numbers(tables.at_cutoff, a, b), r2, energy, force_over_r)[1]
 
     return many_species
+
+
+def truncated(truncation: Any) -> Callable[..., Any]:
+    """Compiled function that applies a truncation of this type."""
+    if truncation.instance_class is not OfPairs:
+        return strict(truncation.instance_class.apply)
+    first, then, last = (strict(each.instance_class.apply) for each in truncation.types)
+
+    def of_pair(truncation, at_cutoff, r2, energy, force_over_r):
+        energy, force_over_r = first(at_cutoff, at_cutoff, r2, energy, force_over_r)
+        energy, force_over_r = then(at_cutoff, at_cutoff, r2, energy, force_over_r)
+        energy, force_over_r = last(at_cutoff, at_cutoff, r2, energy, force_over_r)
+        return energy, nearer(r2, at_cutoff.cutoff2, force_over_r)
+
+    return strict(of_pair)
 
 
 def from_table(cls: Any) -> Callable[..., Any]:

@@ -12,8 +12,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound.table import SLOTS
 from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
-from kickdrift.forces.pairs.binding import law_class, truncation_of
-from kickdrift.forces.pairs.lanes import AtCutoff
+from kickdrift.forces.pairs.binding import first_pair, pair_numbers, truncation_of
 from kickdrift.forces.seam.kernel import GROW
 from kickdrift.integrators.exact.list import AXIS, BUILT, CULPRIT, POSITION, ROOM_NEEDED, WHAT, Particles
 from kickdrift.integrators.exact.loop import FAR, ExactGravity, ExactPairs, SpeciesTables, exact_loop
@@ -145,23 +144,19 @@ class ExactStepper(Regular):
         if isinstance(force, Gravity):
             gravity = gravitational_constant(force.name, force.G, system)
             return ExactGravity(force.softening**2, gravity * system.state.masses, half)
-        names, cls = system.species, law_class(force)
-        laws = [[cls(*(float(value) for value in force.pair_law(a, b))) for b in names] for a in names]
-        at_cutoff = [[AtCutoff(*(float(u) for u in p.law(force.cutoff**2))) for p in row] for row in laws]
-        tables = None
+        names, tables = system.species, None
+        law, at_cutoff = first_pair(force, names)
         if len(names) > 1:
-            tables = SpeciesTables(
-                np.array(laws, dtype=float).transpose(2, 0, 1).copy(),
-                np.array(at_cutoff).transpose(2, 0, 1).copy(),
-                system.species_index.astype(np.int64),
-            )
+            numbers = pair_numbers(force, names)
+            of_law, of_end = numbers[: len(law)].copy(), numbers[len(law) :].copy()
+            tables = SpeciesTables(of_law, of_end, system.species_index.astype(np.int64))
         gain = half if not self._gravity else half / system.coherent_masses
         return ExactPairs(
-            law=laws[0][0],
-            at_cutoff=at_cutoff[0][0],
+            law=law,
+            at_cutoff=at_cutoff,
             tables=tables,
-            truncation=truncation_of(force),
-            cutoff2=float(force.cutoff) ** 2,
+            truncation=truncation_of(force, names),
+            cutoff2=float(max(end.cutoff for end in force.ends(names))) ** 2,
             gain=gain,
             alike=not self._gravity,
             largest=float(gain.max()),

@@ -375,7 +375,8 @@ def pressure_warnings(dt: float, options: Options, system: Any) -> list[str]:
             f"or a pressure_every below {every}"
         )
     for force in system.forces:
-        if isinstance(force, PairForce) and force.truncation == "cut" and not force.tail:
+        cuts = isinstance(force, PairForce) and any(end.truncation == "cut" for end in force.ends(system.species))
+        if cuts and not force.tail:
             found.append(
                 f"pressure: {force.name} is cut, so its force jumps at the cutoff, and the virial lacks this impulse; "
                 'take truncation = "shift", "force-shift" or "switch", or tail corrections'
