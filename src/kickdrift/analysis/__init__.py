@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certify.force_testing import force_checks
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
+    from kickdrift.analysis.observables.dielectric import Dielectric, dielectric_constant
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
@@ -36,6 +38,7 @@ _HOMES = {
     "SamplingRow": "kickdrift.analysis.compare.sampling",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
+    "dielectric_constant": "kickdrift.analysis.observables.dielectric",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
     "engine_checks": "kickdrift.analysis.certify.certifying",
     "ensemble_checks": "kickdrift.analysis.certify.certifying",
@@ -50,6 +53,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Dielectric",
     "Diffusion",
     "ElasticConstants",
     "EnsembleChecks",
@@ -61,6 +65,7 @@ __all__ = [
     "SamplingRow",
     "Spectrum",
     "block_average",
+    "dielectric_constant",
     "elastic_constants",
     "engine_checks",
     "ensemble_checks",
