@@ -90,7 +90,7 @@ PYTHON = [
     ("kd.LennardJones(rc=2.5)", "LennardJones: no argument 'rc'…"),
     (
         'kd.LennardJones(truncation="shifted")',
-        "lennard-jones: truncation 'shifted' is not one of cut, shift, force-shift, switch",
+        "lennard-jones: truncation 'shifted' is not one of cut, shift, force-shift, switch, potential-switch",
     ),
     (
         'kd.LennardJones(pairs={"A-B": {"sigma": 1}})',

@@ -92,7 +92,7 @@ def shear_claims(long: bool) -> Iterator[Claim]:
         for barostat in BATHS:
             steps = STEPS * (5 if long else 1)
             given = options | QUICK[barostat]
-            found = [watched(each, barostat, steps, **given)[1] for each in (system, sheared)]
+            found = [watched(each, barostat, steps, **given).edges for each in (system, sheared)]
             tilts = np.array([[e[1, 0] / e[0, 0], e[2, 0] / e[0, 0], e[2, 1] / e[1, 1]] for e in found[1]])
             means = [block_average(each) for each in tilts.T]
             off = max(abs(each.value) / each.error for each in means)
@@ -117,7 +117,7 @@ def lammps_claims(long: bool) -> Iterator[Claim]:
     except ImportError:
         yield not_run("copper: volume and tilts", "those of LAMMPS", LAMMPS)
         return
-    _, ours, _ = watched(settled(system, **options), "mtk", steps, **options)
+    ours = watched(settled(system, **options), "mtk", steps, **options).edges
     kinds = {
         "volume per atom": lambda e: np.linalg.det(e) / len(system),
         "variance of bx / ax, x 1e6": lambda e: 1e6 * (e[:, 1, 0] / e[:, 0, 0]) ** 2,

@@ -150,6 +150,7 @@ __all__ = [
     "CentralPotential",
     "ChaosReport",
     "CloseApproach",
+    "Cmap",
     "Collision",
     "Column",
     "Comparison",
@@ -282,6 +283,18 @@ def _ase() -> ModuleType:
     return ase
 
 
+def _lammps() -> ModuleType:
+    from kickdrift.bridges.lammps import system
+
+    return system
+
+
+def _mdanalysis() -> ModuleType:
+    from kickdrift.bridges import mdanalysis
+
+    return mdanalysis
+
+
 def _openmm() -> ModuleType:
     from kickdrift.bridges.openmm import system
 
@@ -312,7 +325,7 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
-BRIDGES.update(ase=_ase, openmm=_openmm, rebound=_rebound)
+BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
 
 
@@ -332,6 +345,7 @@ ABOVE.update(
         "problem lines": _loader("trajectory.overview", "overview_of_problem"),
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
+        "section figure": _loader("plots.results", "section_figure"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),

@@ -89,7 +89,7 @@ EACH_KIND = [
     "opls-dihedral",
     "springs",
 ]
-EACH_KIND += ["coulomb", "restraint", "python", "ase", "lammps", "listed-pairs"]
+EACH_KIND += ["coulomb", "restraint", "python", "ase", "lammps", "listed-pairs", "cmap"]
 
 
 def options_of(system: kd.System, coupling: str, barostat: str) -> dict[str, Any]:

@@ -129,6 +129,12 @@ def truncated_lennard_jones(force, r, epsilon, sigma):
         s, ds_du = 1.0 - betainc(5, 5, u.real), -(u**4) * (1.0 - u) ** 4 / beta(5, 5)
         s = s + 1j * u.imag * ds_du.real if np.iscomplexobj(u) else s  # a complex step
         return energy * s, radial * s - energy * ds_du * 2.0 * r / width
+    if force.truncation == "potential-switch":
+        start = 0.8 * force.cutoff if force.switch_start is None else force.switch_start
+        u = (r - start) / (force.cutoff - start)
+        u = np.where(u.real <= 0.0, 0.0, np.where(u.real >= 1.0, 1.0, u))
+        s, ds_du = 1.0 - 10.0 * u**3 + 15.0 * u**4 - 6.0 * u**5, -30.0 * u**2 * (1.0 - u) ** 2
+        return energy * s, radial * s - energy * ds_du / (force.cutoff - start)
     raise ValueError(force.truncation)
 
 

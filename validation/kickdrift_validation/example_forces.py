@@ -54,6 +54,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "opls-dihedral": {"v1": 0.5, "v2": -0.4, "v3": 0.2, "v4": 0.6},
     "harmonic-improper": {"stiffness": 2.0, "rest": 20.0},
     "periodic-improper": {"barrier": 2.0, "multiplicity": 2.0, "phase": 30.0},
+    "cmap": {"chains": [[0, 1, 2, 3, 4]], "maps": [np.sin(np.arange(16.0)).reshape(4, 4).tolist()]},
     "listed-pairs": {"pairs": [[0, 1], [1, 2]], "epsilon": 0.7, "sigma": [0.8, 0.9], "charges": -0.2},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
     "restraint": {"stiffness": 2.0, "particles": [0, 5], "positions": [(0.3, 0.2, 0.0), (-0.5, 1.0, 0.0)]},

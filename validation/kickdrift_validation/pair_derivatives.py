@@ -47,7 +47,7 @@ def fluid(count: int, force: Any, density: float = 0.8442, steps: int = 500) -> 
 def slopes() -> Iterator[Claim]:
     bound, reference = "at most 1e-13", "the formulas in mpmath with 40 digits, differentiated there"
     texts = [
-        f"slopes of Lennard-Jones forces {what}, four truncations, relative to the largest"
+        f"slopes of Lennard-Jones forces {what}, five truncations, relative to the largest"
         for what in ("along deviations", "by epsilon and sigma")
     ]
     try:
@@ -61,7 +61,7 @@ def slopes() -> Iterator[Claim]:
     deviation = rng.normal(size=(2, 3, len(start)))
     with mpmath.workdps(40):
         for truncation in TRUNCATIONS:
-            more = {"switch_start": START} if truncation == "switch" else {}
+            more = {"switch_start": START} if truncation.endswith("switch") else {}
             force = kd.LennardJones(epsilon=1.2, sigma=0.97, cutoff=CUTOFF, truncation=truncation, **more)
             system = start.with_forces(force)
             exact = by_mpmath(mpmath, system, truncation, deviation[0])
@@ -120,6 +120,9 @@ def force_over_r(mpmath: Any, truncation: str, d: list[Any], epsilon: Any, sigma
         u = (r * r - mpmath.mpf(START) ** 2) / width
         smooth = 1 - mpmath.betainc(5, 5, 0, u, regularized=True)
         radial = radial * smooth + energy * 630 * (u * (1 - u)) ** 4 * 2 * r / width
+    if truncation == "potential-switch" and r > START:
+        u = (r - START) / (end - START)
+        radial = radial * (1 - 10 * u**3 + 15 * u**4 - 6 * u**5) + energy * 30 * (u * (1 - u)) ** 2 / (end - START)
     return radial / r
 
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
+    from kickdrift.analysis.orbits.observed import radial_velocities, radial_velocity, sky_offsets
     from kickdrift.analysis.orbits.orbits import orbital_elements
+    from kickdrift.analysis.orbits.section import Section, poincare_section
     from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit, Resonance
     from kickdrift.analysis.orbits.secular_run import orbit_report
     from kickdrift.statistics.blocks import block_average
@@ -36,6 +38,7 @@ _HOMES = {
     "Resonance": "kickdrift.analysis.orbits.secular_report",
     "SamplingComparison": "kickdrift.analysis.compare.sampling",
     "SamplingRow": "kickdrift.analysis.compare.sampling",
+    "Section": "kickdrift.analysis.orbits.section",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
     "dielectric_constant": "kickdrift.analysis.observables.dielectric",
@@ -46,8 +49,12 @@ _HOMES = {
     "mean_squared_displacement": "kickdrift.analysis.observables.motion",
     "orbit_report": "kickdrift.analysis.orbits.secular_run",
     "orbital_elements": "kickdrift.analysis.orbits.orbits",
+    "poincare_section": "kickdrift.analysis.orbits.section",
     "pressure_tensor": "kickdrift.analysis.observables.pressure",
     "radial_distribution": "kickdrift.analysis.observables.structure",
+    "radial_velocities": "kickdrift.analysis.orbits.observed",
+    "radial_velocity": "kickdrift.analysis.orbits.observed",
+    "sky_offsets": "kickdrift.analysis.orbits.observed",
     "structure_factor": "kickdrift.analysis.observables.structure",
     "velocity_autocorrelation": "kickdrift.analysis.observables.motion",
 }
@@ -63,6 +70,7 @@ __all__ = [
     "Resonance",
     "SamplingComparison",
     "SamplingRow",
+    "Section",
     "Spectrum",
     "block_average",
     "dielectric_constant",
@@ -73,8 +81,12 @@ __all__ = [
     "mean_squared_displacement",
     "orbit_report",
     "orbital_elements",
+    "poincare_section",
     "pressure_tensor",
     "radial_distribution",
+    "radial_velocities",
+    "radial_velocity",
+    "sky_offsets",
     "structure_factor",
     "velocity_autocorrelation",
 ]

@@ -25,6 +25,7 @@ from kickdrift.cli.measuring import analyze, certify, chaos, compare, transits
 from kickdrift.cli.options import option
 from kickdrift.cli.running import relax, resume, run
 from kickdrift.cli.watching import INTERRUPTED, Interrupted
+from kickdrift.disk.foreign import is_lammps_input
 from kickdrift.disk.interrupt import heard_everywhere
 from kickdrift.disk.outputs import reason
 from kickdrift.errors import KickdriftError
@@ -124,7 +125,7 @@ def options(
         option(
             "FILE.py",
             "First load a Python file that registers methods or forces, or a module of calculators "
-            "(ase.calculators.emt) that files may name.",
+            "(ase.calculators.emt) that files may name. An input of LAMMPS named here may run commands.",
             "--load",
             envvar="KICKDRIFT_LOAD",
         ),
@@ -137,7 +138,12 @@ def options(
     from kickdrift.integrators.own.registration import load_code
 
     for path in load or []:
-        load_code(path)
+        if is_lammps_input(path):
+            from kickdrift.bridges.lammps.script import TRUSTED
+
+            TRUSTED.add(path.resolve())
+        else:
+            load_code(path)
 
 
 def main() -> None:

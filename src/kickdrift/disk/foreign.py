@@ -10,7 +10,9 @@ from kickdrift.errors import InputError
 
 HEAD = 16 * 1024  # bytes that are examined
 LAMMPS_DATA = (".data", ".lmp", ".lammps-data")
-_BESIDE = 'a system file reads it with particles = {{file = "{name}"}}'
+_BESIDE = (
+    'a system file reads it with particles = {{file = "{name}"}}; kd.System.from_lammps takes its coefficients, too'
+)
 _BONDS = 'a system file takes its bonds with topology = {{file = "{name}"}}; '
 _FRAMES = "it holds frames alone; MDAnalysis or ASE write one of them as .extxyz or .pdb, which kickdrift reads"
 _CONVERT = "ase convert writes it as .extxyz, which kickdrift reads"
@@ -71,8 +73,8 @@ FOREIGN = (
     Foreign("a data file of LAMMPS", _has(rb"^[ \t]*\d+[ \t]+atoms[ \t]*(#.*)?\r?$"), _BESIDE),
     Foreign("a dump of LAMMPS", _has(rb"\AITEM: TIMESTEP"),
             "ase convert -i lammps-dump-text {name} start.extxyz writes a file that kickdrift reads"),
-    Foreign("a script of LAMMPS", _has(rb"^(pair_style|atom_style|read_data|create_atoms)[ \t]"),
-            "kickdrift runs no scripts; write_data of LAMMPS writes the atoms for particles = {{file = …}}"),
+    Foreign("an input of LAMMPS", _has(rb"^(pair_style|atom_style|read_data|create_atoms)[ \t]"),
+            "kickdrift run {name} runs its system"),
     Foreign("a structure in the format of PDB", _has(rb"\A(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)"),
             _renamed(".pdb")),
     Foreign("a structure of GROMACS (gro)", _has(rb"\A.*\r?\n[ \t]*\d+\r?\n.{15}[ \d]{5}" + _FLOATS),
@@ -114,3 +116,8 @@ def is_lammps_data(path: str | os.PathLike[str]) -> bool:
     if os.path.splitext(path)[1].lower() in LAMMPS_DATA:
         return True
     return foreign(path).startswith("is a data file of LAMMPS")
+
+
+def is_lammps_input(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file is an input of LAMMPS, by its content."""
+    return os.path.splitext(path)[1].lower() != ".toml" and foreign(path).startswith("is an input of LAMMPS")

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from kickdrift.disk.posix import interrupt
+
 AGAIN = 0.01  # seconds until a lost interrupt is raised again
 KILLED = 128  # exit status of a program that a signal ends, less the signal's number
 
@@ -19,7 +21,7 @@ def heard_everywhere() -> Iterator[Callable[[], bool]]:
 
     def again(found: Any) -> None:
         if issubclass(found.exc_type, KeyboardInterrupt):
-            timer = threading.Timer(AGAIN, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+            timer = threading.Timer(AGAIN, interrupt)
             timer.daemon = True
             timer.start()
         else:

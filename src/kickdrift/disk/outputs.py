@@ -24,6 +24,7 @@ from kickdrift.disk import kinds
 from kickdrift.disk.files import place, same_file, shown_path
 from kickdrift.disk.interrupt import tidy
 from kickdrift.disk.kinds import Kind, is_ours, wrong_ending
+from kickdrift.disk.posix import flags
 from kickdrift.errors import InputError, RunError
 
 KINDS = {"json": kinds.JSON, "plot": kinds.FIGURE}  # by option
@@ -236,7 +237,7 @@ def _hold(path: Path, said: str) -> None:
         return
     if (status.st_dev, status.st_ino) not in _pipes:
         try:
-            _pipes[status.st_dev, status.st_ino] = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            _pipes[status.st_dev, status.st_ino] = os.open(path, os.O_WRONLY | flags("O_NONBLOCK", "O_CLOEXEC"))
         except OSError as error:
             why = "is a pipe that no program reads" if error.errno == errno.ENXIO else reason(error)
             raise InputError(f"{said}: {why}") from None
@@ -252,7 +253,7 @@ def _stream(path: Path) -> BinaryIO:
         status = os.stat(path)
         number = _pipes.pop((status.st_dev, status.st_ino), -1)
         if number < 0:
-            number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+            number = os.open(path, os.O_WRONLY | flags("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC"))
         mode = os.fstat(number).st_mode
         if not (stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)):
             os.close(number)

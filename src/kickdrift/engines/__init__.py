@@ -184,7 +184,7 @@ ENGINES: dict[str, Engine] = {
             source="Eastman et al. 2024, J. Phys. Chem. B 128, 109, doi:10.1021/acs.jpcb.3c06662",
         ),
         Engine(
-            "cuda", "one pair law, or gravity, on a graphics processor (its present lists never ran on a device)",
+            "cuda", "one pair law, or gravity, on a graphics processor",
             ("numba-cuda",), ("0",), {row.name: row.name for row in ROWS}, CUDA_BATHS, mixed=True,
             source="Lam, Pitrou & Seibert 2015, LLVM '15, 7, doi:10.1145/2833157.2833162 (numba)",
         ),

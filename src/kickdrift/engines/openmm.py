@@ -52,6 +52,7 @@ TRUNCATIONS = {  # energies of a pair
     "switch": (
         "U*w^5*(1+5*u+15*u^2+35*u^3+70*u^4); w=1-u; u=max(0,((s*r)^2-start^2)/(cutoff^2-start^2))"
     ),
+    "potential-switch": "U*w^3*(1+3*u+6*u^2); w=1-u; u=max(0,(s*r-start)/(cutoff-start))",
 }  # fmt: skip
 LENNARD_JONES = "; last=4*e*((l/cutoff)^12-(l/cutoff)^6); U=4*e*((l/(s*r))^12-(l/(s*r))^6)"
 MIXTURE = "; e=epsilon(kind1,kind2); l=sigma(kind1,kind2)"

@@ -3,7 +3,6 @@ kill, at most the last line of the journal is damaged."""
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -17,6 +16,7 @@ import numpy as np
 from kickdrift.disk import kinds
 from kickdrift.disk.files import descriptor, opened, refuse_unfit
 from kickdrift.disk.outputs import checked_target, reason, written_whole
+from kickdrift.disk.posix import flags, lock
 from kickdrift.ensemble.rows import DONE, FAILED, LAST, LOST, MEMBER, STOPPED_BY, DataFrame, Row
 from kickdrift.errors import InputError, RunError
 from kickdrift.text import CELL, clean
@@ -321,7 +321,7 @@ class Lock:
             except OSError as error:
                 raise InputError(f"{path}: cannot be written: {reason(error)}") from None
             try:
-                fcntl.flock(self._number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(self._number)
             except OSError:
                 os.close(self._number)
                 raise InputError(f"{output}: another process is at work on it") from None
@@ -335,11 +335,11 @@ class Lock:
 
     def _opened(self) -> int:
         try:
-            return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            return os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | flags("O_CLOEXEC"), 0o666)
         except FileExistsError:
             if os.path.islink(self.path):
                 raise InputError(f"{self.path}: is a symbolic link, not a lock file") from None
-            return descriptor(self.path, os.O_RDWR | os.O_NOFOLLOW)
+            return descriptor(self.path, os.O_RDWR | flags("O_NOFOLLOW"))
 
     def _named(self) -> bool:
         """Tell whether the name still belongs to the locked file."""

@@ -75,6 +75,62 @@ class Bridged:
         return bridge("ase", "System.to_ase").atoms_of(self, symbols, calculator)
 
     @classmethod
+    def from_lammps(
+        cls, path: Any, units: str | None = None, commands: Iterable[str] = (), trusted: bool = False
+    ) -> Any:
+        """System of an input of LAMMPS, or of a data file with its coefficients, in the input's units.
+
+        LAMMPS reads the input up to its first run, in a process of its own. Its box, particles, lists, styles and
+        coefficients become the System, and the fixes nve, nvt, langevin, temp/csvr and shake the run's defaults and
+        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, also with
+        coul/long, eam, sw and tersoff; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
+        harmonic, cosine, charmm. Dihedrals: harmonic, charmm, fourier, opls, multi/harmonic. Impropers: harmonic, cvff.
+        A UserWarning names what was left out.
+
+        Parameters
+        ----------
+        path : file of the input or of the data
+        units : lj, metal or real, of a data file whose first line does not state them
+        commands : styles and coefficients that a data file lacks, such as ``["pair_style lj/cut 2.5"]``
+        trusted : whether the input may run commands of the shell, Python and loops
+
+        Raises
+        ------
+        InputError
+            For such commands in an input that is not trusted, for what kickdrift lacks, and whatever LAMMPS says.
+        """
+        return bridge("lammps", "System.from_lammps").system_of(path, units, tuple(commands), trusted)
+
+    @classmethod
+    def from_mdanalysis(
+        cls,
+        universe: Any,
+        forces: Iterable[Any] = (),
+        units: str | UnitSystem = "real",
+        factors: Iterable[float] | None = None,
+    ) -> Any:
+        """System of an ``MDAnalysis.Universe`` at its present frame: particles, masses, charges, box, lists.
+
+        MDAnalysis' units are angstrom, ps, u and elementary charges; values are converted to ``units``, and stay plain
+        numbers in lj, nbody and astro. MDAnalysis has positions in float32. ``universe.trajectory[k]`` goes to frame k.
+        Species are the elements, else the types. The topology has MDAnalysis' lists with their types.
+
+        Parameters
+        ----------
+        universe : MDAnalysis.Universe
+        forces : iterable of forces, in ``units``; MDAnalysis has none
+        units : name of a unit system
+        factors : (bonded, two bonds apart, three bonds apart) of pair forces, see `Topology`
+
+        Raises
+        ------
+        InputError
+            For a Universe without masses, a box that no `Box` can have, and numbers that are not finite.
+        """
+        bridged = bridge("MDAnalysis", "System.from_mdanalysis")
+        return bridged.system_of(universe, forces, units, None if factors is None else tuple(factors))
+
+    @classmethod
     def from_openmm(
         cls, system: Any, topology: Any, positions: Any, velocities: Any = None, integrator: Any = None
     ) -> Any:
@@ -115,8 +171,8 @@ class Bridged:
         Raises
         ------
         InputError
-            For units other than gromacs, forces without a counterpart, truncations other than "cut", cutoffs that
-            differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
+            For units other than gromacs, forces without a counterpart, truncations other than "cut" and
+            "potential-switch", cutoffs that differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
         """
         return bridge("openmm", "System.to_openmm").parts_of(self)
 

@@ -14,12 +14,12 @@ from kickdrift.model.starts.coordinates import about_centre, attracting_masses
 from kickdrift.model.starts.elements import ANGLES, Elements, elements
 from kickdrift.model.state import Floats
 from kickdrift.model.subject import Subject
+from kickdrift.model.turned import invariable_axes
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import choices, shown, suggestion
 
 DOMINANT = 0.5  # least part of all mass for a body that the others orbit
 PLANES = ("file", "invariable")
-FLAT = 1e-10  # part of the sum of the bodies' own angular momenta: a smaller total has no direction
 
 
 class Paths(NamedTuple):
@@ -38,6 +38,10 @@ class Paths(NamedTuple):
     names: tuple[str, ...]
     gravity: float
     central: int | None
+
+    def invariable_axes(self) -> Floats:
+        """Axes of the invariable plane at the first frame, as rows (3, 3)."""
+        return invariable_axes(self.masses, self.positions[0], self.velocities[0])
 
 
 class Orbits(NamedTuple):
@@ -69,7 +73,9 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
     if found.central is None:
         raise InputError(f"orbits: no body has {DOMINANT:g} of all mass, so there is no central body")
     others = np.delete(np.arange(len(found.masses)), found.central)
-    turn = invariable_axes(found) if plane == "invariable" else np.eye(3)
+    turn = (
+        invariable_axes(found.masses, found.positions[0], found.velocities[0]) if plane == "invariable" else np.eye(3)
+    )
     values = np.full((len(Elements._fields) + 1, len(found.times), len(others)), np.nan)
     there = np.isfinite(found.positions[:, :, 0])
     changes = np.any((there[1:] != there[:-1]) | (found.held[1:] != found.held[:-1]), axis=1)
@@ -85,21 +91,6 @@ def orbits_of(found: Paths, frame: str = "jacobi", plane: str = "file") -> Orbit
         for row, value in enumerate((*osculating, mu)):
             values[row][np.ix_(frames, left)] = value
     return Orbits(found.times, tuple(found.names[i] for i in others), Elements(*values[:-1]), values[-1])
-
-
-def invariable_axes(found: Paths) -> Floats:
-    """Axes of the invariable plane as rows, (3, 3). The third is along the total angular momentum at the start, the
-    first as near to x as possible. Without rotation, the axes are the file's own."""
-    own = found.masses[:, None] * np.nan_to_num(np.cross(found.positions[0], found.velocities[0]))
-    total = own.sum(axis=0)
-    size = float(np.linalg.norm(total))
-    if size <= FLAT * float(np.linalg.norm(own, axis=1).sum()):
-        return np.eye(3)
-    up = total / size
-    near = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
-    first = near - (near @ up) * up
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(up, first), up])
 
 
 COARSE = 0.35  # largest angle in radians between frames for which a trail is a path

@@ -40,6 +40,7 @@ from kickdrift.model.molecules.virtual_sites import VirtualSite, VirtualSites, v
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
+from kickdrift.model.turned import turned
 from kickdrift.model.units.unit_systems import UnitSystem, unit_system
 from kickdrift.text import shown
 
@@ -373,6 +374,23 @@ class System(Bridged, ShownSystem):
         ids = changes.pop("ids", state.ids)
         made = System(**own | changes)
         return made.at(made.state.phase, state.time, state.steps_done, ids)
+
+    def rotated(self, turn: Any) -> System:
+        """Return the system in other axes: positions, velocities, and the poles and spins of its forces are turned.
+
+        Parameters
+        ----------
+        turn : a rotation matrix (3, 3), whose rows are the new axes; a rotation of SciPy, such as
+            ``Rotation.from_euler("z", 30, degrees=True)``; or "invariable": the plane perpendicular to the total
+            angular momentum becomes the x-y plane, with the new x as near to the old as possible
+
+        Raises
+        ------
+        InputError
+            For a periodic box, for a force from outside (a field, a trap, a wall), and for what is no rotation.
+        """
+        made: System = turned(self, turn)
+        return made
 
     def to_toml(self) -> str:
         """Text of a system file of this System: ``kd.load`` reads the same bits from the text.

@@ -9,7 +9,7 @@ import numpy as np
 
 from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits import Paths, axes_of, invariable_axes
+from kickdrift.model.orbits import Paths, axes_of
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -154,7 +154,7 @@ class Bodies(Filmed):
     ) -> None:  # fmt: skip
         super().__init__(run, rows, colour, "body")
         found = paths(run)
-        axes = invariable_axes(found)
+        axes = found.invariable_axes()
         origin = found.positions[:, [found.central]] if found.central is not None else 0.0
         self.x, self.v = (found.positions - origin) @ axes.T, found.velocities @ axes.T
         bodies = self.x.shape[1]

@@ -6,7 +6,7 @@ import numpy as np
 
 from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
-from kickdrift.model.orbits import Orbits, Paths, invariable_axes, orbits_of
+from kickdrift.model.orbits import Orbits, Paths, orbits_of
 from kickdrift.model.starts.elements import TAU, Elements, states
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem
@@ -44,7 +44,7 @@ def orbits_figure(run: reader.Run) -> Figure:
         raise InputError(f"{run.path}: one body; orbits need two or more")
     energies, taken = run.energies if len(run.sample_times) else None, energy_taken(run)
     units, title = run.units, draw.title_of(run, "bodies")
-    axes = invariable_axes(found)
+    axes = found.invariable_axes()
     flat = np.allclose(axes, np.eye(3), rtol=0, atol=1e-12)
     found = found._replace(positions=found.positions @ axes.T, velocities=found.velocities @ axes.T)
     orbits = orbits_of(found) if found.central is not None else None

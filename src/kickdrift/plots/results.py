@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certify.certificate import ForceChecks
     from kickdrift.analysis.compare.comparison import Comparison
     from kickdrift.analysis.compare.sampling import SamplingComparison
+    from kickdrift.analysis.orbits.section import Section
     from kickdrift.analysis.orbits.secular_report import OrbitReport
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -152,6 +153,18 @@ FEW = 12  # most bodies with a line each
 ANGLES = 4  # most angles that are drawn
 WIDE = 1.6  # range of the spectra over the fastest proper frequency
 KINDS = (("z", "g", "Pericentres", "e cos ϖ", "e sin ϖ"), ("zeta", "s", "Nodes", "sin(i/2) cos Ω", "sin(i/2) sin Ω"))
+
+
+def section_figure(section: Section) -> Figure:
+    """Draw the second value of a Poincaré section over the first, a point for each crossing."""
+    if len(section.names) < 2:
+        raise InputError("plot: a section in a picture has two coordinates, and this one has one")
+    figure = draw.new_figure(6.0, 5.4)
+    axes = draw.new_axes(figure, (1, 1, 1))
+    axes.plot(section.values[:, 0], section.values[:, 1], ".", markersize=2)
+    axes.set_xlabel(section.names[0])
+    axes.set_ylabel(section.names[1])
+    return figure
 
 
 def orbit_report_figure(report: OrbitReport) -> Figure:

@@ -11,8 +11,9 @@ from warnings import warn
 
 import numpy as np
 
-from kickdrift.disk.foreign import foreign
+from kickdrift.disk.foreign import foreign, is_lammps_input
 from kickdrift.disk.kinds import is_archive
+from kickdrift.disk.packed import is_packed, unpacked
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.integrators.asked import draws_noise
@@ -63,7 +64,8 @@ def load(
 ) -> System | Problem:
     """Load the System of a TOML file, or of a shipped system's name (``lj-1000``); a file with [ode] gives a Problem.
 
-    Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces.
+    Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces, also
+    packed by gzip or bzip2 (.extxyz.gz). Inputs of LAMMPS are read through LAMMPS, as by ``System.from_lammps``.
     Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``. Files of force fields are
     read through OpenMM, as by ``System.from_openmm``: ``.prmtop`` of AMBER, ``.top`` of GROMACS and ``.psf`` of CHARMM
     with ``coordinates``, and ``.pdb`` or ``.cif`` with ``force_field``.
@@ -111,6 +113,14 @@ def load(
         if seed is not None:
             _note_unused_seed()
         return structure_system(path)
+    if is_packed(path) and Path(path.stem).suffix.lower() in STRUCTURES:
+        with unpacked(path) as inner:
+            return structure_system(inner)
+    if is_lammps_input(path):
+        if seed is not None:
+            _note_unused_seed()
+        described: System = bridge("lammps", f"{path}: an input of LAMMPS").system_of(path)
+        return described
     text, data = parsed(path)
     with prefixed(f"{path}: "):
         return _subject(data, path, text, seed, overlaps)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kickdrift.model.box.box import Box
-from kickdrift.model.orbits import G_given, Paths, axes_of, central_row, invariable_axes
+from kickdrift.model.orbits import G_given, Paths, axes_of, central_row
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -239,7 +239,7 @@ def _up(stage: Stage, x: Floats, v: Floats, central: int | None) -> list[float]:
     if stage.gravity is None or len(x) < 2 or not alike:
         return [0.0, 0.0, 1.0]
     paths = Paths(np.zeros(1), x[None], v[None], m, m[None], (), stage.gravity, central)
-    axis: list[float] = invariable_axes(paths)[2].tolist()
+    axis: list[float] = paths.invariable_axes()[2].tolist()
     return axis
 
 

@@ -14,7 +14,6 @@ from kickdrift.analysis.orbits import orbits as of
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
-from kickdrift.model.orbits import invariable_axes
 from kickdrift.model.starts.elements import Elements, states
 from kickdrift.model.state import State
 from kickdrift.model.system import System
@@ -97,7 +96,7 @@ def test_the_invariable_plane_is_that_of_the_angular_momentum(tmp_path):
     assert tilt == pytest.approx(23.44, abs=0.01)  # the obliquity, since the axes are those of the equator
     level = of.orbits(path, plane="invariable").elements
     assert level.a[0] == pytest.approx(ecliptic.elements.a[0], rel=1e-12)
-    turn = invariable_axes(of.paths(path))
+    turn = of.paths(path).invariable_axes()
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     # Souami & Souchay 2012, Astron. Astrophys. 543, A133, doi:10.1051/0004-6361/201219011: the invariable plane has an

@@ -99,7 +99,7 @@ def energies_of(context, system):
 TERMS = {
     "HarmonicBondForce": ("harmonic-bond",), "HarmonicAngleForce": ("harmonic-angle",),
     "PeriodicTorsionForce": ("periodic-dihedral", "periodic-improper"), "RBTorsionForce": ("ryckaert-bellemans",),
-    "NonbondedForce": ("lennard-jones", "coulomb", "listed-pairs"),
+    "NonbondedForce": ("lennard-jones", "coulomb", "listed-pairs"), "CMAPTorsionForce": ("cmap",),
 }  # fmt: skip
 
 
@@ -141,6 +141,16 @@ def test_alanine_dipeptide_in_open_space_is_that_of_openmm(alanine):
     assert_same_steps(theirs, ours)
 
 
+def test_maps_of_two_dihedrals_are_those_of_openmm(alanine):
+    topology, x = alanine
+    theirs = built(topology, "amber19-all.xml")
+    ours = kd.System.from_openmm(theirs, topology, x)
+    assert str(ours.forces[-1]) == "Cmap(1 terms, 16 maps of 24 x 24)"
+    assert_alike(theirs, ours, 1e-8, 1e-8)
+    again = kd.System.from_openmm(*ours.to_openmm())
+    assert again.forces[-1] == ours.forces[-1]
+
+
 def test_rigid_water_by_mesh_is_that_of_openmm(water):
     """OpenMM averages the energy beyond the cutoff over N (N + 1) / 2 pairs, kickdrift over N^2 / 2."""
     topology, x = water
@@ -160,13 +170,34 @@ def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     topology, x = water
     theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=False)
     ours = kd.System.from_openmm(theirs, topology, x * unit.nanometer)
-    tail = next(force for force in ours.forces if force.name == "lennard-jones").tail_corrections(ours)[0]
-    assert tail < 0
+    law = next(force for force in ours.forces if force.name == "lennard-jones")
+    assert law.tail_corrections(ours)[0] < 0
     (pairs,) = [force for force in theirs.getForces() if isinstance(force, openmm.NonbondedForce)]
     pairs.setUseDispersionCorrection(False)
     without = kd.System.from_openmm(theirs, topology, x)
     assert_alike(theirs, without, 1e-8, 1e-8)
     assert_same_steps(theirs, without)
+
+
+def test_a_switching_function_is_that_of_openmm(water):
+    """Energies and forces, with the dispersion correction, whose pairs OpenMM counts with each particle itself."""
+    topology, x = water
+    theirs = built(
+        topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, switchDistance=0.45,
+        rigidWater=False,
+    )  # fmt: skip
+    ours = kd.System.from_openmm(theirs, topology, x)
+    (pairs,) = [force for force in theirs.getForces() if isinstance(force, openmm.NonbondedForce)]
+    whole = energies_of(context_of(theirs, x), theirs)["NonbondedForce"]
+    pairs.setUseDispersionCorrection(False)
+    without = kd.System.from_openmm(theirs, topology, x)
+    assert without.forces[0].switch_start == pytest.approx(0.45)
+    assert_alike(theirs, without, 1e-8, 1e-8)
+    tail = whole - energies_of(context_of(theirs, x), theirs)["NonbondedForce"]
+    alike = (1 + 1 / 64) / (1 + 1 / 192)  # pairs of 64 oxygens over all pairs, each with itself
+    assert ours.forces[0].tail_corrections(ours)[0] * alike == pytest.approx(tail, rel=1e-9)
+    again = kd.System.from_openmm(*ours.to_openmm())
+    assert again.forces[0] == ours.forces[0]
 
 
 @pytest.mark.parametrize("file", ["tip4pew.xml", "tip5p.xml"])
@@ -316,13 +347,6 @@ def test_what_has_no_counterpart_is_named(alanine):
         x,
         "integrator: BrownianIntegrator has no counterpart",
         integrator=openmm.BrownianIntegrator(1, 1, 1),
-    )
-    maps = built(topology, "amber19-all.xml")
-    refused(
-        maps,
-        topology,
-        x,
-        r"force \d, CMAPTorsionForce, has no counterpart in kickdrift; its first term is of the particles 4, 6, 8, 14",
     )
     solvent = openmm.GBSAOBCForce()
     for _ in range(22):

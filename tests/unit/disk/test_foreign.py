@@ -43,7 +43,6 @@ DUMP = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp pp\n
 DUMP += "ITEM: ATOMS id type x y z\n1 18 1 2 3\n"
 FILES = {
     "data.chain": (CHAIN, 'a data file of LAMMPS; a system file reads it with particles = {file = "data.chain"}'),
-    "in.lj": ("units lj\natom_style atomic\npair_style lj/cut 2.5\n", "a script of LAMMPS"),
     "melt.dump": (DUMP, "a dump of LAMMPS; ase convert -i lammps-dump-text melt.dump start.extxyz"),
     "x.prmtop": ("%VERSION  VERSION_STAMP = V0001.000\n%FLAG TITLE\n", "a topology of AMBER"),
     "x.psf": (PSF, 'a topology of CHARMM (psf); a system file takes its bonds with topology = {file = "x.psf"}'),

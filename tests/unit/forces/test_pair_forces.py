@@ -30,6 +30,7 @@ SIZES = (1, 2, 7, 8, 9, 33, 200, 500)
 COMBINATIONS = [(truncation, mixed) for truncation in TRUNCATIONS for mixed in (False, True)]
 # The short set has each truncation once. Each combination compiles a loop of its own; these are in other tests too.
 IN_SHORT = [("cut", False), ("shift", True), ("force-shift", False), ("switch", False)]
+IN_SHORT += [("potential-switch", False)]
 every_combination = pytest.mark.parametrize(
     ("truncation", "mixed"), [each if each in IN_SHORT else rest(*each) for each in COMBINATIONS]
 )

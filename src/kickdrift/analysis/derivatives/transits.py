@@ -16,6 +16,7 @@ import numpy as np
 from kickdrift.analysis.chaos.frames import carrier
 from kickdrift.analysis.derivatives.transition import given_run
 from kickdrift.analysis.doubts import doubts_at, warning_lines
+from kickdrift.analysis.orbits.observed import unit_vector
 from kickdrift.analysis.tangents.columns import Columns, columns_of, rows_of
 from kickdrift.analysis.tangents.map_run import MapRun
 from kickdrift.analysis.tangents.mapped import has_map, map_run
@@ -268,7 +269,7 @@ def transits(
     system, asked, given = given_run("transits", system, integrator, {"dt": dt, **options})
     name = _method(system, asked, integrator is None)
     pair = _pair(system, planet, star)
-    sight, end = _unit(direction), float(time_in(until, system.units, "until"))
+    sight, end = unit_vector("direction", direction), float(time_in(until, system.units, "until"))
     if not (math.isfinite(end) and end > system.state.time):
         raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
     most = _within(system, pair, within)
@@ -321,14 +322,6 @@ def _pair(system: System, planet: Any, star: Any) -> tuple[int, int]:
     if one == other:
         raise InputError(f"planet: {system.body(one)} is the star")
     return one, other
-
-
-def _unit(direction: Any) -> Floats:
-    sight = np.asarray(direction, dtype=float)
-    if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
-        raise InputError(f"direction: expected a vector (x, y, z) with a length, got {direction!r}")
-    sight = sight / np.abs(sight).max()
-    return sight / np.linalg.norm(sight)
 
 
 def _within(system: System, pair: tuple[int, int], given: Any) -> float:

@@ -36,7 +36,10 @@ def nonbonded(force: Any, symbols: Sequence[str], positions: Floats) -> Nonbonde
     """Return the terms of a NonbondedForce. Particles with one symbol, sigma and epsilon are one species."""
     method = METHODS[force.getNonbondedMethod()]
     if method == "LJPME":
-        raise InputError("system: NonbondedForce: LJPME has no counterpart in kickdrift; take PME")
+        raise InputError(
+            "system: NonbondedForce: LJPME, a mesh for r^-6 too, has no counterpart in kickdrift; take PME with the "
+            "dispersion correction (nonbondedMethod=PME)"
+        )
     if force.getNumParticleParameterOffsets() or force.getNumExceptionParameterOffsets():
         raise InputError("system: NonbondedForce: its parameter offsets have no counterpart in kickdrift")
     rows = np.array(
@@ -48,11 +51,11 @@ def nonbonded(force: Any, symbols: Sequence[str], positions: Floats) -> Nonbonde
     open_space = method == "NoCutoff"
     cutoff = max(FAR, 10.0 * float(np.ptp(positions))) if open_space else number(force.getCutoffDistance())
     if epsilon.any():
-        switched = not open_space and force.getUseSwitchingFunction()
-        if switched:
-            raise InputError("system: NonbondedForce: its switching function has no counterpart in kickdrift")
+        cut: dict[str, Any] = {"truncation": "cut"}
+        if not open_space and force.getUseSwitchingFunction():
+            cut = {"truncation": "potential-switch", "switch_start": number(force.getSwitchingDistance())}
         tail = method in METHODS[2:] and force.getUseDispersionCorrection()
-        forces.append(FORCES["lennard-jones"](cutoff=cutoff, truncation="cut", tail=tail, species=table))
+        forces.append(FORCES["lennard-jones"](cutoff=cutoff, tail=tail, species=table, **cut))
     if charges.any():
         forces.append(_coulomb(force, method, cutoff))
     exceptions = [force.getExceptionParameters(k) for k in range(force.getNumExceptions())]

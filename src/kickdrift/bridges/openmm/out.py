@@ -15,6 +15,7 @@ from kickdrift.bridges.openmm.files import Parts
 from kickdrift.bridges.openmm.nonbonded import FAR, METHODS
 from kickdrift.errors import InputError
 from kickdrift.forces import (
+    Cmap,
     Coulomb,
     HarmonicAngle,
     HarmonicBond,
@@ -24,7 +25,7 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
-from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.law import WITH_TAIL, PairForce
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System
 
@@ -67,6 +68,8 @@ def parts_of(system: System) -> Parts:
             target = bonded.setdefault(name, getattr(openmm, name)())
             for item, law in zip(items.tolist(), which.tolist(), strict=True):
                 add(target, item, laws[law])
+        if isinstance(force, Cmap):
+            bonded.setdefault(f"{force.name} {len(bonded)}", _cmap(force))
     for force in bonded.values():
         force.setUsesPeriodicBoundaryConditions(system.box.periodic)
         made.addForce(force)
@@ -85,14 +88,15 @@ def _refuse(system: System) -> None:
     if system.virtual_sites is not None:
         raise InputError("to_openmm: virtual sites stay behind; take them out, or build the system in OpenMM")
     for force in system.forces:
-        if type(force) not in (*BONDED, LennardJones, Coulomb, ListedPairs):
+        if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
     if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
         raise InputError("to_openmm: lennard-jones: the system has several, and OpenMM one")
     for force in system.forces:
-        if isinstance(force, PairForce) and (force.truncation != "cut" or force.pairs):
+        if isinstance(force, PairForce) and (force.truncation not in WITH_TAIL or force.pairs):
             raise InputError(
-                'to_openmm: lennard-jones: OpenMM has truncation "cut", and mixes by Lorentz and Berthelot alone'
+                'to_openmm: lennard-jones: OpenMM has truncation "cut" or "potential-switch", and mixes by Lorentz and '
+                "Berthelot alone"
             )
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
@@ -103,6 +107,17 @@ def _refuse(system: System) -> None:
                     f"to_openmm: coulomb: pair {[i, j]} is scaled in a reaction field; OpenMM leaves the field out of "
                     "such pairs, with other energies"
                 )
+
+
+def _cmap(force: Cmap) -> Any:
+    made = openmm.CMAPTorsionForce()
+    for rows in force.maps:
+        made.addMap(len(rows), np.transpose(rows).ravel().tolist())
+    for particles, k in zip(
+        force.particles.tolist(), np.broadcast_to(force.map, len(force.chains)).tolist(), strict=True
+    ):
+        made.addTorsion(k, *particles)
+    return made
 
 
 def _nonbonded(system: System) -> Any:
@@ -118,6 +133,9 @@ def _nonbonded(system: System) -> Any:
         made.addParticle(charge, *laws[kind])
     _set_method(made, system, pair, coulomb)
     made.setUseDispersionCorrection(bool(pair is not None and pair.tail))
+    if pair is not None and pair.switch_start is not None:
+        made.setUseSwitchingFunction(True)
+        made.setSwitchingDistance(pair.switch_start)
     terms: dict[tuple[int, int], tuple[float, float, float]] = {}
     if system.topology is not None:
         kinds = system.species_index

@@ -15,6 +15,7 @@ from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.forces import (
+    Cmap,
     HarmonicAngle,
     HarmonicBond,
     HarmonicImproper,
@@ -95,6 +96,7 @@ class Molecules:
         self.bonds = Terms("bonds", bonds)
         self.chains = set(self.bonds.items)
         self.angles, self.dihedrals, self.impropers = map(Terms, ("angles", "dihedrals", "impropers"))
+        self.maps: list[Cmap] = []
 
     def lists(self, species: Sequence[str]) -> tuple[dict[str, Any], list[Any]]:
         """Arguments of a Topology, and the forces."""
@@ -104,7 +106,7 @@ class Molecules:
             more, acting = terms.lists(species)
             lists |= more
             forces += acting
-        return lists, forces
+        return lists, [*forces, *self.maps]
 
     def _is_chain(self, item: Item) -> bool:
         return all(forwards(pair) in self.chains for pair in pairwise(item))
@@ -141,6 +143,16 @@ class Molecules:
             if any(series):
                 self.dihedrals.add((i, j, m, n), RyckaertBellemans, *series)
 
+    def cmaps(self, force: Any) -> None:
+        """Take the maps and terms of a CMAPTorsionForce, whose map has phi along its columns."""
+        if force.getNumTorsions():
+            chains = [force.getTorsionParameters(k) for k in range(force.getNumTorsions())]
+            maps = []
+            for k in range(force.getNumMaps()):
+                size, energies = force.getMapParameters(k)
+                maps.append([[number(energies[j * size + i]) for j in range(size)] for i in range(size)])
+            self.maps.append(Cmap([each[1:] for each in chains], maps, [each[0] for each in chains]))
+
     def harmonic_impropers(self, force: Any) -> None:
         """Take the terms of a CustomTorsionForce, if it is that of harmonic impropers."""
         formula = force.getEnergyFunction().replace(" ", "")
@@ -167,5 +179,6 @@ TAKEN: dict[str, Callable[[Molecules, Any], None]] = {  # OpenMM's forces of bon
     "HarmonicAngleForce": Molecules.harmonic_angles,
     "PeriodicTorsionForce": Molecules.periodic_torsions,
     "RBTorsionForce": Molecules.ryckaert_bellemans,
+    "CMAPTorsionForce": Molecules.cmaps,
     "CustomTorsionForce": Molecules.harmonic_impropers,
 }

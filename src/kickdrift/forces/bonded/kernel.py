@@ -265,8 +265,7 @@ def angle_forces(force, t, x, v, a, sums):
 
 @kernel(DihedralKernel)
 def dihedral_forces(force, t, x, v, a, sums):
-    """Gradients of Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27,
-    with their F, G, H, A and B. A dihedral does not change with the size of the system, so its virial is zero."""
+    """A dihedral does not change with the size of the system, so its virial is zero."""
     never_inline()
     prepare(force, sums)
     items, room, inverse_masses = force.items, room_for(force.room, x), force.inverse_masses
@@ -280,18 +279,11 @@ def dihedral_forces(force, t, x, v, a, sums):
             f, g, h = (room[0, k], room[1, k], room[2, k]), (room[3, k], room[4, k], room[5, k]), (
                 room[6, k], room[7, k], room[8, k]
             )  # fmt: skip
-            p, q = cross(f, g), cross(h, g)
-            p2, q2, g1 = dot(p, p), dot(q, q), math.sqrt(dot(g, g))
-            angle = math.atan2(-dot(q, f) * g1, dot(p, q))
-            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), angle)
-            straight = not (p2 > 0.0 and q2 > 0.0)  # three in a line: the dihedral has no direction, so no force
-            one = 0.0 if straight else slope * g1 / p2
-            two = 0.0 if straight else slope * g1 / q2
-            mixed = 0.0 if straight else slope * dot(f, g) / (p2 * g1)
-            other = 0.0 if straight else slope * dot(h, g) / (q2 * g1)
+            turned = planes(f, g, h)
+            energy, slope = energy_and_slope(law_of(force.law, force.table, force.which, begin + k), turned[5])
+            first, last, inner = dihedral_pulls(slope, f, g, h, turned)
             for axis in range(3):
-                room[axis, k], room[3 + axis, k] = -one * p[axis], two * q[axis]
-                room[6 + axis, k] = mixed * p[axis] - other * q[axis]
+                room[axis, k], room[3 + axis, k], room[6 + axis, k] = first[axis], last[axis], inner[axis]
                 if sums is not None:
                     note_along(force.along, axis, room[axis, k], f)
                     note_along(force.along, axis, room[6 + axis, k], g)
@@ -301,14 +293,41 @@ def dihedral_forces(force, t, x, v, a, sums):
         for k in range(count):
             i, j, m, o = items[begin + k, 0], items[begin + k, 1], items[begin + k, 2], items[begin + k, 3]
             for axis in range(3):
-                first, last, inner = room[axis, k], room[3 + axis, k], room[6 + axis, k]
-                a[axis, i] -= first * inverse_masses[i]
-                a[axis, j] -= (inner - first) * inverse_masses[j]
-                a[axis, m] += (inner + last) * inverse_masses[m]
-                a[axis, o] -= last * inverse_masses[o]
+                one, two, mixed = room[axis, k], room[3 + axis, k], room[6 + axis, k]
+                a[axis, i] -= one * inverse_masses[i]
+                a[axis, j] -= (mixed - one) * inverse_masses[j]
+                a[axis, m] += (mixed + two) * inverse_masses[m]
+                a[axis, o] -= two * inverse_masses[o]
     if sums is not None:
         sums[0] += energies
     return OK
+
+
+@inlined
+def planes(f, g, h):
+    """The normals p and q of a dihedral's two planes, their squares, the length of its axis, and its angle."""
+    p, q = cross(f, g), cross(h, g)
+    p2, q2, g1 = dot(p, p), dot(q, q), math.sqrt(dot(g, g))
+    return p, q, p2, q2, g1, math.atan2(-dot(q, f) * g1, dot(p, q))
+
+
+@inlined
+def dihedral_pulls(slope, f, g, h, turned):
+    """Gradients of a dihedral's energy by its first and its last particle, and the part that its inner two share.
+
+    Blondel & Karplus 1996, doi:10.1002/(SICI)1096-987X(19960715)17:9<1132::AID-JCC5>3.0.CO;2-T, eq. 27, with their F,
+    G, H, A and B."""
+    p, q, p2, q2, g1, _ = turned
+    straight = not (p2 > 0.0 and q2 > 0.0)  # three in a line: the dihedral has no direction, so no force
+    one = 0.0 if straight else slope * g1 / p2
+    two = 0.0 if straight else slope * g1 / q2
+    mixed = 0.0 if straight else slope * dot(f, g) / (p2 * g1)
+    other = 0.0 if straight else slope * dot(h, g) / (q2 * g1)
+    first, last = (-one * p[0], -one * p[1], -one * p[2]), (two * q[0], two * q[1], two * q[2])
+    inner = (
+        mixed * p[0] - other * q[0], mixed * p[1] - other * q[1], mixed * p[2] - other * q[2]
+    )  # fmt: skip
+    return first, last, inner
 
 
 @inlined

@@ -11,7 +11,7 @@ from kickdrift.forces.lists.load import volume_of
 from kickdrift.forces.lists.row_lanes import RowLanes, row_lanes
 from kickdrift.forces.lists.special_pairs import special_of
 from kickdrift.forces.pairs.kernel import PairKernel, PairWork
-from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, Shift, Switch
+from kickdrift.forces.pairs.lanes import AtCutoff, Cut, ForceShift, PotentialSwitch, Shift, Switch
 from kickdrift.forces.pairs.upkeep import tables_of
 from kickdrift.forces.seam.samples import no_looks
 from kickdrift.jit.compile import as_written
@@ -108,4 +108,5 @@ def truncation_of(force: PairPotential) -> Any:
         "shift": Shift(),
         "force-shift": ForceShift(cutoff),
         "switch": Switch(start**2, 1.0 / (cutoff**2 - start**2)),
+        "potential-switch": PotentialSwitch(start, 1.0 / (cutoff - start)),
     }[force.truncation]

@@ -1,6 +1,6 @@
 """A pair law with its parameters and truncation, evaluated in SIMD lanes.
 
-Truncations are cut, shift, force-shift and switch. Each works on numbers and on SIMD lanes.
+Truncations are cut, shift, force-shift, switch and potential-switch. Each works on numbers and on SIMD lanes.
 """
 
 import math
@@ -81,6 +81,25 @@ class Switch(NamedTuple):
         uw2 = uw * uw
         slope = 1260.0 * self.inverse_width * (uw2 * uw2)
         return energy * s, force_over_r * s + energy * slope
+
+
+class PotentialSwitch(NamedTuple):
+    """U(r) S(r), where S falls from 1 at ``start`` to 0 at the cutoff, twice continuously differentiable.
+
+    S = (1 - u)^3 (1 + 3 u + 6 u^2) with u = (r - start) / (r_c - start) is the switching function of OpenMM, and
+    GROMACS' "Potential-switch".
+    """
+
+    start: float
+    inverse_width: float  # 1 / (r_c - start)
+
+    def apply(self, at_cutoff, r2, energy, force_over_r):
+        r = math.sqrt(r2)
+        u = positive((r - self.start) * self.inverse_width)
+        w = 1.0 - u
+        w2, u2 = w * w, u * u
+        s = w2 * w * (1.0 + u * (3.0 + u * 6.0))
+        return energy * s, force_over_r * s + energy * (30.0 * self.inverse_width * (u2 * w2)) / r
 
 
 @by_type

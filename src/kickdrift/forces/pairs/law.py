@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 PAIR_LAW = Form("pair_law", ("p", "r2"), "a pair's energy and force must depend on p and r2 alone")
-TRUNCATIONS = ("cut", "shift", "force-shift", "switch")
+TRUNCATIONS = ("cut", "shift", "force-shift", "switch", "potential-switch")
+SWITCHED = TRUNCATIONS[3:]
+WITH_TAIL = ("cut", "potential-switch")
 SWITCH_START = 0.8  # default start of the switch, as a part of the cutoff
 DEFAULT_CUTOFF = 2.5  # in sigma
 SMALL_JUMP = 1e-3  # of the force at 0.9 cutoffs
@@ -39,12 +41,13 @@ class PairForce(ListedForce, Grouped):
     ----------
     cutoff : float
         Pairs further apart do not interact; default 2.5 times the largest ``sigma``.
-    truncation : "cut", "shift" (of the energy), "force-shift" or "switch" (four times continuously differentiable)
+    truncation : "cut", "shift" (of the energy), "force-shift", "switch" (four times continuously differentiable) or
+        "potential-switch" (twice; the switch of OpenMM, and GROMACS' of that name)
     switch_start : float, optional
-        Start of the switch; default 0.8 cutoff.
+        Start of a switch; default 0.8 cutoff.
     tail : bool
         Add the energy and pressure of a uniform fluid beyond the cutoff (Allen & Tildesley 2017, eqs. 2.144-2.146);
-        only with truncation "cut", whose energies it completes.
+        only with truncation "cut" or "potential-switch", whose energies it completes.
     species : {name: {parameter: value}}, optional
         The law's parameters for each species; other pairs follow from ``mixing`` ("lorentz-berthelot": sigma is the
         arithmetic, epsilon the geometric mean).
@@ -76,8 +79,10 @@ class PairForce(ListedForce, Grouped):
         if not isinstance(self.tail, bool | np.bool_):
             raise InputError(f"{self.name}: tail must be True or False, got {shown(self.tail)}")
         self._check_tables()
-        if self.tail and self.truncation != "cut":
-            raise InputError(f'{self.name}: tail = true completes truncation "cut", not "{self.truncation}"')
+        if self.tail and self.truncation not in WITH_TAIL:
+            raise InputError(
+                f'{self.name}: tail = true completes truncation {_either(WITH_TAIL)}, not "{self.truncation}"'
+            )
         for where, law in self._laws_given():
             for key, value in law._asdict().items():
                 if not math.isfinite(number(value)) or (self.dimensions.get(key) == "length" and value <= 0):
@@ -96,7 +101,7 @@ class PairForce(ListedForce, Grouped):
                 f"{self.name}: cutoff must be between {SHORTEST:g} and {LONGEST:g}, so that its powers are numbers, "
                 f"got {shown(self.cutoff)}"
             )
-        if self.truncation == "switch":
+        if self.truncation in SWITCHED:
             start = SWITCH_START * self.cutoff if self.switch_start is None else self.switch_start
             if not math.isfinite(number(start)):
                 raise InputError(f"{self.name}: switch_start must be a length, got {shown(start)}")
@@ -106,7 +111,9 @@ class PairForce(ListedForce, Grouped):
                 )
             object.__setattr__(self, "switch_start", start)
         elif self.switch_start is not None:
-            raise InputError(f'{self.name}: switch_start goes with truncation "switch", not "{self.truncation}"')
+            raise InputError(
+                f'{self.name}: switch_start goes with truncation {_either(SWITCHED)}, not "{self.truncation}"'
+            )
         for where, law in self._laws_given():
             check_law(f"{self.name}{where}", law, self.cutoff)
             check_slope(f"{self.name}{where}", law, self.cutoff)
@@ -229,7 +236,11 @@ class PairForce(ListedForce, Grouped):
                 p = self.pair_law(a, b)
                 density = circle * n_a * n_b / system.volume
                 try:
-                    u_part, w_part = (_over_tail(p, k, power, self.cutoff) for k, power in ((0, p_u), (1, p_w)))
+                    if self.switch_start is None:
+                        u_part, w_part = (_over_tail(p, k, power, self.cutoff) for k, power in ((0, p_u), (1, p_w)))
+                    else:
+                        u_part = _over_tail(p, 0, p_u, self.cutoff, self.switch_start)
+                        w_part = system.dimensions * u_part  # integrated by parts; the energy has no jump
                 except ArithmeticError:
                     raise InputError(f"{self.name}: the tail beyond the cutoff does not converge for {a}-{b}") from None
                 energy += density * u_part
@@ -243,15 +254,30 @@ class PairForce(ListedForce, Grouped):
         return bind(self, system, threads, mixed)
 
 
-def _over_tail(law: Any, part: int, power: int, cutoff: float) -> float:
+def _over_tail(law: Any, part: int, power: int, cutoff: float, start: float | None = None) -> float:
     """Integral of an energy (part 0) or a force over r (part 1) over u = 1 / r, from 0 to 1 / cutoff; ArithmeticError
-    if the integral does not converge. With ``full_output``, SciPy returns its doubts and changes no warnings."""
+    if the integral does not converge. If a potential-switch begins at ``start``, with what it takes away up to the
+    cutoff. With ``full_output``, SciPy returns its doubts and changes no warnings."""
     from scipy.integrate import quad
 
-    found = quad(lambda u: law.law(u**-2)[part] / u**power, 0, 1 / cutoff, epsabs=0, epsrel=1e-12, full_output=1)
+    def missing(r: float) -> float:
+        if start is None or r >= cutoff:
+            return 1.0
+        u = (r - start) / (cutoff - start)
+        return u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+
+    far, points = 1 / (cutoff if start is None else start), None if start is None else [1 / cutoff]
+    found = quad(
+        lambda u: missing(1 / u) * law.law(u**-2)[part] / u**power, 0, far, epsabs=0, epsrel=1e-12, points=points,
+        full_output=1,
+    )  # fmt: skip
     if len(found) > 3:
         raise ArithmeticError(found[3])
     return float(found[0])
+
+
+def _either(names: Sequence[str]) -> str:
+    return " or ".join(f'"{each}"' for each in names)
 
 
 def _example(name: Any) -> str:

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from kickdrift.disk.posix import memory_limits
 from kickdrift.errors import InputError
 from kickdrift.model.checks import values as checks
 from kickdrift.model.checks.values import number
@@ -71,13 +72,7 @@ def check_room(key: str, count: float, what: str, each: float, advice: str = "",
 
 def memory() -> int:
     """Bytes that this process may use, limited by the machine, the container or ``ulimit -v``."""
-    found = [_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal())]
-    try:
-        import resource
-    except ImportError:  # on Windows
-        return min(found)
-    limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
-    return min(found + [limit for limit in limits if limit != resource.RLIM_INFINITY and limit > 0])
+    return min(_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal()), *memory_limits())
 
 
 def _of_machine() -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kickdrift.disk.posix import unsent
 from kickdrift.display.pace import SHORT, notice
 from kickdrift.errors import InputError
 from kickdrift.looks.record import OBSERVING
@@ -117,7 +118,7 @@ class Imd(Watcher):
             select([], [], [], POLL / 10)
         try:
             client.line.shutdown(socket.SHUT_WR)
-            while _unsent(client.line) and monotonic() < until and not self._run.pressed():
+            while unsent(client.line.fileno()) and monotonic() < until and not self._run.pressed():
                 select([], [], [], POLL / 10)
             while select([client.line], [], [], 0)[0] and client.line.recv(4096) and monotonic() < until:
                 pass
@@ -231,13 +232,3 @@ class Imd(Watcher):
             if each in place:
                 found[place[each]] = row
         return found
-
-
-def _unsent(client: socket.socket) -> bool:
-    """Whether bytes are on their way to the client; False where the machine cannot tell."""
-    try:
-        from fcntl import ioctl
-        from termios import TIOCOUTQ
-    except ImportError:  # on Windows
-        return False
-    return ioctl(client.fileno(), TIOCOUTQ, bytes(4)) != bytes(4)

@@ -5,22 +5,16 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from kickdrift.disk import posix
 from kickdrift.disk.files import descriptor
 from kickdrift.disk.outputs import private_place
 from kickdrift.errors import InputError
 
-try:
-    import fcntl
-except ImportError:  # Windows, where HDF5 does not lock either
-    fcntl = None  # type: ignore[assignment]
-
 
 def lock(raw: Any) -> None:
-    """Take the lock that HDF5 itself uses. Some file systems have no locks."""
-    if fcntl is None:
-        return
+    """Take the lock that HDF5 itself uses. Some file systems have no locks, and HDF5 does not lock on Windows."""
     try:
-        fcntl.flock(raw.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        posix.lock(raw.fileno())
     except BlockingIOError:
         raise
     except OSError:
@@ -29,7 +23,7 @@ def lock(raw: Any) -> None:
 
 def locked(path: str | os.PathLike[str]) -> Any:
     """Open a regular file for writing and lock it. A symbolic link is refused."""
-    flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)
+    flags = os.O_RDWR | posix.flags("O_NOFOLLOW")
     raw = open(path, "r+b", buffering=0, opener=lambda name, _: descriptor(name, flags))  # noqa: SIM115
     try:
         if not os.fstat(raw.fileno()).st_mode & 0o222:  # permissions alone would not stop an administrator

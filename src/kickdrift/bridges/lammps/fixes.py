@@ -1,0 +1,96 @@
+"""Fixes of LAMMPS as defaults of a run and as constraints. A fix without a counterpart is an error that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from kickdrift.bridges.lammps.reading import Read
+from kickdrift.errors import InputError
+from kickdrift.text import choices
+
+WATCHING = frozenset((  # fixes that only measure or write
+    "print", "ave/atom", "ave/chunk", "ave/correlate", "ave/correlate/long", "ave/grid", "ave/histo",
+    "ave/histo/weight", "ave/moments", "ave/time", "balance", "halt", "store/force", "store/state", "vector",
+    "vector", "controller",
+))  # fmt: skip
+STEPPING = ("nve", "nvt", "npt", "nph", "langevin", "temp/csvr", "shake", "rattle", "momentum", "recenter", "enforce2d")
+LIMIT = 1e-12
+
+
+class Asked(NamedTuple):
+    """What the fixes ask for.
+
+    Attributes
+    ----------
+    run : arguments of RunDefaults
+    rigid : types of bonds and of angles that are rigid
+    left : what stays behind
+    """
+
+    run: dict[str, Any]
+    rigid: dict[str, set[int]]
+    left: list[str]
+
+
+def asked_of(read: Read) -> Asked:
+    """Return what the fixes in force ask for."""
+    found = Asked({"dt": float(read.told["dt"])}, {"bonds": set(), "angles": set()}, [])
+    for name, (group, style, *rest) in _in_force(read).items():
+        style = style.removesuffix("/omp").removesuffix("/kk").removesuffix("/gpu").removesuffix("/intel")
+        where = f"fix {name} {group} {style}"
+        if style in WATCHING:
+            continue
+        if style not in STEPPING:
+            raise InputError(f"{where}: has no counterpart in kickdrift; it has {choices(STEPPING)}")
+        if group != "all":
+            raise InputError(f"{where}: acts on the group {group} alone; kickdrift's methods move all particles")
+        if style in ("shake", "rattle"):
+            _rigid(where, rest, found)
+        elif style in ("momentum", "recenter"):
+            found.left.append(where)
+        elif style == "langevin":
+            start, end, damping = map(float, rest[:3])
+            _bath(where, found, "baoab", start, end, friction=1.0 / damping)
+        elif style == "temp/csvr":
+            start, end, tau = map(float, rest[:3])
+            _bath(where, found, "csvr", start, end, tau=tau)
+        elif style in ("nvt", "npt", "nph"):
+            if "temp" in rest:
+                start, end, tau = map(float, rest[rest.index("temp") + 1 :][:3])
+                _bath(where, found, "nose-hoover", start, end, tau=tau)
+            if style != "nvt":
+                found.left.append(f"the barostat of {where}")
+        found.run.setdefault("integrator", "velocity-verlet")
+    return found
+
+
+def _in_force(read: Read) -> dict[str, list[str]]:
+    """Group, style and arguments of each fix that no ``unfix`` took away."""
+    found: dict[str, list[str]] = {}
+    for word, *rest in read.commands:
+        if word == "fix" and len(rest) > 2:
+            found[rest[0]] = rest[1:]
+        elif word == "unfix" and rest:
+            found.pop(rest[0], None)
+    return found
+
+
+def _bath(where: str, found: Asked, name: str, start: float, end: float, **more: float) -> None:
+    if abs(end - start) > LIMIT * abs(start):
+        found.left.append(f"the change of temperature of {where}, from {start:g} to {end:g}")
+    found.run.update(integrator=name, temperature=start, **more)
+
+
+def _rigid(where: str, words: Sequence[str], found: Asked) -> None:
+    """Take the types of rigid bonds and angles."""
+    kind = ""
+    for word in words[3:]:
+        if word in ("b", "a"):
+            kind = {"b": "bonds", "a": "angles"}[word]
+        elif word in ("t", "m", "mol", "kbond", "store"):
+            if word in ("t", "m"):
+                raise InputError(f"{where}: {word} names rigid bonds by their atoms; kickdrift takes b and a, by types")
+            kind = ""
+        elif kind:
+            found.rigid[kind].add(int(word))
