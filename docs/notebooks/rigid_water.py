@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Rigid water
 #
-# Rigid water takes a step of 2 fs, because no bond vibrates. This page measures a small and short run of SPC/E: density,
-# structure, diffusion, dielectric constant, and what the step takes from the temperature of rotation. Errors stand with
-# each number. [Longer runs](../rigid-water.md#the-liquid) have smaller ones.
+# Rigid water takes a step of 2 fs, because no bond vibrates. This page measures small and short runs of SPC/E:
+# density, structure, diffusion, dielectric constant, and what the step takes from the temperature of rotation. Errors
+# stand with each number. [Longer runs](../rigid-water.md#the-liquid) have smaller ones.
 
 # %%
 import tomllib
@@ -41,8 +41,8 @@ print(f"density {density.value:.3f} +- {density.error:.3f} g/cm3")
 # %% [markdown]
 # ## Structure, diffusion and the dielectric constant
 #
-# A run at constant energy does not disturb the motion. Its temperature is that of its start, a few kelvin off 298 K, and
-# diffusion grows by 2 % with each. A run of 20 ps is too short for an error of the dielectric constant.
+# A run at constant energy does not disturb the motion. Its temperature is that of its start, some kelvin off 298 K,
+# and diffusion grows by 2 % with each. A run of 20 ps is too short for an error of the dielectric constant.
 
 # %%
 free = kd.Simulation(system, "velocity-verlet", dt=0.002)
