@@ -36,8 +36,10 @@ NOT_TAKEN = {"mtk": "compressibility", "monte-carlo": "pressure_tau"}  # by baro
 
 
 def pressed(given):
-    """What options of a barostat need beside them; nothing for other options."""
-    own = {*PRESSED, "barostat", "coupling", "pressure_every", "stress"}
+    """What options of a barostat or a ramp need beside them; nothing for other options."""
+    if given.get("ramp_steps") is not None:
+        return {"temperature_to": 2.0}
+    own = {*PRESSED, "pressure_to", "barostat", "coupling", "pressure_every", "stress"}
     if not any(value is not None for key, value in given.items() if key in own):
         return {}
     left_out = {*given, NOT_TAKEN.get(given.get("barostat"))}

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from kickdrift.model.molecules.virtual_sites import VirtualSite
     from kickdrift.model.orbits import Orbit, OrbitTable
     from kickdrift.model.problem import Problem
+    from kickdrift.model.stages import Stage
     from kickdrift.model.state import State
     from kickdrift.model.system import System
     from kickdrift.plots.figures import stability
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from kickdrift.run.resuming import resume
     from kickdrift.run.simulation import Simulation
     from kickdrift.run.solve.solve import Solution, solve
+    from kickdrift.run.stages import StageReports, run_stages
     from kickdrift.statistics.quasi_periodic import frequencies
     from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
@@ -105,6 +107,8 @@ _HOMES = {
     "Simulation": "run.simulation",
     "Solution": "run.solve.solve",
     "Sphere": "model.events.collision",
+    "Stage": "model.stages",
+    "StageReports": "run.stages",
     "State": "model.state",
     "System": "model.system",
     "Topology": "model.molecules.topology",
@@ -136,6 +140,7 @@ _HOMES = {
     "register_step": "integrators.own.registration",
     "register_tableau": "integrators.own.registration",
     "resume": "run.resuming",
+    "run_stages": "run.stages",
     "solve": "run.solve.solve",
     "stability": "plots.figures",
     "template": "systemfile.templates",
@@ -214,6 +219,8 @@ __all__ = [
     "Solution",
     "Sphere",
     "Springs",
+    "Stage",
+    "StageReports",
     "State",
     "StillingerWeber",
     "System",
@@ -254,6 +261,7 @@ __all__ = [
     "register_step",
     "register_tableau",
     "resume",
+    "run_stages",
     "solve",
     "stability",
     "template",

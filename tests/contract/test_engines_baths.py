@@ -148,6 +148,17 @@ def test_refusals(engine, name, said):
         simulation(engine, name)
 
 
+def test_an_equilibration_that_the_program_lacks_is_native():
+    places = []
+    for engine in ("openmm", "native"):
+        sim = kd.Simulation(liquid(), "velocity-verlet", 0.004, engine=engine)
+        sim.equilibrate(1.5, steps=20, integrator="csvr", tau=0.2)
+        places.append(sim.state.positions)
+        warned = "equilibrate: openmm has no csvr, so kickdrift itself has equilibrated" in sim.run(1).warnings
+        assert warned == (engine == "openmm")
+    np.testing.assert_array_equal(*places)
+
+
 def test_options_and_forces_of_a_bath():
     with pytest.raises(kd.InputError, match="friction is needed"):
         kd.Simulation(liquid(), "langevin", 0.004, engine="lammps", temperature=1.0)

@@ -84,9 +84,9 @@ def from_file(name: str, line: str) -> kd.System:
 
 
 YOUNGER = (  # than 0.1.0
-    "temperature", "friction", "seed", "noise", "pressure", "barostat", "coupling", "pressure_tau", "compressibility",
-    "pressure_every", "stress", "allow_gravity", "tau", "chain", "splitting", "collision_rate", "substeps",
-    "kernel",
+    "temperature", "temperature_to", "friction", "seed", "noise", "pressure", "pressure_to", "barostat", "coupling",
+    "pressure_tau", "compressibility", "pressure_every", "stress", "ramp_steps", "allow_gravity", "tau", "chain",
+    "splitting", "collision_rate", "substeps", "kernel",
 )  # fmt: skip
 
 

@@ -86,7 +86,8 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Topology", "VirtualSite",
+        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Stage", "Topology",
+        "VirtualSite",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),
@@ -95,6 +96,7 @@ ELSEWHERE = {
         "register_force", "register_splitting", "register_step", "register_tableau",
     ),
     "FILE.py in a system's place": ("Solution", "solve"),
+    "run and resume of a file with [[stage]]": ("StageReports", "run_stages"),
     "list": ("engines", "integrators"),
     "schema": ("json_schema",),
     "exit status": ("InputError", "KickdriftError", "RunError"),

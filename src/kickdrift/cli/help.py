@@ -224,6 +224,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift view solar-system -o planets.html", "The start of a shipped system."),
         ("kickdrift view run.h5md --colour speed --frames 100", "Coloured by speed, with 100 frames."),
     ),
+    "page": (("kickdrift page which-integrator", "Two methods side by side, computed in the browser."),),
     "movie": (
         ("kickdrift movie run.h5md run.mp4 --turn 90 --duration 10", "Ten seconds, while the camera turns."),
         ("kickdrift movie planets.h5md planets.gif --elevation 60 --zoom 8", "The inner planets, from above."),

@@ -17,7 +17,7 @@ import typer
 
 from kickdrift.cli.benchmarks import bench_compile, bench_lammps, bench_lj_energy, bench_speed, validate
 from kickdrift.cli.console import open_streams, out, say, stopped_at
-from kickdrift.cli.drawing import movie, plot, view
+from kickdrift.cli.drawing import movie, page, plot, view
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import cite, doctor, export, info, list_, new, schema, show
 from kickdrift.cli.help import Command, Group
@@ -83,8 +83,8 @@ def telling(command: Callable[..., None]) -> Callable[..., None]:
 
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, movie, export, info,
-    show, schema, cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, chaos, transits, certify, analyze, plot, view, page, movie, export,
+    info, show, schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(

@@ -24,11 +24,19 @@ from kickdrift.cli.options import (
     whole,
     with_options,
 )
-from kickdrift.cli.watching import ImdOption, ImdWaitOption, Interruption, LiveOption, check_watching, watched
+from kickdrift.cli.stages import has_stages, refuse_beside_stages, run_stages
+from kickdrift.cli.watching import (
+    ImdOption,
+    ImdWaitOption,
+    Interruption,
+    LiveOption,
+    check_watching,
+    warn_of_version,
+    watched,
+)
 from kickdrift.disk import kinds
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system
 from kickdrift.display.showing import lines_of
-from kickdrift.engines import ENGINES
 from kickdrift.engines import engine as engine_named
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import known_options
@@ -177,6 +185,19 @@ def run(
     if Path(system).suffix.lower() in STRUCTURES and isinstance(chosen, System) and not chosen.forces:
         say("warning: no force acts; give --force-field FILE for a .pdb or .cif, or forces in a system file", quiet)
 
+    from kickdrift.run.stages import protocol
+
+    if isinstance(chosen, System) and chosen.stages:
+        alone = {
+            "integrator": integrator, "-o": options, "steps": steps, "time": time, "exact": exact, "every": every,
+            "interval": interval, "times": times, "engine": engine != "native", "processes": processes, "hosts": hosts,
+            "imd": imd, "live": live,
+        }  # fmt: skip
+        refuse_beside_stages(system, alone)
+        stages = protocol(chosen, output=output, overwrite=overwrite, threads=threads, file=file)
+        run_stages(stages, json_file, quiet, overwrite)
+        return
+
     from kickdrift.run.equilibration import equilibrate_as_told
     from kickdrift.run.files import check_suffix
     from kickdrift.run.plan.lengths import SHORTEN
@@ -252,7 +273,13 @@ def resume(
     _refuse_both(times=times, time=time)
     refuse_outputs({"json": json_file}, overwrite, [file])
     from kickdrift.run.resuming import continued
+    from kickdrift.run.stages import protocol
 
+    if has_stages(file):
+        alone = {"steps": steps, "time": time, "times": times, "hosts": hosts, "imd": imd, "live": live}
+        refuse_beside_stages(str(file), alone)
+        run_stages(protocol(file, threads=threads), json_file, quiet, overwrite, goes_on=True)
+        return
     with Interruption(file, resumed=True) as stopped:
         with busy(f"reading {file}", quiet):
             sim = kd.resume(file, threads=threads, hosts=hosts)
@@ -273,14 +300,6 @@ def resume(
                 stopped.begins(sim, sim.plan.end_step, sim.plan.end_time)
                 report = sim.run(progress=bar("running"), file=options, imd=imd, imd_wait=imd_wait)
     show(report, sim, file, json_file, quiet, overwrite)
-
-
-def warn_of_version(sim: kd.Simulation, quiet: bool) -> None:
-    """Warn of an untested version of an engine, and of what the system lacks, before the first step."""
-    from kickdrift.run.report.warnings import begins_badly
-
-    for warning in [*ENGINES[sim.engine].warnings, *begins_badly(sim.system)]:
-        say(f"warning: {warning}", quiet)
 
 
 def show(

@@ -16,6 +16,7 @@ import kickdrift as kd
 from kickdrift.cli.console import say
 from kickdrift.cli.options import option
 from kickdrift.display.pace import silent
+from kickdrift.engines import ENGINES
 from kickdrift.errors import InputError, KickdriftError
 from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.problem import Problem
@@ -67,6 +68,14 @@ def _check_port(port: int, option: str) -> None:
 
 
 INTERRUPTED = 130  # exit status
+
+
+def warn_of_version(sim: kd.Simulation, quiet: bool) -> None:
+    """Warn of an untested version of an engine, and of what the system lacks, before the first step."""
+    from kickdrift.run.report.warnings import begins_badly
+
+    for warning in [*ENGINES[sim.engine].warnings, *begins_badly(sim.system)]:
+        say(f"warning: {warning}", quiet)
 
 
 class Interrupted(KickdriftError):

@@ -70,4 +70,8 @@ OPENMM_BATHS = {
     ),
     "andersen": EngineBath("AndersenThermostat"),
 }
-CUDA_BATHS = {name: EngineBath(name) for name in ("baoab", "obabo", "aboba", "oabao", "baoa", "gjf", "andersen")}
+CUDA_BATHS = {
+    **{name: EngineBath(name) for name in ("baoab", "obabo", "aboba", "oabao", "baoa", "gjf", "andersen", "csvr")},
+    "nose-hoover": EngineBath("nose-hoover", remark="on a device, a run that is resumed begins with a chain at rest"),
+}
+RESCALING = "CN"  # letters of baths that scale all velocities by one factor

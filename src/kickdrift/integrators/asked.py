@@ -26,7 +26,7 @@ from kickdrift.integrators.options import (
 )
 from kickdrift.integrators.splitting.subflows import FLOWS
 from kickdrift.model.checks.arguments import other_name
-from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.run_defaults import RunDefaults, with_ramps
 from kickdrift.model.units.quantities import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import VALUE, clean, shown
 
@@ -203,6 +203,7 @@ def settled(method: Method, asked: Mapping[str, Any], run: RunDefaults, units: U
 
     Raises InputError for an option that no method takes, for an argument that this method does not take, and for a
     value that an option cannot have."""
+    asked = with_ramps(asked)
     refuse_unknown([*asked, *run.options], method)
     said = in_units({key: value for key, value in asked.items() if value is not None}, method.options, units)
     refuse_other_baths(method, said)

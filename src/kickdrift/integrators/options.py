@@ -277,6 +277,14 @@ PRECISION = Option(
 )  # fmt: skip
 MAX_STEP = Option("max_step", float, "Longest step.", dimension="time", above=0.0)
 TEMPERATURE = Option("temperature", float, "Temperature of the heat bath.", dimension="temperature", above=0.0)
+TEMPERATURE_TO = Option(
+    "temperature_to", float, "Temperature at the end of a ramp, which is linear in time.", dimension="temperature",
+    above=0.0, written=False,
+)  # fmt: skip
+RAMP_STEPS = Option(
+    "ramp_steps", int, "Steps of a ramp of temperature or pressure; by default those of the run.", above=0.0,
+    most=2.0**53, written=False,
+)  # fmt: skip
 FRICTION = Option(
     "friction", float, "Rate at which the heat bath damps velocities.", dimension="rate", above=0.0
 )  # fmt: skip
@@ -290,6 +298,10 @@ PRESSURE = Option(
     "Pressure of the box, whose edges then change; by default they do not.",
     dimension="pressure",
 )
+PRESSURE_TO = Option(
+    "pressure_to", float, "Pressure at the end of a ramp, which is linear in time.", dimension="pressure", written=False
+)
+RAMPED = {TEMPERATURE.name: TEMPERATURE_TO.name, PRESSURE.name: PRESSURE_TO.name}  # options and their ends
 C_RESCALE, MTK, MONTE_CARLO = "c-rescale", "mtk", "monte-carlo"
 BAROSTAT = Option(
     "barostat", str, "What holds the pressure.", choices=(C_RESCALE, MTK, MONTE_CARLO), written=False
@@ -321,7 +333,7 @@ BAROSTATS = {  # options that each barostat needs, and others that it takes
 }
 OF_SOME = (PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY)  # options that only some barostats take
 APART = ("semi-isotropic", "per-axis", FULL)  # couplings that need the pressure along each axis
-OF_PRESSURE = (PRESSURE, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY, STRESS)
+OF_PRESSURE = (PRESSURE, PRESSURE_TO, BAROSTAT, COUPLING, PRESSURE_TAU, COMPRESSIBILITY, PRESSURE_EVERY, STRESS)
 ALLOW_GRAVITY = Option(
     "allow_gravity", bool, "Let a heat bath act under gravity, which has no equilibrium.", False, written=False
 )

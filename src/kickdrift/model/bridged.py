@@ -145,8 +145,9 @@ class Bridged:
         Parameters
         ----------
         system : openmm.System
-            With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce, the
-            CustomTorsionForce of harmonic impropers, constraints, CMMotionRemover (which needs no counterpart), and
+            With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce,
+            CMAPTorsionForce, CustomBondForce, CustomAngleForce, CustomTorsionForce and CustomNonbondedForce whose
+            energies are those of kickdrift's laws, constraints, CMMotionRemover (which needs no counterpart), and
             MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction
             of 1/ps. Its moves follow from the compressibility of water, 4.5e-5 per bar.
         topology : openmm.app.Topology, for elements and bonds; None if there is none

@@ -44,6 +44,8 @@ class ShownSystem(Shown):
         if self.equilibration:
             wanted = self.equilibration.said().items()
             lines.append(("equilibrate", ", ".join(f"{key} = {value}" for key, value in wanted)))
+        if self.stages:
+            lines.append(("stages", ", ".join(each.name for each in self.stages)))
         return lines
 
 

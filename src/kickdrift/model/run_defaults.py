@@ -6,13 +6,34 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol, runtime_checkable
 
+from kickdrift.errors import InputError
 from kickdrift.model.units.quantities import UnitSystem, time_in
+from kickdrift.text import shown
 
 # A key of ``[run]``, and the keys that it replaces.
 REPLACED = (
     ("steps", "time", "times"), ("time", "steps", "times"), ("every", "interval", "times"),
     ("interval", "every", "times"), ("times", "steps", "time", "every", "interval"),
+    ("temperature", "temperature_to"), ("pressure", "pressure_to"),
 )  # fmt: skip
+
+
+def with_ramps(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of ``[run]`` by key, in which a ramp {"from": 300, "to": 2500} of a key is a start and an end, as
+    ``temperature`` and ``temperature_to``. With "steps" in the ramp, it is that long."""
+    found: dict[str, Any] = {}
+    for key, value in given.items():
+        if not (isinstance(value, Mapping) and {"from", "to"} & set(value)):
+            found[key] = value
+            continue
+        if not {"from", "to"} <= set(value) <= {"from", "to", "steps"}:
+            raise InputError(
+                f"{key}: a ramp is {{from = 300, to = 2500}}, and steps if it is shorter, got {shown(value)}"
+            )
+        found |= {key: value["from"], f"{key}_to": value["to"]}
+        if "steps" in value:
+            found["ramp_steps"] = value["steps"]
+    return found
 
 
 @runtime_checkable
@@ -60,7 +81,7 @@ class RunDefaults:
             "integrator": integrator, "dt": dt, "steps": steps, "time": time, "every": every, "interval": interval,
             "times": None if times is None else tuple(times),
         }  # fmt: skip
-        given = {key: value for key, value in options.items() if value is not None}
+        given = {key: value for key, value in with_ramps(options).items() if value is not None}
         for key, value in (own | {"options": given}).items():
             object.__setattr__(self, key, value)
 
@@ -96,8 +117,9 @@ class RunDefaults:
         An integrator with options as one value gives its name and its options; an option beside the value replaces the
         value's own.
         """
+        named = set(defaults)
         for one, *others in REPLACED:
-            if one in defaults:
+            if one in named:
                 defaults = dict.fromkeys(others) | defaults
         which = defaults.get("integrator")
         if isinstance(which, NamedWithOptions):

@@ -38,6 +38,7 @@ from kickdrift.model.molecules.constraints import Constraints, Projected, constr
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.molecules.virtual_sites import VirtualSite, VirtualSites, virtual_sites_of
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.stages import Stage, checked_stages
 from kickdrift.model.starts.builders import drawn_velocities
 from kickdrift.model.state import Floats, State
 from kickdrift.model.turned import turned
@@ -61,7 +62,7 @@ _KEPT = (
 )  # passed on by `remade`
 
 
-def _later_seed(seed: int | None, time: float) -> int | None:
+def later_seed(seed: int | None, time: float) -> int | None:
     """Seed for a run that begins at this time: ``seed`` itself at time 0, and another one at every other time."""
     if time == 0:
         return seed
@@ -93,6 +94,7 @@ class System(Bridged, ShownSystem):
     charges : (n,) or one number; charges of the particles, in the unit of ``units.charge``; default none
     constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
     virtual_sites : list of `VirtualSite`, sites without mass that follow other particles; default none
+    stages : list of `Stage`, the runs of a protocol for `run_stages`; default none
     """
 
     state: State
@@ -114,6 +116,7 @@ class System(Bridged, ShownSystem):
     charges: Floats | None = None
     constraints: Constraints | None = None
     virtual_sites: VirtualSites | None = None
+    stages: tuple[Stage, ...] = ()
 
     def __init__(
         self,
@@ -138,6 +141,7 @@ class System(Bridged, ShownSystem):
         charges: ArrayLike | None = None,
         constraints: Iterable[Constraint] | Constraints | None = None,
         virtual_sites: Iterable[VirtualSite] | VirtualSites | None = None,
+        stages: Iterable[Stage] = (),
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -166,6 +170,7 @@ class System(Bridged, ShownSystem):
         put(self, "name", name)
         put(self, "run", (run or RunDefaults()).in_units(self.units))
         put(self, "equilibration", equilibration)
+        put(self, "stages", checked_stages(stages))
         put(self, "invariants", dict(invariants or {}))
         put(self, "source", source)
         put(self, "seed", None if seed is None else whole_number("seed", seed, 0))
@@ -249,11 +254,18 @@ class System(Bridged, ShownSystem):
 
     def anew(self, state: State) -> System:
         """Return the system with its bodies in this state, for a new run that begins there: with no steps done, and
-        without ``equilibration``, ``invariants`` and the text of a file, which are of the start. The seed depends on
-        the time, so that runs in a chain have different noise."""
+        without ``equilibration``, ``stages``, ``invariants`` and the text of a file, which are of the start. The seed
+        depends on the time, so that runs in a chain have different noise."""
         made = self.at(state.phase, state.time, ids=state.ids, box=state.box)
-        seed = _later_seed(self.seed, state.time)
-        for key, value in (("equilibration", None), ("invariants", {}), ("source", ""), ("seed", seed)):
+        seed = later_seed(self.seed, state.time)
+        gone: tuple[tuple[str, Any], ...] = (
+            ("equilibration", None),
+            ("stages", ()),
+            ("invariants", {}),
+            ("source", ""),
+            ("seed", seed),
+        )
+        for key, value in gone:
             object.__setattr__(made, key, value)
         return made
 
@@ -281,6 +293,12 @@ class System(Bridged, ShownSystem):
         check_kinds(equilibration=(equilibration, Equilibration))
         made = copy(self)
         object.__setattr__(made, "equilibration", equilibration)
+        return made
+
+    def with_stages(self, *stages: Stage) -> System:
+        """Return the system with these stages of a protocol, or with none."""
+        made = copy(self)
+        object.__setattr__(made, "stages", checked_stages(stages))
         return made
 
     # --- new systems from old ones ---
@@ -370,6 +388,7 @@ class System(Bridged, ShownSystem):
         own: dict[str, Any] = {
             "positions": state.positions, "velocities": state.velocities, "masses": state.masses, "box": state.box,
             "species": [self.species[k] for k in self.species_index], "equilibration": self.equilibration,
+            "stages": self.stages,
         } | {key: getattr(self, key) for key in _KEPT}  # fmt: skip
         ids = changes.pop("ids", state.ids)
         made = System(**own | changes)

@@ -16,7 +16,7 @@ from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.options import PRESSURE, Options
+from kickdrift.integrators.options import PRESSURE, RAMP_STEPS, Options
 from kickdrift.integrators.stepping.backward import BackwardStepper, mirrored
 from kickdrift.integrators.stepping.stepper import STOPPED, Stepper
 from kickdrift.jit.cache.notices import compiling_for
@@ -30,6 +30,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.run.ramp import Ramp
 from kickdrift.run.returning import Safe, failure, go_back
 from kickdrift.run.stepping import Shortened, purpose_of, stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
@@ -76,6 +77,9 @@ class Integration:
 
     def __init__(self, job: Job, engine: Engine, events: Sequence[Event]) -> None:
         self.method, self.options, self.dt = job.method, job.options, job.options.dt
+        self.ramp = Ramp.of(job.options)
+        if self.ramp and engine.foreign:
+            raise InputError(f"engine {engine.name!r}: ramps of temperature and pressure are kickdrift's own")
         self._job, self.engine = job, engine
         self.record = Record()
         with compiling_for(self.purpose):
@@ -141,6 +145,12 @@ class Integration:
         """Whether a barostat changes the box."""
         return self._job.options.get(PRESSURE.name) is not None
 
+    def ramp_over(self, steps: int) -> None:
+        """Let a ramp without a length of its own end at this step of the run."""
+        if self.ramp and self.ramp.steps is None and steps > 0:
+            self.options = self.options.changed(**{RAMP_STEPS.name: steps})
+            self._job, self.ramp = replace(self._job, options=self.options), Ramp.of(self.options)
+
     @property
     def foreign(self) -> bool:
         """Whether another program takes the steps."""
@@ -157,6 +167,8 @@ class Integration:
         """Go on from the current state in this direction of time. A change of direction begins a new record."""
         if backward == self.backward:
             return
+        if backward and self.ramp:
+            raise InputError("run: a ramp of temperature or pressure goes forwards in time only")
         y, time, steps = self.y.copy(), self.time, self.steps_done
         old: Any = self.stepper
         with compiling_for(self.purpose):
@@ -321,8 +333,11 @@ class Integration:
         self.record.compile_seconds += perf_counter() - began
 
     def advance(self, steps: int, until: float = np.inf, horizon: float = np.inf, end: float = np.inf) -> bool:
-        """Take steps. Return whether the next step waits because it would evaluate f beyond ``end``."""
+        """Take steps, or fewer where a ramp changes the temperature before. Return whether the next step waits because
+        it would evaluate f beyond ``end``."""
         began = perf_counter()
+        if self.ramp:
+            steps = self.ramp.begin(self.stepper, steps)
         if self.events:
             self.events.horizon = horizon
         stepper: Any = self.stepper

@@ -177,6 +177,8 @@ def _through(sim: Any, made: Any, asked: Equilibration, progress: Progress | Non
         state.phase[1] -= (state.phase[1] @ state.masses / state.masses.sum())[:, None]
     _move(sim, state)
     said = sim.integration.record.warnings
+    if made.engine != sim.engine:
+        said.append(f"equilibrate: {sim.engine} has no {made.integrator}, so kickdrift itself has equilibrated")
     said += [f"equilibrate: {line}" for line in getattr(made.integration.stepper, "warnings", ())]
 
 
@@ -253,7 +255,7 @@ def _heat_to(run: Integration, temperature: float) -> None:
             f"equilibrate: a ramp of temperature needs kickdrift's own heat baths, not {run.engine.name}'s"
         )
     stepper: Any = run.stepper
-    stepper.heat_to(temperature)
+    stepper.go_to({TEMPERATURE.name: temperature})
 
 
 def _move(sim: Any, state: State) -> None:

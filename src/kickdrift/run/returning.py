@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators.options import RAMP_STEPS
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.memory import Memory
@@ -74,6 +75,8 @@ def checkpoint_of(run: Any) -> Memory:
 def restore(run: Any, checkpoint: Memory) -> None:
     """Continue from a checkpoint; see ``Simulation.restore``."""
     try:
+        if run.ramp and (steps := checkpoint["options"].get(RAMP_STEPS.name)):
+            run.ramp_over(steps)
         _check(run, checkpoint)
         run.recall(checkpoint)
     except InputError:

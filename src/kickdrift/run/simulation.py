@@ -208,6 +208,8 @@ class Simulation(Present):
         if self.running:
             raise InputError("restore: the Simulation is already running")
         restore(self.integration, checkpoint)
+        if self.integration.ramp:
+            self.options = self.integration.options
         self._stability.begin_anew(check_at=2 * self.record.steps)
 
     @alone
@@ -298,6 +300,9 @@ class Simulation(Present):
         check_columns_fit(written.columns, plan)
         run, self.plan = self.integration, None
         begin(self, plan.backward, goal, exact)
+        if run.ramp:
+            run.ramp_over(plan.whole_steps_end)
+            self.options = run.options
         watching: list[Watcher | None] = [
             Events(run.events) if run.events else None,
             self._stability,
@@ -366,13 +371,15 @@ class Simulation(Present):
         """
         check_asked(None, progress, False, "equilibrate")
         self.refuse_still()
-        more: dict[str, Any] = {"engine": self.engine, "processes": self.processes, "events": ()}
         asked = Equilibration(temperature, time, interval, to, steps, integrator, options)  # type: ignore[arg-type]
         with following(progress, "equilibrating") as told:
-            equilibrate(
-                self, asked, told,
-                lambda name, given: Simulation(self.system, name, threads=self.threads, **more, **given),
-            )  # fmt: skip
+            equilibrate(self, asked, told, self._for_equilibration)
+
+    def _for_equilibration(self, name: str, given: dict[str, Any]) -> Simulation:
+        """A Simulation of the system by another method: by the program of this run, or natively if that lacks it."""
+        lacks = self._engine.foreign and name not in self._engine.methods
+        where: dict[str, Any] = {} if lacks else {"engine": self.engine, "processes": self.processes}
+        return Simulation(self.system, name, threads=self.threads, events=(), **where, **given)
 
     @alone
     def minimize(

@@ -20,6 +20,7 @@ from kickdrift.forces.around import mass_change, radiation, relativity, tides
 from kickdrift.forces.pairs import law as pair_law
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options
+from kickdrift.integrators.options import RAMPED
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.units.quantities import EXAMPLES
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, powers
@@ -80,6 +81,10 @@ _HELP: dict[tuple[str, str], str] = {
     ("system", "event"): "Events that a run finds: collisions, close approaches, escapes and passages.",
     ("system", "run"): "Defaults of a run: integrator, step, length and options.",
     ("system", "equilibrate"): "A run at a temperature before the run itself.",
+    ("system", "stage"): "The runs of a protocol, each from the end of the one before.",
+    ("stage", "name"): "Name of the stage, with which the name of its file ends.",
+    ("stage", "keep"): "Whether the stage has a file.",
+    ("stage", "minimize"): "Move the particles to a minimum of their energy in place of a run.",
     ("system", "invariants"): "What the system is known to conserve, with the source.",
     ("run", "integrator"): "Method; kickdrift list integrators explains each.",
     ("run", "steps"): "Number of steps; or give time.",
@@ -98,6 +103,7 @@ def json_schema() -> Json:
         "force": {"oneOf": [_by_type(schema.force_table(cls), name, cls) for name, cls in FORCES.items()]},
         "event": {"oneOf": [_by_type(model, name) for name, model in events.TABLES.items()]},
         "run": run,
+        "stage": _table(schema_run.stage_table(), "stage", integrator=method),
         "equilibrate": _table(schema_run.equilibrate_table(), "equilibrate", integrator=method),
         "topology": _table(schema_base.TopologyTable, "topology"),
         "constraint": _table(schema_base.ConstraintTable, "constraint"),
@@ -110,7 +116,7 @@ def json_schema() -> Json:
         "system",
         force={"type": "array", "items": _reference("force")},
         event={"type": "array", "items": _reference("event")},
-        **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site")},
+        **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site", "stage")},
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))
@@ -158,7 +164,12 @@ def _table(model: type[BaseModel], name: str, **values: Json) -> Json:
     inner = f"#/definitions/{name}/definitions/{{model}}"
     found = _spread_out(model.model_json_schema(schema_generator=_Generator, ref_template=inner))
     options = known_options() if issubclass(model, schema_run.RunTable | schema_run.EquilibrateTable) else {}
+    ramped = RAMPED if issubclass(model, schema_run.RunTable) else {}
     for key, given in found["properties"].items():
+        if key in ramped:
+            ends = {"type": "object", "properties": {"from": given, "to": given, "steps": WHOLE}}
+            ramp = ends | {"required": ["from", "to"], "additionalProperties": False}
+            given = found["properties"][key] = {"anyOf": [given, ramp]}
         replaced = values.get(key) or _VALUES.get((name, key)) or _VALUES.get(("*", key))
         if replaced is not None:
             given = found["properties"][key] = dict(replaced)

@@ -44,7 +44,7 @@ from kickdrift.systemfile.particles import (
     on_orbits,
 )
 from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
-from kickdrift.systemfile.schema_run import equilibration_of, run_defaults
+from kickdrift.systemfile.schema_run import equilibration_of, run_defaults, stage_of
 from kickdrift.text import choices, shown, suggestion
 
 STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
@@ -264,6 +264,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         seed = table.velocities.seed if seed is None else seed
     topology, virtual_sites = molecules_of(table, path.parent)
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
+    stages = [stage_of(given, units, f"stage[{k}]") for k, given in enumerate(table.stage)]
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
     def system(velocities: Floats | None) -> System:
@@ -293,6 +294,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             charges=start.charges,
             constraints=constraints,
             virtual_sites=virtual_sites,
+            stages=stages,
         )
 
     made = system(velocities)

@@ -175,6 +175,7 @@ class SystemTable(Table):
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
     equilibrate: dict[str, Any] | None = None  # checked as [run] is
+    stage: list[dict[str, Any]] = []  # each is checked as [run] is
     invariants: dict[str, Any] = {}
 
     @classmethod

@@ -17,8 +17,10 @@ from kickdrift.integrators.asked import known_options, meant, refuse_other_baths
 from kickdrift.integrators.options import DT, OPTIONS, Option
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.limits import MOST_STEPS
-from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.run_defaults import Equilibration, RunDefaults, with_ramps
+from kickdrift.model.stages import Stage
 from kickdrift.model.units.unit_systems import UnitSystem
+from kickdrift.systemfile.files import prefixed
 from kickdrift.systemfile.schema import checked
 from kickdrift.systemfile.schema_base import In, Table, Temperature, Time
 
@@ -58,6 +60,29 @@ class RunTable(Table):
             return hint
         found = super().hint(key)
         return meant(key) if any(f"{name!r}" in found for name in known_options()) else found
+
+
+class MinimizeTable(Table):
+    """Keys of ``minimize`` in ``[[stage]]``."""
+
+    method: Literal["fire", "l-bfgs"] | None = None
+    force: Annotated[float, BeforeValidator(In("force", "positive"))] | None = None
+    steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] | None = None
+    max_displacement: Annotated[float, BeforeValidator(In("length", "positive"))] | None = None
+
+
+class StageTable(RunTable):
+    """Keys of ``[[stage]]`` that are not options."""
+
+    name: str
+    keep: bool = True
+    minimize: (
+        Annotated[
+            Annotated[bool, Tag("<true or false>")] | Annotated[MinimizeTable, Tag("<table>")],
+            Discriminator(lambda value: "<table>" if isinstance(value, dict | MinimizeTable) else "<true or false>"),
+        ]
+        | None
+    ) = None
 
 
 class OdeRunTable(RunTable):
@@ -103,10 +128,23 @@ def run_keys() -> list[str]:
 
 def run_defaults(given: Mapping[str, Any], units: UnitSystem | None) -> RunDefaults:
     """Checked values of ``[run]``; without ``units``, of an ODE."""
-    found = RunDefaults(**checked(run_table(units is not None), given, units, "run").model_dump())
+    found = RunDefaults(**checked(run_table(units is not None), _apart(given, "run"), units, "run").model_dump())
     if found.integrator in INTEGRATORS:
         refuse_other_baths(INTEGRATORS[found.integrator], found.options, "run.")
     return found
+
+
+def stage_of(given: Mapping[str, Any], units: UnitSystem, path: str) -> Stage:
+    """Checked values of ``[[stage]]``."""
+    found = checked(stage_table(), _apart(given, path), units, path).model_dump(exclude_none=True)
+    with prefixed(f"{path}: "):
+        return Stage(**found)
+
+
+def _apart(given: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Values by key, with ramps as a start and an end."""
+    with prefixed(f"{path}."):
+        return with_ramps(given)
 
 
 def equilibration_of(given: Mapping[str, Any], units: UnitSystem, run: RunDefaults) -> Equilibration:
@@ -122,6 +160,11 @@ def equilibration_of(given: Mapping[str, Any], units: UnitSystem, run: RunDefaul
 def run_table(units: bool) -> type[Table]:
     """Table ``[run]`` with the options of all methods; without ``units``, of an ODE."""
     return _options_table("run", RunTable if units else OdeRunTable, tuple(known_options().values()), units)
+
+
+def stage_table() -> type[Table]:
+    """Table ``[[stage]]`` with the options of all methods."""
+    return _options_table("stage", StageTable, tuple(known_options().values()), True)
 
 
 def equilibrate_table() -> type[Table]:

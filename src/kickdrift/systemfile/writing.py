@@ -77,6 +77,8 @@ def tables_of(system: System) -> dict[str, Any]:
         tables["run"] = said
     if system.equilibration is not None:
         tables["equilibrate"] = system.equilibration.said()
+    if system.stages:
+        tables["stage"] = [each.said() for each in system.stages]
     if system.invariants:
         tables["invariants"] = dict(system.invariants)
     return tables

@@ -151,6 +151,84 @@ def test_maps_of_two_dihedrals_are_those_of_openmm(alanine):
     assert again.forces[-1] == ours.forces[-1]
 
 
+def test_charmm36_in_openmms_custom_forces_is_that_of_openmm(alanine):
+    """Lennard-Jones by pairs of types, 1-4 pairs as bonds, impropers by a formula, and CMAP."""
+    topology, x = alanine
+    theirs = built(topology, "charmm36_2024.xml")
+    ours = kd.System.from_openmm(theirs, topology, x)
+    energies = energies_of(context_of(theirs, x), theirs)
+    names = {force.name for force in ours.forces}
+    assert {"lennard-jones", "listed-pairs", "harmonic-improper", "cmap"} <= names
+    found = BoundForces(ours).measure(0.0, ours.state.phase).potential
+    assert found == pytest.approx(sum(energies.values()), rel=1e-8)
+    expected = context_of(theirs, x).getState(forces=True).getForces(asNumpy=True)._value
+    found = kd.Simulation(ours, dt=0.0005).forces()
+    assert np.sqrt(((found - expected) ** 2).sum() / (expected**2).sum()) < 1e-8
+
+
+def custom(kind, formula, values):
+    """OpenMM's System of four particles with one item of a custom force, or all pairs, and their places."""
+    theirs, force = openmm.System(), getattr(openmm, f"Custom{kind}Force")(formula)
+    per = "Particle" if kind == "Nonbonded" else kind
+    for key in values:
+        getattr(force, f"addPer{per}Parameter")(key)
+    for _ in range(4):
+        theirs.addParticle(12.0)
+        if kind == "Nonbonded":
+            force.addParticle([*values.values()])
+    if kind != "Nonbonded":
+        items = {"Bond": (0, 3), "Angle": (0, 1, 2), "Torsion": (0, 1, 2, 3)}[kind]
+        getattr(force, f"add{kind}")(*items, [*values.values()])
+    theirs.addForce(force)
+    return theirs, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.15, 0.1, 0.0], [0.2, 0.1, 0.03]])
+
+
+@pytest.mark.parametrize(
+    ("kind", "formula", "values", "law"),
+    [
+        ("Bond", "a*(r-b)*(r-b)", {"a": 900.0, "b": 0.13}, "harmonic-bond"),
+        ("Bond", "c/r^12 - d/r^6 + q/r", {"c": 1e-6, "d": 2e-3, "q": -3.0}, "listed-pairs"),
+        ("Angle", "k*(pi-theta)^2; pi=3.14159265358979", {"k": 40.0}, "harmonic-angle"),
+        ("Angle", "k + k*cos(theta)", {"k": 40.0}, "cosine-angle"),
+        ("Torsion", "k*cos(theta)^3 + b*sin(2*theta)", {"k": 4.0, "b": 1.5}, "periodic-improper"),
+    ],
+)
+def test_a_custom_force_is_the_law_with_its_energies(kind, formula, values, law):
+    theirs, x = custom(kind, formula, values)
+    ours = kd.System.from_openmm(theirs, None, x)
+    assert {force.name for force in ours.forces} == {law}
+    context = context_of(theirs, x)
+    (expected,) = energies_of(context, theirs).values()
+    assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-8)
+    pulls = context.getState(forces=True).getForces(asNumpy=True)._value
+    np.testing.assert_allclose(kd.Simulation(ours, dt=0.0005).forces(), pulls, rtol=1e-7, atol=1e-7)
+
+
+def test_custom_forces_without_a_law_are_named():
+    for kind, formula, values, match in (
+        (
+            "Bond",
+            "a*(r-b)^4",
+            {"a": 9.0, "b": 0.1},
+            r"CustomBondForce 'a\*\(r-b\)\^4': its energy for the particles 0, 3",
+        ),
+        ("Angle", "a*theta", {"a": 9.0}, "is not that of harmonic-angle or cosine-angle"),
+        ("Nonbonded", "a*exp(-r)", {"a": 9.0}, "CustomNonbondedForce has no NonbondedForce beside it"),
+    ):
+        theirs, x = custom(kind, formula, values)
+        refused(theirs, None, x, match)
+    theirs, x = custom("Nonbonded", "a1*a2*exp(-r)", {"a": 9.0})
+    plain = openmm.NonbondedForce()
+    for _ in range(4):
+        plain.addParticle(0.0, 1.0, 0.0)
+    theirs.addForce(plain)
+    refused(theirs, None, x, "its energy is not that of lennard-jones")
+    theirs.getForce(0).addInteractionGroup([0, 1], [2, 3])
+    refused(theirs, None, x, "kickdrift has no interaction groups")
+    theirs.getForce(0).addExclusion(0, 2)
+    refused(theirs, None, x, r"it leaves out the pair \[0, 2\], and NonbondedForce does not")
+
+
 def test_rigid_water_by_mesh_is_that_of_openmm(water):
     """OpenMM averages the energy beyond the cutoff over N (N + 1) / 2 pairs, kickdrift over N^2 / 2."""
     topology, x = water
@@ -243,7 +321,7 @@ def test_harmonic_impropers_are_those_of_openmm(formula, rest):
 def test_other_torsions_are_named():
     for formula, rest, match in (
         (FORMULAS[1], 0.5, "particles 0, 1, 2, 3 rests at 28.6479 degrees"),
-        ("k*(theta-theta0)^4", 0.0, "CustomTorsionForce: kickdrift has no counterpart"),
+        ("k*(theta-theta0)^4", 0.0, "0, 1, 2, 3 is not that of a series of periodic-dihedral or harmonic-improper"),
     ):
         theirs, x = four(formula, rest)
         refused(theirs, None, x, match)

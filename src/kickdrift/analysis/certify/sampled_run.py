@@ -14,6 +14,7 @@ from kickdrift.analysis.certify.canonical import Point
 from kickdrift.analysis.observables.vectors import relative, vectors_of
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
+from kickdrift.integrators.options import RAMPED
 from kickdrift.looks.molecules import KINDS, Molecules
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import even_stretch
@@ -213,7 +214,7 @@ def _of_frames(frames: Frames) -> SampledRun:
         groups=groups,
         potential=None if potential is None else potential[vectors.chosen],
         volume=np.array([boxes[row].volume for row in vectors.chosen]),
-        temperature=_number(run.method.get("temperature"), name),
+        temperature=_temperature(run.method, name),
         pressure=pressure,
         bath=bath,
         likeness=_likeness(system, pressure is None),
@@ -242,7 +243,7 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         groups=(),
         potential=np.array([each.energies.potential for each in samples]),
         volume=np.array([each.volume if sim.box_varies else system.volume for each in samples]),
-        temperature=_number(sim.options.get("temperature"), name),
+        temperature=_temperature(sim.options, name),
         pressure=_pressure(sim.options, name),
         bath=bath,
         likeness=_likeness(system, not sim.box_varies),
@@ -322,6 +323,13 @@ def _likeness(system: System, of_box: bool) -> tuple[Any, ...]:
     names = tuple(system.species[k] for k in system.species_index)
     box = system.box.described("") if of_box else ""
     return system.units.name, tuple(system.state.masses.tolist()), names, repr(system.forces), box
+
+
+def _temperature(options: Mapping[str, Any], name: str) -> float | None:
+    """A run's temperature; None if there is none. Raises InputError for a ramp, of temperature or pressure."""
+    if any(options.get(end) is not None for end in RAMPED.values()):
+        raise InputError(f"{name}: has a ramp; the tests need a constant temperature and pressure")
+    return _number(options.get("temperature"), name)
 
 
 def _pressure(options: Mapping[str, Any], name: str) -> float | None:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.bridges.openmm.custom import Well, refuse, wells
 from kickdrift.bridges.openmm.terms import number
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Coulomb, ListedPairs
@@ -32,8 +33,11 @@ class Nonbonded(NamedTuple):
     exclusions: NDArray[np.int64]
 
 
-def nonbonded(force: Any, symbols: Sequence[str], positions: Floats) -> Nonbonded:
-    """Return the terms of a NonbondedForce. Particles with one symbol, sigma and epsilon are one species."""
+def nonbonded(force: Any, symbols: Sequence[str], positions: Floats, custom: Any = None) -> Nonbonded:
+    """Return the terms of a NonbondedForce. Particles with one symbol, sigma and epsilon are one species.
+
+    A CustomNonbondedForce may have the Lennard-Jones of all pairs in its place, as CHARMM's force fields have it in
+    OpenMM. Then particles with one symbol and the same parameters are one species."""
     method = METHODS[force.getNonbondedMethod()]
     if method == "LJPME":
         raise InputError(
@@ -46,16 +50,24 @@ def nonbonded(force: Any, symbols: Sequence[str], positions: Floats) -> Nonbonde
         [[number(each) for each in force.getParticleParameters(i)] for i in range(force.getNumParticles())], dtype=float
     ).reshape(-1, 3)
     charges, sigma, epsilon = rows.T
-    species, table = _species(symbols, sigma, epsilon)
     forces: list[Any] = []
     open_space = method == "NoCutoff"
     cutoff = max(FAR, 10.0 * float(np.ptp(positions))) if open_space else number(force.getCutoffDistance())
-    if epsilon.any():
+    tables: dict[str, Any] = {}
+    if custom is None:
+        species, tables["species"] = _species(symbols, sigma, epsilon)
+    else:
+        if epsilon.any():
+            raise refuse(custom, "NonbondedForce has wells too; kickdrift takes one Lennard-Jones force")
+        _same_pairs(force, custom)
+        species, tables = _species_of_pairs(symbols, custom)
+    shape = force if custom is None else custom
+    if epsilon.any() or custom is not None:
         cut: dict[str, Any] = {"truncation": "cut"}
-        if not open_space and force.getUseSwitchingFunction():
-            cut = {"truncation": "potential-switch", "switch_start": number(force.getSwitchingDistance())}
-        tail = method in METHODS[2:] and force.getUseDispersionCorrection()
-        forces.append(FORCES["lennard-jones"](cutoff=cutoff, tail=tail, species=table, **cut))
+        if not open_space and shape.getUseSwitchingFunction():
+            cut = {"truncation": "potential-switch", "switch_start": number(shape.getSwitchingDistance())}
+        corrected = force.getUseDispersionCorrection() if custom is None else custom.getUseLongRangeCorrection()
+        forces.append(FORCES["lennard-jones"](cutoff=cutoff, tail=method in METHODS[2:] and corrected, **tables, **cut))
     if charges.any():
         forces.append(_coulomb(force, method, cutoff))
     exceptions = [force.getExceptionParameters(k) for k in range(force.getNumExceptions())]
@@ -80,16 +92,50 @@ def _coulomb(force: Any, method: str, cutoff: float) -> Coulomb:
     return Coulomb(method.lower(), accuracy=force.getEwaldErrorTolerance(), cutoff=cutoff)
 
 
+def _same_pairs(force: Any, custom: Any) -> None:
+    """Refuse a CustomNonbondedForce that leaves out other pairs than the NonbondedForce, or has another cutoff."""
+    out = {tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions())}
+    own = {tuple(sorted(custom.getExclusionParticles(k))) for k in range(custom.getNumExclusions())}
+    for i, j in sorted(out ^ own):
+        first, other = ("NonbondedForce", "it") if (i, j) in out else ("it", "NonbondedForce")
+        raise refuse(custom, f"{first} leaves out the pair {[i, j]}, and {other} does not")
+    method = METHODS[force.getNonbondedMethod()]
+    alike = METHODS[custom.getNonbondedMethod()] == (method if method in METHODS[:3] else "CutoffPeriodic")
+    if not alike or (method != "NoCutoff" and number(custom.getCutoffDistance()) != number(force.getCutoffDistance())):
+        raise refuse(custom, "its method or cutoff differs from that of NonbondedForce")
+
+
+def _species_of_pairs(symbols: Sequence[str], custom: Any) -> tuple[list[str], dict[str, Any]]:
+    """The species of each particle of a CustomNonbondedForce, and the tables of all species and pairs."""
+    kinds = [(symbol, *custom.getParticleParameters(i)) for i, symbol in enumerate(symbols)]
+    named = _names(kinds)
+    pairs = wells(custom, [kind[1:] for kind in named])
+
+    def parameters(pair: Well) -> dict[str, float]:
+        return {"epsilon": pair.epsilon, "sigma": pair.sigma}
+
+    names = list(named.values())
+    species = {name: parameters(pairs[k][k]) for k, name in enumerate(names)}
+    mixed = {(name, names[j]): parameters(pairs[k][j]) for k, name in enumerate(names) for j in range(k)}
+    return [named[kind] for kind in kinds], {"species": species, **({"pairs": mixed} if mixed else {})}
+
+
+def _names(kinds: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
+    """Name of each kind of particle, which begins with its symbol: "O" if all O are alike, else "O1", "O2"."""
+    different = list(dict.fromkeys(kinds))
+    alike, so_far, named = Counter(symbol for symbol, *_ in different), Counter[str](), {}
+    for kind in different:
+        so_far[kind[0]] += 1
+        named[kind] = kind[0] if alike[kind[0]] == 1 else f"{kind[0]}{so_far[kind[0]]}"
+    return named
+
+
 def _species(symbols: Sequence[str], sigma: Floats, epsilon: Floats) -> tuple[list[str], dict[str, dict[str, float]]]:
     """The species of each particle, and the parameters of each: "O" if all O are alike, else "O1", "O2" and so on. The
     sigma of a particle without a well does not count."""
     without = epsilon == 0
     sigma = np.where(without, sigma[~without].min(initial=1.0), sigma)
     kinds = list(zip(symbols, sigma.tolist(), epsilon.tolist(), strict=True))
-    different = list(dict.fromkeys(kinds))
-    alike, so_far, named = Counter(symbol for symbol, *_ in different), Counter[str](), {}
-    for kind in different:
-        so_far[kind[0]] += 1
-        named[kind] = kind[0] if alike[kind[0]] == 1 else f"{kind[0]}{so_far[kind[0]]}"
+    named = _names(kinds)
     table = {name: {"epsilon": kind[2], "sigma": kind[1]} for kind, name in named.items()}
     return [named[kind] for kind in kinds], table

@@ -27,7 +27,7 @@ from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.text import shown
 
 UNITS = UNIT_SYSTEMS["gromacs"]
-PAIRS, BAROSTAT = "NonbondedForce", "MonteCarloBarostat"
+PAIRS, OWN_PAIRS, BAROSTAT = "NonbondedForce", "CustomNonbondedForce", "MonteCarloBarostat"
 NEEDLESS = "CMMotionRemover"  # methods keep the total momentum; Langevin baths move it, and temperatures count that
 UNKNOWN = "X"  # symbol of a site without an element
 MIDDLE = {"friction": 1.0}  # per ps, for a barostat whose heat bath is not stated; OpenMM's examples have this value
@@ -47,18 +47,22 @@ def system_of(
     _refuse(given)
     kept = [given.getConstraintParameters(k) for k in range(given.getNumConstraints())]
     pairs = [(i, j) for i, j, _ in kept]
-    molecules, pair_forces, barostat = Molecules(_bonds(given, pairs) if bonds is None else bonds), [], None
+    molecules, barostat = Molecules(_bonds(given, pairs) if bonds is None else bonds), None
+    pair_forces: dict[str, list[Any]] = {PAIRS: [], OWN_PAIRS: []}
     for force in given.getForces():
         kind = type(force).__name__
         if kind in TAKEN:
             TAKEN[kind](molecules, force)
-        elif kind == PAIRS:
-            pair_forces.append(force)
+        elif kind in pair_forces:
+            pair_forces[kind].append(force)
         elif kind == BAROSTAT:
             barostat = force
-    if len(pair_forces) > 1:
-        raise InputError(f"system: has {len(pair_forces)} forces {PAIRS}; kickdrift takes one")
-    found = nonbonded(pair_forces[0], symbols, x) if pair_forces else None
+    for kind, several in pair_forces.items():
+        if len(several) > 1:
+            raise InputError(f"system: has {len(several)} forces {kind}; kickdrift takes one")
+    if pair_forces[OWN_PAIRS] and not pair_forces[PAIRS]:
+        raise InputError(f"system: {OWN_PAIRS} has no {PAIRS} beside it; kickdrift takes the pairs left out from there")
+    found = nonbonded(pair_forces[PAIRS][0], symbols, x, *pair_forces[OWN_PAIRS]) if pair_forces[PAIRS] else None
     species = found.species if found else list(symbols)
     lists, forces = molecules.lists(species)
     box, turn = Box(None), np.eye(3)
@@ -150,7 +154,7 @@ def _refuse(given: Any) -> None:
             raise InputError(f"system: particle {i} has no mass, so OpenMM holds it fixed; kickdrift holds none fixed")
     for k, force in enumerate(given.getForces()):
         kind = type(force).__name__
-        if kind not in (*TAKEN, PAIRS, BAROSTAT, NEEDLESS):
+        if kind not in (*TAKEN, PAIRS, OWN_PAIRS, BAROSTAT, NEEDLESS):
             raise InputError(f"system: force {k}, {kind}, has no counterpart in kickdrift{_first_term(force)}")
 
 

@@ -13,16 +13,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
+from kickdrift.bridges.openmm.custom import Well, listed
 from kickdrift.errors import InputError
 from kickdrift.forces import (
     Cmap,
     HarmonicAngle,
     HarmonicBond,
     HarmonicImproper,
+    ListedPairs,
     PeriodicDihedral,
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.text import shown
 
 Item = tuple[int, ...]
@@ -34,6 +37,7 @@ HARMONIC = (  # formulas of harmonic impropers that OpenMM's readers write, with
     (re.compile(r"0\.5\*k\*\(thetap-theta0\)\^2;thetap=step\(-\(theta-theta0\+pi\)\)\*2\*pi\+theta\+"
                 rf"step\(theta-theta0-pi\)\*\(-2\*pi\);pi={PI}"), 1.0),
 )  # fmt: skip
+COULOMB = float(UNIT_SYSTEMS["gromacs"].coulomb or 0.0)
 SAME = 1e-6  # radians between equal angles of rest; readers write pi with seven digits
 
 
@@ -97,6 +101,7 @@ class Molecules:
         self.chains = set(self.bonds.items)
         self.angles, self.dihedrals, self.impropers = map(Terms, ("angles", "dihedrals", "impropers"))
         self.maps: list[Cmap] = []
+        self.wells: list[tuple[tuple[int, int], Well]] = []
 
     def lists(self, species: Sequence[str]) -> tuple[dict[str, Any], list[Any]]:
         """Arguments of a Topology, and the forces."""
@@ -106,6 +111,11 @@ class Molecules:
             more, acting = terms.lists(species)
             lists |= more
             forces += acting
+        if self.wells:
+            wells = [each for _, each in self.wells]
+            charges = [each.strength / COULOMB for each in wells]
+            epsilon, sigma = [each.epsilon for each in wells], [each.sigma for each in wells]
+            forces.append(ListedPairs([pair for pair, _ in self.wells], epsilon, sigma, charges))
         return lists, [*forces, *self.maps]
 
     def _is_chain(self, item: Item) -> bool:
@@ -153,6 +163,33 @@ class Molecules:
                 maps.append([[number(energies[j * size + i]) for j in range(size)] for i in range(size)])
             self.maps.append(Cmap([each[1:] for each in chains], maps, [each[0] for each in chains]))
 
+    def custom_bonds(self, force: Any) -> None:
+        """Take the terms of a CustomBondForce, whose pairs may have the terms of `ListedPairs`."""
+        for item, terms in listed(force, "Bond"):
+            if isinstance(terms, Well):
+                self.wells.append(((item[0], item[1]), terms))
+            for cls, parameters in () if isinstance(terms, Well) else terms:
+                self.bonds.add(item, cls, *parameters)
+
+    def custom_angles(self, force: Any) -> None:
+        """Take the terms of a CustomAngleForce."""
+        for item, terms in listed(force, "Angle"):
+            for cls, parameters in terms:
+                self.angles.add(item, cls, *parameters)
+
+    def custom_torsions(self, force: Any) -> None:
+        """Take the terms of a CustomTorsionForce: harmonic impropers, or a series of periods."""
+        formula = force.getEnergyFunction().replace(" ", "")
+        if any(pattern.fullmatch(formula) for pattern, _ in HARMONIC):
+            self.harmonic_impropers(force)
+            return
+        for item, terms in listed(force, "Torsion"):
+            for cls, parameters in terms:
+                if cls is PeriodicDihedral and self._is_chain(item):
+                    self.dihedrals.add(item, cls, *parameters)
+                else:
+                    self.impropers.add(item, PeriodicImproper if cls is PeriodicDihedral else cls, *parameters)
+
     def harmonic_impropers(self, force: Any) -> None:
         """Take the terms of a CustomTorsionForce, if it is that of harmonic impropers."""
         formula = force.getEnergyFunction().replace(" ", "")
@@ -180,5 +217,7 @@ TAKEN: dict[str, Callable[[Molecules, Any], None]] = {  # OpenMM's forces of bon
     "PeriodicTorsionForce": Molecules.periodic_torsions,
     "RBTorsionForce": Molecules.ryckaert_bellemans,
     "CMAPTorsionForce": Molecules.cmaps,
-    "CustomTorsionForce": Molecules.harmonic_impropers,
+    "CustomBondForce": Molecules.custom_bonds,
+    "CustomAngleForce": Molecules.custom_angles,
+    "CustomTorsionForce": Molecules.custom_torsions,
 }

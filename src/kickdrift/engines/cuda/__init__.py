@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kickdrift.engines.job import Job
+from kickdrift.engines.job import RESCALING, Job
 from kickdrift.forces import Gravity
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators.options import MIXED
@@ -25,6 +25,9 @@ def refusal(job: Job) -> str | None:
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
         return f"{given}: {TAKES}"
+    further = getattr(job.method, "further", "")
+    if further and further in RESCALING and not any(system.box.periodic_axes):
+        return f"integrator {job.named!r}: on the device, it needs a box that is periodic along an axis"
     if system.box.triclinic:
         return "box: it leans, and the device has boxes with perpendicular edges"
     if job.options.precision == MIXED and isinstance(system.forces[0], PairForce) and not all(system.box.periodic_axes):

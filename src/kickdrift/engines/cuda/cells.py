@@ -90,8 +90,8 @@ def add_chunks(counts: Any, sums: Any) -> None:
 
 
 @cuda.jit
-def scan(sums: Any, marks: Any, most: Any) -> None:
-    """Replace the sums by the sums before each, in one block. Set the marks and the most neighbours to zero."""
+def scan(sums: Any, marks: Any) -> None:
+    """Replace the sums by the sums before each, in one block. Set the marks to zero."""
     t = cuda.threadIdx.x
     shares = cuda.shared.array(SCAN, np.int32)
     size = (sums.size + SCAN - 1) // SCAN
@@ -102,7 +102,6 @@ def scan(sums: Any, marks: Any, most: Any) -> None:
     shares[t] = total
     cuda.syncthreads()
     if t == 0:
-        most[0] = 0
         for k in range(marks.size):
             marks[k] = 0.0
         before = 0

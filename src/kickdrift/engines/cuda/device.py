@@ -35,6 +35,16 @@ def check_room(n: int, bytes_each: float) -> None:
         )
 
 
+def failure(error: Exception, n: int) -> InputError | None:
+    """The error for a user of what the driver refuses for n particles; None for another error."""
+    text = " ".join(str(error).split())[:200]
+    if "OUT_OF_MEMORY" in text:
+        return InputError(f"engine 'cuda': the memory of the device is too small for {n:,} particles; {GO_ON}")
+    if "CUDA_ERROR" in text or "cudadrv" in type(error).__module__:
+        return InputError(f"engine 'cuda': the driver refuses numba-cuda's code and may be too old: {text}; {GO_ON}")
+    return None
+
+
 def processors() -> int:
     """Number of the device's multiprocessors."""
     return 1 if config.ENABLE_CUDASIM else int(cuda.get_current_device().MULTIPROCESSOR_COUNT)

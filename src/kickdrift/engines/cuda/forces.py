@@ -12,7 +12,7 @@ from kickdrift.engines.cuda import cells, gravity, pair_sum
 from kickdrift.engines.cuda.device import check_room, processors
 from kickdrift.engines.cuda.launches import Launches, zeros
 from kickdrift.engines.cuda.law_code import Code, grains, truncated_law
-from kickdrift.engines.cuda.motion import placing_of
+from kickdrift.engines.cuda.motion import MOST, placing_of
 from kickdrift.engines.cuda.particles import Particles
 from kickdrift.engines.cuda.places import WRITE_NOTHING, places_of, room_for
 from kickdrift.engines.cuda.search import list_shape, room_of, search_of
@@ -21,10 +21,9 @@ from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-SKIN = 0.24  # of the cutoff
 LEAST_ROOM = 32  # neighbours
 STATE_BYTES = 330  # of a particle, with a bath and without neighbours
-MOST = 2**31 - 1  # particles: their numbers have 32 bits
+LARGEST = 2**31 - 1  # particles: their numbers have 32 bits
 
 
 def lanes_for(n: int) -> int:
@@ -32,6 +31,12 @@ def lanes_for(n: int) -> int:
     if config.ENABLE_CUDASIM:
         return 1
     return 16 if n < 50_000 else 4 if n < 300_000 else 2
+
+
+def skin_for(n: int) -> float:
+    """Skin of a list in parts of the cutoff: few particles keep a list for longer, because making one takes as long as
+    many steps."""
+    return 0.3 if n < 300_000 else 0.2
 
 
 class DeviceForces(Protocol):
@@ -46,6 +51,9 @@ class DeviceForces(Protocol):
     def prepare(self, particles: Particles) -> None:
         """Make the list of neighbours anew, and set all marks to zero. The spare copy then is the state."""
 
+    def fits(self, particles: Particles, marks: Floats) -> bool:
+        """Tell whether the list had room for all neighbours. If not, make room for another list."""
+
     def evaluate(self, particles: Particles) -> None:
         """Write the accelerations."""
 
@@ -54,11 +62,13 @@ class DeviceForces(Protocol):
 
 
 class PairForces:
-    """One pair law over lists of neighbours. ``lanes`` threads share a particle, 0: by the number of particles."""
+    """One pair law over lists of neighbours. ``skin`` is in parts of the cutoff, and ``lanes`` threads share a
+    particle; 0: by the number of particles."""
 
-    def __init__(self, system: System, launches: Launches, single: bool, skin: float = SKIN, lanes: int = 0) -> None:
+    def __init__(self, system: System, launches: Launches, single: bool, skin: float = 0.0, lanes: int = 0) -> None:
         force: Any = system.forces[0]
         cutoff, mixture = float(force.cutoff), len(system.species) > 1
+        skin = skin or skin_for(len(system))
         self._launches, self._reach = launches, (1.0 + skin) * cutoff
         self._lanes = lanes or lanes_for(len(system))
         self.half_skin = 0.499 * skin * cutoff
@@ -77,21 +87,23 @@ class PairForces:
         self._moving = cells.moving_of(self.write)
 
     def upload(self, phase: Floats) -> Particles:
-        n = phase.shape[2]
+        n, launches = phase.shape[2], self._launches
         room = self._room(phase[0])
-        if n > MOST:
-            raise InputError(f"engine 'cuda': at most {MOST:,} particles, got {n:,}")
+        if n > LARGEST:
+            raise InputError(f"engine 'cuda': at most {LARGEST:,} particles, got {n:,}")
         check_room(n, STATE_BYTES + 4 * room)
-        particles = Particles(self._launches, phase, self._inverse_masses)
+        particles = Particles(launches, phase, self._inverse_masses)
         particles.at, particles.placed = zeros((3, n), float), zeros(*room_for(self._places, n))
         self._grid = cells.grid_of(self._edges, phase[0], self._reach)
         self._count = cells.counting_of(self._grid)
         self._search = search_of(self._grid, self._places, self._reach, self._lanes)
         self._cells, self._numbers, self._homes, self.found = (cuda.device_array(n, np.int32) for _ in range(4))
         self._sizes, self._starts = zeros(self._grid.size, np.int32), zeros(self._grid.size + 1, np.int32)
-        self._sums, self._most = zeros(-(-self._grid.size // cells.CHUNK), np.int32), zeros(1, np.int32)
+        self._sums = zeros(-(-self._grid.size // cells.CHUNK), np.int32)
         self._near = cuda.device_array(list_shape(n, room, self._lanes), np.uint32)
         self.prepare(particles)
+        while not self.fits(particles, launches.read(particles.marks)):
+            self.prepare(particles)
         return particles
 
     def _room(self, x: Floats) -> int:
@@ -102,17 +114,22 @@ class PairForces:
 
     def prepare(self, particles: Particles) -> None:
         self._launches.repeat("list", lambda: self.listed(particles))
-        while (most := int(self._launches.read(self._most)[0])) > room_of(self._near, self._lanes):
-            self._launches.forget()
-            self._near = cuda.device_array(list_shape(particles.n, math.ceil(1.1 * most), self._lanes), np.uint32)
-            self.listed(particles)
+
+    def fits(self, particles: Particles, marks: Floats) -> bool:
+        if marks[MOST] <= room_of(self._near, self._lanes):
+            return True
+        self._launches.forget()
+        room = math.ceil(1.1 * marks[MOST])
+        check_room(particles.n, 4 * room)
+        self._near = cuda.device_array(list_shape(particles.n, room, self._lanes), np.uint32)
+        return False
 
     def listed(self, particles: Particles) -> None:
         """Sort the particles, and search their neighbours."""
         p, over = particles, self._launches.over
         over(p.n, self._count, p.x, self._cells, self._numbers, self._sizes)
         over(self._sums.size, cells.add_chunks, self._sizes, self._sums)
-        self._launches.grid(1, cells.SCAN, cells.scan, self._sums, p.marks, self._most)
+        self._launches.grid(1, cells.SCAN, cells.scan, self._sums, p.marks)
         over(self._sums.size, cells.start_cells, self._sizes, self._sums, self._starts)
         found = self._homes, p.at, p.placed
         over(p.n, self._moving, self._cells, self._numbers, self._starts, *p.arrays, *p.spare.arrays, *found)
@@ -127,7 +144,7 @@ class PairForces:
 
     def search(self, particles: Particles) -> None:
         """Write the neighbours of particles in the order of the cells."""
-        lists = self._homes, self._starts, self._near, self.found, self._most
+        lists = self._homes, self._starts, self._near, self.found, particles.marks
         self._launches.over(particles.n, self._search, particles.placed, *lists)
 
     def evaluate(self, particles: Particles) -> None:
@@ -170,6 +187,9 @@ class GravityForces:
 
     def prepare(self, particles: Particles) -> None:
         particles.keep()
+
+    def fits(self, particles: Particles, marks: Floats) -> bool:
+        return True
 
     def evaluate(self, particles: Particles) -> None:
         self._summed(self._forces, particles, particles.a)

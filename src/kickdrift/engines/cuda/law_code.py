@@ -18,6 +18,7 @@ import numpy as np
 from numba import config, cuda
 
 from kickdrift.engines.cuda.words import numbers_in
+from kickdrift.forces.pairs import lanes
 from kickdrift.forces.pairs.binding import pair_numbers, truncation_of
 from kickdrift.forces.pairs.lanes import AtCutoff
 
@@ -34,7 +35,7 @@ def positive(u: Any) -> Any:
     return max(u, u - u)
 
 
-HELPERS = {"positive": positive}  # device forms of what truncations call
+HELPERS: dict[Any, Code] = {lanes.positive: positive}  # device forms of what truncations and baths call
 
 
 def in_precision(function: Code, single: bool) -> Code:
@@ -43,19 +44,19 @@ def in_precision(function: Code, single: bool) -> Code:
     function = getattr(function, "py_func", function)
     number = np.float32 if single else np.float64
 
-    def turned(name: str, value: Any) -> Any:
+    def turned(value: Any) -> Any:
         if type(value) is float:
             return number(value)
         inner = getattr(value, "py_func", value)
         if isinstance(inner, FunctionType) and inner is not function:
-            return in_precision(HELPERS.get(name, inner), single)
+            return in_precision(HELPERS.get(value, inner), single)
         return value
 
     code = function.__code__
     constants = tuple(number(value) if type(value) is float else value for value in code.co_consts)
-    values = {name: turned(name, value) for name, value in function.__globals__.items() if name in code.co_names}
+    values = {name: turned(value) for name, value in function.__globals__.items() if name in code.co_names}
     cells = tuple(
-        CellType(turned(name, cell.cell_contents))
+        CellType(turned(cell.cell_contents))
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True)
     )
     defaults = tuple(number(value) if type(value) is float else value for value in function.__defaults__ or ())

@@ -9,8 +9,9 @@ from numba import cuda
 
 from kickdrift.engines.cuda.law_code import Code
 
-FAR, NOT_FINITE, TOO_LARGE = 0, 1, 2  # marks: largest square of a displacement; flags of positions and of forces
-MARKS = 3
+MARKS = 4
+FAR, MOST = 0, 3  # marks: largest square of a displacement, and most neighbours of a particle
+NOT_FINITE, TOO_LARGE = 1, 2  # flags of positions, and of forces
 
 
 @lru_cache(maxsize=8)

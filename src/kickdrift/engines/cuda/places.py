@@ -17,7 +17,6 @@ from kickdrift.engines.cuda.words import loaded, store
 from kickdrift.model.state import Floats
 
 PARTS = 2.0**32
-SLACK = 4  # places after the last particle, which a search reads
 ROUNDED = {"contract", "arcp", "nsz"}  # what float32 arithmetic may do; nan stays nan
 
 
@@ -116,4 +115,4 @@ def _wrapped(a: float, b: float, c: float, mixture: bool) -> Places:
 
 def room_for(places: Places, n: int) -> Any:
     """Shape and type of the array of n positions."""
-    return 4 * (n + SLACK), np.int32 if places.single else np.float64
+    return 4 * n, np.int32 if places.single else np.float64

@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 
 from kickdrift.engines.cuda.baths import Bath
-from kickdrift.engines.cuda.device import GO_ON, check_device
+from kickdrift.engines.cuda.device import GO_ON, check_device, failure
 from kickdrift.engines.cuda.forces import DeviceForces, GravityForces, PairForces
 from kickdrift.engines.cuda.launches import Launches
 from kickdrift.engines.cuda.motion import FAR, NOT_FINITE, TOO_LARGE, move_of
-from kickdrift.engines.job import Job
+from kickdrift.engines.cuda.thermostats import Thermostat
+from kickdrift.engines.job import RESCALING, Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity
@@ -56,13 +57,27 @@ class CudaSession(Session):
         self._ending = 0.0 if last_drift or self._shaken[-1] else last_kick
 
     def reset(self, phase: Floats, time: float) -> None:
+        try:
+            self._begin(phase)
+        except Exception as error:
+            if told := failure(error, phase.shape[2]):
+                raise told from None
+            raise
+
+    def _begin(self, phase: Floats) -> None:
         self.launches.forget()
         self.particles = self.forces.upload(phase)
         self._life, self._age, self.lists, self.returns = float(FIRST_BLOCK), 0, 1, 0
         self._taken = self.steps_before
-        self._bath = Bath(self.job, self.launches) if self.job.method.bath else None
+        self._bath = self._bathed()
         self._compile()
         self._keep()
+
+    def _bathed(self) -> Bath | Thermostat | None:
+        assert isinstance(self.job.method, Splitting)
+        if not self.job.method.bath:
+            return None
+        return (Thermostat if self.job.method.further in RESCALING else Bath)(self.job, self.launches)
 
     def _compile(self) -> None:
         """Evaluate the forces. Raises InputError for a law that numba cannot compile for the device."""
@@ -70,7 +85,7 @@ class CudaSession(Session):
             self.forces.evaluate(self.particles)
         except Exception as error:
             law = getattr(self.job.system.forces[0], "law", None)
-            if law is None or not type(error).__module__.startswith("numba"):
+            if law is None or not type(error).__module__.startswith("numba") or failure(error, self.particles.n):
                 raise
             text = str(not_compiled(type(law), error)).replace(" for SIMD lanes", " for the device")
             raise InputError(f"engine 'cuda': {text}; {GO_ON}") from None
@@ -143,13 +158,14 @@ class CudaSession(Session):
         """Tell whether the list lasted; if not, go back to the begin of the block."""
         marks = self.launches.read(self.particles.marks)
         way = float(np.sqrt(marks[FAR])) / self.forces.half_skin
-        if way > 1.0:
+        fits = self.forces.fits(self.particles, marks)
+        if way > 1.0 or not fits:
             self.particles.settle()
             if self._bath:
                 self._bath.settle()
-            if self._age == 0 and count == 1:
+            if fits and self._age == 0 and count == 1:
                 raise Trouble("a particle moves further than the skin of its list in one step")
-            self._life = max(1.0, 0.8 * (self._age + count))
+            self._life = max(1.0, 0.8 * (self._age + count)) if fits else self._life
             self.returns += 1
             self._anew()
             return False

@@ -37,8 +37,20 @@ if config.ENABLE_CUDASIM:
         """The number of a thread."""
         return number
 
+    def least(number: Any) -> Any:
+        """The least number of the threads."""
+        return number
+
+    def together() -> None:
+        """Wait for the threads, so that each sees what others wrote to shared memory."""
+
 else:
+    from itertools import count
+
     from numba.cuda.extending import intrinsic
+    from numba.np.numpy_support import from_dtype
+
+    COUNTER = count()
 
     @cuda.jit(device=True)
     def votes(hit):
@@ -49,6 +61,45 @@ else:
     def told(number, thread):
         """The number of a thread of the warp."""
         return cuda.shfl_sync(ALL, number, thread)
+
+    @cuda.jit(device=True)
+    def least(number):
+        """The least number of the warp's threads."""
+        step = WARP // 2
+        while step > 0:
+            number = min(number, cuda.shfl_xor_sync(ALL, number, step))
+            step //= 2
+        return number
+
+    @cuda.jit(device=True)
+    def together():
+        """Wait for the warp's threads, so that each sees what others wrote to shared memory."""
+        cuda.syncwarp()
+
+    def shared_numbers(size: int, kind: Any) -> Any:
+        """Device function that returns an array in shared memory, which begins at a multiple of 16 bytes."""
+
+        @intrinsic
+        def numbers(typingctx):
+            found = types.Array(from_dtype(np.dtype(kind)), 1, "C")
+
+            def codegen(context, builder, signature, args):
+                each = context.get_data_type(found.dtype)
+                memory = ir.ArrayType(each, size)
+                place = ir.GlobalVariable(builder.module, memory, f"shared_numbers_{next(COUNTER)}", addrspace=3)
+                place.align, place.initializer = 16, ir.Constant(memory, ir.Undefined)
+                data = builder.addrspacecast(place, ir.PointerType(ir.IntType(8)))
+                array, bytes_each = context.make_array(found)(context, builder), np.dtype(kind).itemsize
+                whole = [context.get_constant(types.intp, number) for number in (size, bytes_each)]
+                context.populate_array(
+                    array, data=builder.bitcast(data, array.data.type), shape=whole[:1], strides=whole[1:],
+                    itemsize=whole[1], meminfo=None,
+                )  # fmt: skip
+                return array._getvalue()
+
+            return found(), codegen
+
+        return numbers
 
     def _address(context: Any, builder: Any, signature: Any, args: Any) -> tuple[Any, int]:
         """Address of the 16 bytes at a place, and how many numbers they are."""

@@ -87,10 +87,12 @@ class Cmap(Grouped):
         return np.array([(*row[:4], *row[-4:]) for row in self.chains], np.int64)
 
     def check(self, system: Subject) -> None:
-        """Refuse particles that do not exist or have no mass."""
+        """Refuse particles that do not exist or have no mass, and two dimensions, which the force would leave."""
         n, ids = len(system), self.particles
         for k in np.flatnonzero((ids >= n).any(axis=1)):
             raise InputError(f"{self.name}: chains[{k}]: there is no particle {ids[k].max()}; ids are 0 to {n - 1}")
+        if system.dimensions == 2:
+            raise InputError(f"{self.name}: needs three dimensions; its dihedrals push particles out of a plane")
         check_massive(self.name, system, np.unique(ids))
 
     def fixes_box(self, system: Subject) -> str:

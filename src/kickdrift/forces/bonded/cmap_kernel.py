@@ -35,22 +35,8 @@ class CmapKernel(NamedTuple):
     along: Any = None  # virial of one chunk, for a barostat; see `lists.along`
 
 
-def patches(energies: Sequence[Sequence[float]]) -> Floats:
-    """Coefficients (n * n, 16) of the periodic bicubic spline through a map (n, n), one row for each patch.
-
-    Within a patch, U is the sum of c[4 a + b] t^a w^b, where t and w run from 0 to 1 along phi and psi."""
-    from scipy.interpolate import CubicSpline
-
-    closed = np.pad(np.array(energies, dtype=float), (0, 1), mode="wrap")
-    at = np.arange(len(closed), dtype=float)
-    along_phi = CubicSpline(at, closed, axis=0, bc_type="periodic").c[::-1]  # (a, n, n + 1)
-    both = CubicSpline(at, along_phi, axis=2, bc_type="periodic").c[::-1]  # (b, n of psi, a, n of phi)
-    n = len(at) - 1
-    return np.ascontiguousarray(both.transpose(3, 1, 2, 0)).reshape(n * n, 16)
-
-
 def bind(force: Any, system: Subject) -> CmapKernel:
-    """Bind CMAP to a System."""
+    """Bind a `Cmap` to a System."""
     sizes = np.array([len(each) for each in force.maps])
     begins = np.concatenate(([0], np.cumsum(sizes**2)))
     which = np.broadcast_to(force.map, len(force.chains))
@@ -65,6 +51,20 @@ def bind(force: Any, system: Subject) -> CmapKernel:
         inverse_masses=np.divide(1.0, masses, where=masses > 0, out=0.0 * masses),
         room=np.zeros((18, BLOCK)),
     )
+
+
+def patches(energies: Sequence[Sequence[float]]) -> Floats:
+    """Coefficients (n * n, 16) of the periodic bicubic spline through a map (n, n), one row for each patch.
+
+    Within a patch, U is the sum of c[4 a + b] t^a w^b, where t and w run from 0 to 1 along phi and psi."""
+    from scipy.interpolate import CubicSpline
+
+    closed = np.pad(np.array(energies, dtype=float), (0, 1), mode="wrap")
+    at = np.arange(len(closed), dtype=float)
+    along_phi = CubicSpline(at, closed, axis=0, bc_type="periodic").c[::-1]  # (a, n, n + 1)
+    both = CubicSpline(at, along_phi, axis=2, bc_type="periodic").c[::-1]  # (b, n of psi, a, n of phi)
+    n = len(at) - 1
+    return np.ascontiguousarray(both.transpose(3, 1, 2, 0)).reshape(n * n, 16)
 
 
 @kernel(CmapKernel)

@@ -156,7 +156,15 @@ def _place(typingctx, address):
 
 
 def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int) -> Any:
-    """Compile the function's caller, whose arguments are t and pointers to y and to the function's value."""
+    """Compile the function's caller."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NumbaWarning)  # about the user's code, such as slow products of matrices
+        return cfunc(SIGNATURE, error_model="numpy")(caller(partial, given, n, outputs, address))
+
+
+def caller(partial: Partial, given: Given, n: int, outputs: int, address: int) -> Any:
+    """The function's caller, to compile. Its arguments are t and pointers to y and to the function's value; the code's
+    memory is at ``address``."""
     function = partial.function
     own = function if hasattr(function, "py_func") else inner()(function)
     complex_numbers = ".view(complex128)" if partial.paired else ""
@@ -184,9 +192,7 @@ def _compiled(partial: Partial, given: Given, n: int, outputs: int, address: int
     numbers = {"float64": np.float64, "int64": np.int64, "complex128": np.complex128}
     scope = {"carray": carray, "place": _place, "write": write, "own": own, **numbers, **constants}
     exec("\n".join(lines), scope)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaWarning)  # about the user's code, such as slow products of matrices
-        return cfunc(SIGNATURE, error_model="numpy")(scope["call"])
+    return scope["call"]
 
 
 def _culprit(error: Exception) -> str:

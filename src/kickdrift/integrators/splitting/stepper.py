@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.sites import site_groups
 from kickdrift.forces.pairs.sorted_steps import plan_of
-from kickdrift.integrators.options import PRESSURE
+from kickdrift.integrators.options import PRESSURE, RAMPED
 from kickdrift.integrators.splitting.barostats.barostat import Barostat, Lettered, check_unpressed, pressure_warnings
 from kickdrift.integrators.splitting.baths.bath import bath_warnings
+from kickdrift.integrators.splitting.baths.nose_hoover import Chain
 from kickdrift.integrators.splitting.constraints.flows import Manifold, on_manifold
 from kickdrift.integrators.splitting.subflows import FLOWS, rows_of
 from kickdrift.integrators.stepping.loops import FRESH, splitting_loop, sweeps
@@ -89,6 +91,7 @@ class SplittingStepper(FixedStepper):
 
     def __init__(self, flow: Flow, method: Composition, options: Options) -> None:
         self._method, self._options = method, options
+        self._begun = 0.0  # heat beside that of the baths, which keeps the sum where a temperature changes
         self.barostat: Barostat | None = None
         self.manifold: Manifold | None = None
         word = self._word(flow, options)
@@ -171,8 +174,9 @@ class SplittingStepper(FixedStepper):
 
     def begin_from(self, run: SplittingStepper) -> None:
         """Start anew at the step point of another stepper of the same method, with the memory of its heat baths."""
+        self.go_to(run.asked)
         self.reset(run.y.copy(), run.time, run.steps_done)
-        self.baths = by_value(run.baths)
+        self.baths, self._begun = by_value(run.baths), run._begun
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""
@@ -181,19 +185,32 @@ class SplittingStepper(FixedStepper):
             self.trouble = (self.manifold and self.manifold.trouble) or (self.barostat and self.barostat.trouble) or ""
         return status
 
-    def heat_to(self, temperature: float) -> None:
-        """Go on with heat baths and a barostat of another temperature, which keep their memory."""
-        baths, barostat = by_value(self.baths), self.barostat and self.barostat.memory()
-        self._stages = self._word(self._flow, self._options.changed(temperature=temperature))
+    @property
+    def asked(self) -> dict[str, float | None]:
+        """The temperature and the pressure that baths and the barostat hold now; None without one."""
+        return {name: self._options.get(name) for name in RAMPED}
+
+    def go_to(self, asked: Mapping[str, float | None]) -> None:
+        """Go on with heat baths and a barostat of another temperature or pressure, which keep their memory."""
+        options = self._options.changed(**asked)
+        if options == self._options:
+            return
+        baths, given, barostat, before = by_value(self.baths), self.heat, self.barostat, self._options
+        self._options = options
+        self._stages = self._word(self._flow, options)
         self._addresses = None
         self.baths = baths
+        for bound in self._baths:
+            if isinstance(bound.parts, Chain):  # its heat is the energy of the chain, which is as its temperature
+                bound.parts.bath.heat[0] *= options.temperature / before.temperature
+        self._begun += given - self.heat
         if self.barostat and barostat:
-            self.barostat.recall(barostat)
+            self.barostat.go_on_from(barostat)
 
     @property
     def heat(self) -> float:
         """Energy that baths have given since the state was set."""
-        return float(sum(bound.parts.bath.heat[0] for bound in self._baths))
+        return self._begun + float(sum(bound.parts.bath.heat[0] for bound in self._baths))
 
     @property
     def work(self) -> float:
@@ -218,13 +235,15 @@ class SplittingStepper(FixedStepper):
         super().reset(y, time, steps)
         for array in self.baths:
             array[...] = 0.0
+        self._begun = 0.0
         if self.barostat:
             self.barostat.reset()
 
     def memory(self) -> Memory:
         """See Stepper. The memory of a word without baths is that of version 0.1.0."""
         pressed = {"barostat": self.barostat.memory()} if self.barostat else {}
-        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {}) | pressed
+        begun = {"begun": self._begun} if self._begun else {}
+        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {}) | begun | pressed
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
@@ -232,7 +251,7 @@ class SplittingStepper(FixedStepper):
             self.barostat.recall(memory["barostat"])  # the lists of the forces need the box
         super().recall(memory)
         if self._baths:
-            self.baths = memory["baths"]
+            self.baths, self._begun = memory["baths"], float(memory.get("begun", 0.0))
         if self.barostat:
             self.barostat.recall(memory["barostat"])
 

@@ -22,10 +22,12 @@ from kickdrift.integrators.options import (
     FRICTION,
     NOISE,
     OF_PRESSURE,
+    RAMP_STEPS,
     RATE,
     SEED,
     TAU,
     TEMPERATURE,
+    TEMPERATURE_TO,
     Option,
 )
 from kickdrift.model.state import Floats
@@ -76,7 +78,8 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
             return binders[letter](flow, options, weights)
         return velocity_noise.bind_friction(letter, flow, options, weights)
 
-    return Subflow(name, False, False, False, True, drags, (TEMPERATURE, *options, *OF_PRESSURE, ALLOW_GRAVITY), bind)
+    declared = (TEMPERATURE, TEMPERATURE_TO, *options, *OF_PRESSURE, RAMP_STEPS, ALLOW_GRAVITY)
+    return Subflow(name, False, False, False, True, drags, declared, bind)
 
 
 def _mirrors(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:

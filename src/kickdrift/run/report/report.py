@@ -14,7 +14,7 @@ from kickdrift.disk.outputs import plain
 from kickdrift.display.showing import above
 from kickdrift.engines import NATIVE
 from kickdrift.forces.seam.group import ListedForce
-from kickdrift.integrators.options import TEMPERATURE, mean_pressure
+from kickdrift.integrators.options import PRESSURE, RAMPED, TEMPERATURE, mean_pressure
 from kickdrift.looks.observers import NOTHING
 from kickdrift.looks.record import BOTH, LOOKS, OBSERVING, STEPPING, WRITING, Record, Series, even_looks
 from kickdrift.model.checks.values import unwarned
@@ -29,6 +29,7 @@ from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.tensor import TensorReport, tensor_report
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
 from kickdrift.statistics.blocks import block_average
+from kickdrift.text import measured
 
 COMPILING = "compiling"
 DERIVED = ("temperature_error", "pressure_error", "volume_error", "temperature_verdict", "pressure_verdict")
@@ -162,6 +163,8 @@ class Report(ShownReport):
             return None
         if self.about.drawn:
             return DRAWN
+        if (ramp := self._ramp(TEMPERATURE.name)) is not None:
+            return ramp
         asked = self.options[TEMPERATURE.name]
         found = verdict(self.temperature, self.temperature_error, asked)
         slow = self.about.slow and found.startswith(DIFFERS) and self.temperature < asked
@@ -172,7 +175,16 @@ class Report(ShownReport):
         """The mean pressure beside the pressure of the barostat, in words; None without a barostat."""
         if self.volume is None or self.pressure is None:
             return None
+        if (ramp := self._ramp(PRESSURE.name)) is not None:
+            return ramp
         return verdict(self.pressure, self.pressure_error, mean_pressure(self.options))
+
+    def _ramp(self, name: str) -> str | None:
+        """A ramp of an option in words; None without one."""
+        end, units = self.options.get(RAMPED[name]), self.about.units
+        if end is None or units is None:
+            return None
+        return f"the start of a ramp to {measured(f'{end:g}', units.symbol(name))}"
 
     def _error(self, values: Floats | None) -> float | None:
         if values is None:

@@ -23,6 +23,7 @@ from kickdrift.integrators.asked import known_options
 from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.events.events import Between, CloseApproach, Collision, Crossing, Escape, Event
 from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.stages import Stage
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.systemfile.schema import checked, force_parameters
 from kickdrift.systemfile.schema_base import Table
@@ -63,6 +64,7 @@ class Record(Known):
     topology: dict[str, Any] | None = None
     constraints: list[dict[str, Any]] = []
     virtual_sites: list[dict[str, Any]] = []
+    stages: list[dict[str, Any]] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)
@@ -171,6 +173,14 @@ def run_of(given: Mapping[str, Any]) -> RunDefaults:
     types = {key: hints[key] for key in _fields(RunDefaults) if key != "options"} | _option_types()
     known = {key: value for key, value in given.items() if key in types}
     return RunDefaults(**_filled(_optional("RunDefaults", types), known, "run"))
+
+
+def stage_of(given: Mapping[str, Any]) -> Stage:
+    """Make the Stage that a file describes."""
+    hints = get_type_hints(RunDefaults)
+    types = {key: hints[key] for key in _fields(RunDefaults) if key != "options"} | _option_types()
+    types |= {"name": str, "keep": bool, "minimize": bool | dict[str, Any]}
+    return Stage(**_filled(_optional("Stage", types), dict(given), "stage"))
 
 
 def options_of(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from kickdrift.model.state import State
 from kickdrift.model.system import System
 from kickdrift.systemfile.schema import checked
 from kickdrift.trajectory.layout.edges import recorded
-from kickdrift.trajectory.layout.named import Record, about, equilibration_of, event_of, force_of, run_of
+from kickdrift.trajectory.layout.named import Record, about, equilibration_of, event_of, force_of, run_of, stage_of
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.layout.run_parts import RunFile
@@ -79,6 +79,7 @@ def record_of(system: System) -> dict[str, Any]:
         "forces": [_described(force) for force in system.forces],
         "run": run_record(system.run),
         "equilibration": system.equilibration and system.equilibration.said(),
+        **({"stages": [each.said() for each in system.stages]} if system.stages else {}),  # likewise
         "invariants": system.invariants,
         "seed": system.seed,
         "time": system.state.time,
@@ -163,6 +164,7 @@ def system_of(
             None if run.charges is None else run.charges[:n],
             [Constraint(**given) for given in record.constraints],
             [VirtualSite(**given) for given in record.virtual_sites],
+            [stage_of(given) for given in record.stages],
         )
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
@@ -192,7 +194,7 @@ def differences(system: System, run: RunFile) -> list[str]:
     """Differences between a System and the System that a run began with; empty if they are the same."""
     system = with_empty_rows(system, checked_record(run).room)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
-    skipped = {"name", "invariants", "run", "equilibration", "seed"}  # keys that do not change what the forces do
+    skipped = {"name", "invariants", "run", "equilibration", "stages", "seed"}  # keys that do not change the forces
     for record in (here, there):
         record["forces"] = [_compared(force) for force in record["forces"]]
     for one, other in zip(here["forces"], there["forces"], strict=False):

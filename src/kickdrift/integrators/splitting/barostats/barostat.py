@@ -37,8 +37,9 @@ from kickdrift.integrators.splitting.barostats import (
     mtk_shape,
 )
 from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRAINED, Piston
-from kickdrift.integrators.splitting.barostats.shape import shape_of
+from kickdrift.integrators.splitting.barostats.shape import START, shape_of
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, Bathed, bathed
+from kickdrift.integrators.splitting.baths.nose_hoover import energy_of
 from kickdrift.integrators.splitting.constraints.flows import Manifold, on_manifold
 from kickdrift.integrators.splitting.subflows import rows_of
 from kickdrift.integrators.stepping.subflow_code import ACTED, SUMMED, BoundSubflow, Pressed
@@ -315,6 +316,23 @@ class Barostat:
     def memory(self) -> Memory:
         """Copies of all that later actions depend on."""
         return {name: by_value(array) for name, array in self._arrays.items()}
+
+    def go_on_from(self, other: Barostat) -> None:
+        """Go on from a barostat of another temperature or pressure, with its memory and the same work so far."""
+        self.recall(other.memory())
+        if self._kind == MTK and self.flows[mtk.THERMOSTAT].parts.chain.state.any():
+            start = self.piston.state[mtk.START :] if self._shape is None else self._shape.notes[START:]
+            start[0] += self._energy - other._energy
+
+    @property
+    def _energy(self) -> float:
+        """Energy of the box under mtk that follows the temperature and the pressure: P V, its motion and its chain."""
+        parts: Any = self.flows[mtk.THERMOSTAT].parts
+        if self._shape is None:
+            motion = float(parts.masses @ self.piston.state[: len(parts.masses)] ** 2)
+        else:
+            motion = float(parts.mass * (self._shape.state**2).sum())
+        return self.piston.pressure * self._live.volume + 0.5 * motion + energy_of(parts.chain)
 
     def recall(self, memory: Memory) -> None:
         """Restore this from a memory, which may come from a file.

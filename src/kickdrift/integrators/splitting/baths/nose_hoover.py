@@ -79,6 +79,13 @@ def chain_energy(chain):
     return total
 
 
+def energy_of(chain: Chain) -> float:
+    """Energy of the chain, outside compiled code."""
+    places, velocities = chain.state
+    thermal = chain.bath.thermal * (chain.bath.freedom * places[0] + places[1:].sum())
+    return float(thermal + 0.5 * (chain.masses @ velocities**2))
+
+
 @subflow_body(Chain)
 def nose_hoover(parts, t, x, v, span, step, stage):
     bath, factor = parts.bath, 1.0

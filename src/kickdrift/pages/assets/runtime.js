@@ -1,0 +1,145 @@
+// Compiled loops of kickdrift in WebAssembly: loads a module with its memory, and takes steps.
+"use strict";
+
+const BASE = 1 << 20; // where a page's own memory begins
+const EVALUATIONS = 0, STEP = 1; // slots of the cursor; see integrators/stepping/loops.py
+
+/** Bytes of a text in base64. */
+function bytes(text) {
+  return Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
+}
+
+/** Functions that compiled code imports. Sines and powers are the browser's own, within one unit in the last place;
+ * all else would be an error in Python, and does not happen in a page. `memory` gives the page's memory later. */
+function imports(module, memory) {
+  const own = { fmod: (x, y) => x % y, exp2: (x) => 2 ** x, numba_attempt_nocopy_reshape: reshape(memory) };
+  const missing = (name) => () => { throw new Error(`a page has no function ${name}`); };
+  const names = WebAssembly.Module.imports(module).map(({ name }) => name);
+  return { env: Object.fromEntries(names.map((name) => [name, own[name] ?? Math[name] ?? missing(name)])) };
+}
+
+/** numba's strides of an array in another shape, for contiguous arrays. */
+function reshape(memory) {
+  return (dimensions, shape, strides, count, newShape, newStrides, size) => {
+    const view = new DataView(memory());
+    for (let k = Number(count) - 1, step = size; k >= 0; k--) {
+      view.setBigInt64(newStrides + 8 * k, step, true);
+      step *= view.getBigInt64(newShape + 8 * k, true);
+    }
+    return 1;
+  };
+}
+
+/** A module of WebAssembly, ready to run. */
+export async function load(given) {
+  let compiled;
+  try {
+    compiled = await WebAssembly.compile(bytes(given.wasm));
+  } catch {
+    throw new Error("This page needs a browser with WebAssembly SIMD: Chrome 91, Firefox 89, Safari 16.4 or later.");
+  }
+  const { exports } = await WebAssembly.instantiate(compiled, imports(compiled, () => exports.memory.buffer));
+  if (exports.__heap_base.value > BASE) throw new Error("the constants of this page are too large");
+  const table = new Int32Array(exports.memory.buffer, exports.functions.value, given.functions.length);
+  const memory = new Uint8Array(exports.memory.buffer);
+  const view = new DataView(exports.memory.buffer);
+  for (const [place, text] of given.memory) memory.set(bytes(text), BASE + place);
+  for (const [place, number] of given.calls) view.setBigInt64(place, BigInt(table[number]), true);
+  const index = Object.fromEntries(given.functions.map((name, k) => [name, table[k]]));
+  const runs = {};
+  for (const [name, run] of Object.entries(given.runs)) runs[name] = new Run(exports, index, run);
+  return runs;
+}
+
+/** One call of compiled code with its arguments. */
+class Call {
+  constructor(exports, index, { name, args, kinds, at }) {
+    this.function = exports[name];
+    this.kinds = kinds;
+    this.at = at;
+    this.args = args.map((value, k) => this.number(k, typeof value === "string" ? index[value] : value));
+  }
+
+  number(k, value) {
+    return this.kinds[k] === "l" ? BigInt(value) : Number(value);
+  }
+
+  set(name, value) {
+    this.args[this.at[name]] = this.number(this.at[name], value);
+  }
+
+  /** Address of an array among the arguments. */
+  place(name) {
+    return this.args[this.at[name] + 4];
+  }
+
+  run() {
+    return Number(this.function(...this.args));
+  }
+}
+
+/** A method on a system: y, its steps and its energy. */
+export class Run {
+  constructor(exports, index, given) {
+    const buffer = exports.memory.buffer;
+    this.given = given;
+    this.steps = new Call(exports, index, given.steps);
+    this.shape = given.y.slice(1);
+    this.y = new Float64Array(buffer, given.y[0], this.shape.reduce((a, b) => a * b, 1));
+    this.cursor = new BigInt64Array(buffer, this.steps.place("cursor"), 5);
+    this.looks = given.energy && new Call(exports, index, given.energy);
+    if (this.looks) {
+      const place = given.energy.kinds.length === 3 ? this.looks.args[2] : this.looks.place("sums");
+      this.sums = new Float64Array(buffer, place, 1);
+    }
+    this.masses = given.masses;
+    this.start = Float64Array.from(this.y);
+    this.done = 0;
+    this.dt = given.dt;
+  }
+
+  /** Begin anew at y, with another step. */
+  reset(y = this.start, dt = this.dt) {
+    this.y.set(y);
+    this.cursor.fill(0n);
+    this.dt = dt;
+    this.steps.set("dt", dt);
+    this.done = 0;
+    this.status = 0;
+  }
+
+  /** Take steps; return 0, or a status other than 0 if y is no longer finite. */
+  advance(count) {
+    this.steps.set("first", this.done);
+    this.steps.set("steps", count);
+    this.status = this.steps.run();
+    this.done += Number(this.cursor[STEP]);
+    this.cursor[STEP] = 0n;
+    return this.status;
+  }
+
+  get time() {
+    return this.done * this.dt;
+  }
+
+  /** Force evaluations since the start. */
+  get evaluations() {
+    return Number(this.cursor[EVALUATIONS]);
+  }
+
+  /** Total energy; NaN where it is not finite, or there is none. */
+  get energy() {
+    this.looks?.set("t", this.time);
+    if (this.looks?.run() !== 0) return NaN;
+    return this.masses ? this.sums[0] + this.kinetic : this.sums[0];
+  }
+
+  get kinetic() {
+    const n = this.masses.length;
+    let sum = 0;
+    for (let axis = 0; axis < 3; axis++) {
+      for (let i = 0; i < n; i++) sum += 0.5 * this.masses[i] * this.y[(3 + axis) * n + i] ** 2;
+    }
+    return sum;
+  }
+}

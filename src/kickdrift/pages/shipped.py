@@ -1,0 +1,160 @@
+"""The pages that ship: what each one runs, and what it says."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from kickdrift.integrators import INTEGRATORS
+from kickdrift.integrators.flows.problem_flow import ProblemFlow
+from kickdrift.integrators.options import Options
+from kickdrift.integrators.runge_kutta.method import Tableau
+from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.splitting.stormer import Stormer
+from kickdrift.model.problem import Problem
+from kickdrift.odes import ODES
+from kickdrift.pages.module import Module
+
+STEP = 0.1
+COMPARED = ("harmonic-oscillator", "pendulum", "kepler")
+
+
+class Page(NamedTuple):
+    """A page.
+
+    Attributes
+    ----------
+    title : its heading
+    about : a sentence for people who see no figures
+    script : its file in ``assets``
+    runs : a function of a `Module` that returns what the page runs, by name
+    python : lines that do the same in Python
+    """
+
+    title: str
+    about: str
+    script: str
+    runs: Callable[[Module], dict[str, Any]]
+    python: str
+
+
+def fixed_step_methods() -> dict[str, Any]:
+    """Methods of fixed steps for Problems, by name, without heat baths."""
+    kinds = (Splitting, Stormer, Tableau)
+    return {
+        method.name: method
+        for method in INTEGRATORS.values()
+        if type(method) in kinds and not method.adaptive and not method.bath
+    }
+
+
+def _compared(module: Module) -> dict[str, Any]:
+    """Every fixed-step method on three Problems; names are "problem method"."""
+    found = {}
+    for name in COMPARED:
+        problem = ODES[name]()
+        for method in fixed_step_methods().values():
+            found[f"{name} {method.name}"] = module.runs(*_stepper(problem, method)) | {
+                "order": method.order,
+                "symplectic": method.symplectic,
+            }
+    return found
+
+
+def _linear(t: float, y: Any) -> Any:
+    """z' = lambda z with complex numbers: y is z, then lambda, real and imaginary parts."""
+    return y[2] * y[0] - y[3] * y[1], y[3] * y[0] + y[2] * y[1], 0.0, 0.0
+
+
+def _stability(module: Module) -> dict[str, Any]:
+    """Every explicit Runge-Kutta method with fixed steps on z' = lambda z, by name."""
+    problem = Problem(_linear, [1.0, 0.0, 0.0, 0.0], name="z' = lambda z")
+    methods = {each.name: each for each in INTEGRATORS.values() if isinstance(each, Tableau)}
+    return {
+        name: module.runs(*_stepper(problem, _with_fixed_steps(each), 1.0)) | {"order": each.order}
+        for name, each in methods.items()
+    }
+
+
+def _double_pendulum(t: float, y: Any) -> Any:
+    a, b, u, w = y[0], y[1], y[2], y[3]
+    s, c = math.sin(a - b), math.cos(a - b)
+    share = 1.0 / (4.0 - 2.0 * c * c)
+    lower = 2.0 * s * (2.0 * u * u + 2.0 * math.cos(a) + w * w * c)
+    upper = -3.0 * math.sin(a) - math.sin(a - 2.0 * b) - 2.0 * s * (w * w + u * u * c)
+    return u, w, share * upper, share * lower
+
+
+def _energy_of_double_pendulum(t: float, y: Any) -> float:
+    swing = y[2] * y[2] + 0.5 * y[3] * y[3] + y[2] * y[3] * math.cos(y[0] - y[1])
+    return swing - 2.0 * math.cos(y[0]) - math.cos(y[1])
+
+
+def double_pendulum(y0: Sequence[float] = (2.0, 2.5, 0.0, 0.0)) -> Problem:
+    """Two pendulums, one on the other, of masses and lengths 1 where g = 1; y is two angles and their velocities.
+
+    Source: Shinbrot, Grebogi, Wisdom & Yorke 1992, doi:10.1119/1.16860."""
+    return Problem(_double_pendulum, y0, energy=_energy_of_double_pendulum, name="double-pendulum")
+
+
+def _chaos(module: Module) -> dict[str, Any]:
+    """Two methods on three Problems whose motion can be chaotic; names are "problem method"."""
+    problems = (double_pendulum(), ODES["henon-heiles"](), ODES["lorenz"]())
+    return {
+        f"{problem.name} {name}": module.runs(*_stepper(problem, _with_fixed_steps(INTEGRATORS[name])))
+        for problem in problems
+        for name in ("rk4", "dop853")
+    }
+
+
+def _with_fixed_steps(method: Any) -> Tableau:
+    """A Runge-Kutta method without its error estimate."""
+    return replace(method, errors=(), error_order=0, dense=(), extra=())
+
+
+def _stepper(problem: Problem, method: Any, dt: float = STEP) -> tuple[Problem, Any]:
+    """The Problem, and the method's stepper at its start."""
+    flow = ProblemFlow(problem, 1, method.trial_steps)
+    stepper = method.stepper(flow, Options(dt=dt))
+    stepper.reset(flow.array(problem.state), problem.t0, 0)
+    return problem, stepper
+
+
+PAGES = {
+    "which-integrator": Page(
+        "Which integrator?",
+        "Two methods side by side on an oscillator, a pendulum or an orbit: the path, the energy error, the cost.",
+        "which.js",
+        _compared,
+        """\
+import kickdrift as kd
+
+sim = kd.Simulation(kd.odes.{problem}({start}), integrator="{method}", dt={dt})
+print(sim.run({steps}, every={every}).energy)""",
+    ),
+    "stability": Page(
+        "Which step is stable?",
+        "Stability regions of the Runge-Kutta methods, with the eigenvalues of an oscillator times the step.",
+        "stability.js",
+        _stability,
+        """\
+import kickdrift as kd
+
+problem = kd.odes.harmonic_oscillator(omega={omega})
+sim = kd.Simulation(problem, integrator="{method}", dt={dt})
+print(sim.run(1000).energy)""",
+    ),
+    "chaos": Page(
+        "How fast do neighbours part?",
+        "Two copies of a double pendulum, a star in a galaxy or the Lorenz equations that begin almost alike.",
+        "chaos.js",
+        _chaos,
+        """\
+import kickdrift as kd
+from {place} import {problem}
+
+sim = kd.Simulation({problem}(y0={start}), integrator={method})
+sim.run(until={time})
+print(sim.state.y)""",
+    ),
+}
